@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Self, get_args, get_origin
+from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
@@ -27,10 +27,8 @@ class NullIsNaN(BaseModel):
                 continue
             if field.annotation is float and read[name] is None:
                 read[name] = float("nan")
-            elif _is_mapping_of_numbers(field.annotation) and isinstance(read[name], dict):
-                read[name] = {
-                    key: float("nan") if value is None else value for key, value in read[name].items()
-                }
+            elif field.annotation == dict[str, float] and isinstance(read[name], dict):
+                read[name] = {key: float("nan") if each is None else each for key, each in read[name].items()}
         return read
 
     def __eq__(self, other: object) -> bool:
@@ -65,24 +63,12 @@ class Result(Tabular, NullIsNaN):
 
         Raises UsageError where it is not one.
         """
-        text = source if isinstance(source, str) and source.lstrip().startswith("{") else _read(source)
         try:
-            return cls.model_validate_json(text)
+            if isinstance(source, str) and source.lstrip().startswith("{"):
+                return cls.model_validate_json(source)
+            return cls.model_validate_json(Path(source).read_text(encoding="utf-8"))
         except ValueError as error:
-            raise UsageError(f"this is not the JSON of a {cls.__name__}: {_first(error)}.") from None
-
-
-def _is_mapping_of_numbers(annotation: object) -> bool:
-    return get_origin(annotation) is dict and get_args(annotation) == (str, float)
-
-
-def _first(error: ValueError) -> str:
-    return str(error).splitlines()[0]
-
-
-def _read(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or error
-        raise UsageError(f"{path} cannot be read: {reason}. Give the file that --json wrote.") from None
+            raise UsageError(f"this is not the JSON of a {cls.__name__}: {str(error).splitlines()[0]}.") from None
+        except OSError as error:
+            reason = error.strerror or error
+            raise UsageError(f"{source} cannot be read: {reason}. Give the file that --json wrote.") from None

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from html import escape
+from importlib import import_module
 from importlib.metadata import entry_points
 from inspect import isclass, isroutine
 from typing import TYPE_CHECKING, Any
@@ -52,7 +53,6 @@ def equal_values(one: Any, other: Any) -> bool:
 
 # ---- What every result can do for a reader: a short repr, an HTML view, a data frame, charts ----
 
-
 MOST_ROWS = 60
 """Rows of an HTML view; a data frame has them all."""
 
@@ -75,18 +75,13 @@ class Tabular:
         """The result as rows, each a mapping of column to value, all with the same columns."""
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The rows as a pandas data frame.
-
-        Raises UsageError with the remedy where pandas is not installed.
-        """
-        frame: pandas.DataFrame = _pandas().DataFrame.from_records(list(self.rows()))
+        """The rows as a pandas data frame; UsageError with the remedy where pandas is not installed."""
+        of_pandas = _needed("pandas", "to_dataframe()", "tables").DataFrame
+        frame: pandas.DataFrame = of_pandas.from_records(list(self.rows()))
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
-        """The rows as a labelled data set over the dimension "row".
-
-        Raises UsageError with the remedy where xarray is not installed.
-        """
+        """The rows as a labelled data set over the dimension "row"; UsageError where xarray is not installed."""
         rows = list(self.rows())
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
         return _dataset(columns, "row", {}, self.headline())
@@ -117,12 +112,10 @@ class Histories(Tabular):
         return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The columns as a pandas data frame whose index is the axis.
-
-        Raises UsageError with the remedy where pandas is not installed.
-        """
+        """The columns as a pandas data frame whose index is the axis; UsageError where pandas is not installed."""
         columns = dict(self.columns())
-        frame: pandas.DataFrame = _pandas().DataFrame(columns).set_index(next(iter(columns)))
+        of_pandas = _needed("pandas", "to_dataframe()", "tables").DataFrame
+        frame: pandas.DataFrame = of_pandas(columns).set_index(next(iter(columns)))
         return frame
 
     def units(self) -> Mapping[str, str]:
@@ -130,10 +123,7 @@ class Histories(Tabular):
         return {}
 
     def to_xarray(self) -> xarray.Dataset:
-        """The columns as a labelled data set over the axis, with their units.
-
-        Raises UsageError with the remedy where xarray is not installed.
-        """
+        """The columns as a labelled data set over the axis, with units; UsageError where xarray is not installed."""
         columns = dict(self.columns())
         return _dataset(columns, next(iter(columns)), self.units(), self.headline())
 
@@ -176,7 +166,7 @@ class HasCharts:
 def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(_cell_text(value))}</td>" for value in row.values()) + "</tr>"
+        "<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row.values()) + "</tr>"
         for row in rows[:MOST_ROWS]
     )
     more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
@@ -184,25 +174,18 @@ def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     return f"<p><b>{escape(headline)}</b></p>{said}<table><tr>{head}</tr>{body}</table>{more}"
 
 
-def _cell_text(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "" if value is None else str(value)
+def _text(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)
 
 
-def _dataset(
-    columns: Mapping[str, Any], axis: str, units: Mapping[str, str], title: str
-) -> xarray.Dataset:
-    try:
-        import xarray
-    except ImportError:
-        message = "to_xarray() needs xarray, which is not installed: pip install 'brv-hypo[xarray]'."
-        raise UsageError(message) from None
+def _dataset(columns: Mapping[str, Any], axis: str, units: Mapping[str, str], title: str) -> xarray.Dataset:
+    module = _needed("xarray", "to_xarray()", "xarray")
     variables = {
         name: (axis, _one_each(values), {"units": units[name]} if name in units else {})
         for name, values in columns.items()
     }
-    return xarray.Dataset(variables, attrs={"title": title}).set_coords([axis] if axis in columns else [])
+    data: xarray.Dataset = module.Dataset(variables, attrs={"title": title})
+    return data.set_coords([axis] if axis in columns else [])
 
 
 def _one_each(values: Any) -> Any:
@@ -214,10 +197,10 @@ def _one_each(values: Any) -> Any:
     return objects
 
 
-def _pandas() -> Any:
+def _needed(module: str, call: str, extra: str) -> Any:
+    """A library that `call` needs; UsageError with the extra that has it where it is not installed."""
     try:
-        import pandas
+        return import_module(module)
     except ImportError:
-        message = "to_dataframe() needs pandas, which is not installed: pip install 'brv-hypo[tables]'."
+        message = f"{call} needs {module}, which is not installed: pip install 'brv-hypo[{extra}]'."
         raise UsageError(message) from None
-    return pandas

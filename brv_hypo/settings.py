@@ -2,20 +2,18 @@
 
 `settings_of` and `read_settings` have one wording for what is wrong: each setting, the value that it has and
 what is expected. `commented` writes a YAML file in which every setting stands at its default, below its
-meaning, which it takes from the model's fields or docstring.
+meaning, which is the description of the model's field.
 """
 
 from __future__ import annotations
 
-import json
-import re
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import PydanticUndefined
+from pydantic_core import to_json
 
 from brv_hypo.errors import UsageError
 from brv_hypo.io.mappings import read_yaml
@@ -60,36 +58,12 @@ def _problem(detail: Any, known: tuple[str, ...]) -> str:
     return f"'{place}': {detail['msg']}, got {one_line(repr(detail['input']))}"
 
 
-_NAMES = r"(?:`\w+`(?: [^\s`:,.;]+)?,? ?)+"
-_ENTRY = re.compile(rf"(?P<names>{_NAMES}): (?P<text>.*?)(?={_NAMES}: |\Z)", re.DOTALL)
-"""In a docstring, "`name` unit: meaning", or several names before one meaning."""
-_WIDTH = 100
-
-
 def commented(model: type[BaseModel], title: str) -> str:
     """A YAML file that sets nothing: each setting stands commented out at its default, below what it means."""
-    said = meanings(model)
     lines = [f"# {title}", "# Every setting is at its default; take away the # before one to change it.", ""]
     for name, field in model.model_fields.items():
-        text = field.description or said.get(name, "")
-        lines += [f"# {line}" for line in textwrap.wrap(text, _WIDTH)]
-        lines += [f"#{line}" for line in _setting(name, field.get_default(call_default_factory=True))]
-        lines.append("")
+        lines += [f"# {line}" for line in textwrap.wrap(field.description or "", 100)]
+        default = field.get_default(call_default_factory=True)
+        value = default if isinstance(default, str) else to_json(default).decode()
+        lines += [f"#{name}: {value}", ""]
     return "\n".join(lines)
-
-
-def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """What the model's docstring says of each setting; one text may stand for several."""
-    text = " ".join((model.__doc__ or "").split())
-    found: dict[str, str] = {}
-    for entry in _ENTRY.finditer(text):
-        for name in re.findall(r"`(\w+)`", entry["names"]):
-            found.setdefault(name, entry["text"].strip())
-    return found
-
-
-def _setting(name: str, default: object) -> list[str]:
-    if default is PydanticUndefined:
-        return [f"{name}:  # must be given"]
-    value = default.model_dump(mode="json") if isinstance(default, BaseModel) else default
-    return [f"{name}: {value if isinstance(value, str) else json.dumps(value)}"]

@@ -1,5 +1,5 @@
-"""`brv-hypo compare`, `trace` and `predict`: competing mechanisms ranked, the residual traced to its effects, a
-model of other flights on this one.
+"""`brv-hypo compare`, `trace`, `predict` and `study`: competing mechanisms ranked, the residual traced to its effects,
+a model of other flights on this one, many simulated flights.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from brv_hypo.cli import options
-from brv_hypo.cli.session import PREDICTION_CHARTS, TRACE_CHARTS, Session, comparison_names, in_session
+from brv_hypo.cli.session import Session, as_json, in_session
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.atomic import write_whole
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 # ---- `brv-hypo compare`: competing mechanisms on one flight or several, ranked, with a verdict ----
-
 
 Mechanisms = Annotated[
     str | None,
@@ -48,7 +47,7 @@ def compare(
     seed: options.Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
-    session.claim(charts=comparison_names(len(flights)))
+    session.claim()
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.ranking import CompareConfig
     from brv_hypo.ranking import compare as rank
@@ -91,55 +90,49 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
     return {"mechanisms": names}
 
 
-# ---- `brv-hypo trace`: what a model leaves over, traced to the effect that it lacks ----
-
-
-Model = Annotated[
-    Path | None,
-    typer.Option("--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."),
-]
-MechanismFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
-    ),
-]
-
-
-ModelFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
-    ),
-]
-Aero = Annotated[
-    Path | None,
-    typer.Option(
-        "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
-    ),
-]
-
+# ---- `brv-hypo trace`: the residual of a model, traced to the effect that it lacks ----
 
 @in_session("json", "report", "figures", "force", "plugin")
 def trace(
     session: Session,
     flights: options.FlightFiles,
-    model: Model = None,
-    aero: Aero = None,
-    mechanism_file: MechanismFile = None,
-    model_file: ModelFile = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."
+        ),
+    ] = None,
+    aero: Annotated[
+        Path | None,
+        typer.Option(
+            "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
+        ),
+    ] = None,
+    mechanism_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
+        ),
+    ] = None,
+    model_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
+        ),
+    ] = None,
     config: options.Config = None,
     start: options.Start = None,
     stop: options.Stop = None,
     instruments: options.Instruments = None,
     seed: options.Seed = None,
 ) -> None:
-    """Trace what a model leaves over to its effects, one by one.
+    """Trace the residual of a model to its effects, one by one.
 
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
-    session.claim(mechanism_file, model_file, charts=TRACE_CHARTS)
+    session.claim(mechanism_file, model_file)
     from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
@@ -161,19 +154,13 @@ def trace(
         write_whole(model_file, model_text(result.model.definition))
         session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
     if mechanism_file is not None:
-        _write_mechanism(session, mechanism_file, result.discovered)
+        if result.discovered is None:
+            session.warn(f"nothing was discovered, so {mechanism_file} is not written")
+        else:
+            write_whole(mechanism_file, mechanism_text(result.discovered))
+            compared = f"brv-hypo compare FLIGHT.h5 --mechanisms {mechanism_file}"
+            session.show(f"Wrote {mechanism_file}: `{compared}` compares it.")
     session.write_report(document, settings, [record.path for record in records])
-
-
-def _write_mechanism(session: Session, file: Path, discovered: Any) -> None:
-    """The discovered mechanism, where there is one."""
-    from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
-
-    if discovered is None:
-        session.warn(f"nothing was discovered, so {file} is not written")
-        return
-    write_whole(file, mechanism_text(discovered))
-    session.show(f"Wrote {file}: `brv-hypo compare FLIGHT.h5 --mechanisms {file}` compares it.")
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
@@ -182,7 +169,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
-    from brv_hypo.residuals.saved import is_model, read_structure
+    from brv_hypo.residuals.saved import SavedModel, is_model, read_structure
 
     if path.suffix in YAML_ENDINGS:
         return read_structure(path)
@@ -191,46 +178,30 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
         return read_structure(path)
     try:
         if content["schema"] == "brv-hypo/compare/1":
-            return _of_comparison(content, session)
-        if content["schema"] == "brv-hypo/trace/1":
-            return _of_trace(content["model"], session)
+            start = str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
+            ranked: dict[str, Any] = next((r for r in content["ranking"] if r["mechanism"] == start), {})
+            errors = [term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())]
+        elif content["schema"] != "brv-hypo/trace/1":
+            schema = one_line(repr(content["schema"]))
+            raise UsageError(f"{path} holds {schema}, expected the JSON of a comparison or of a trace.")
+        elif "definition" in content["model"]:
+            return SavedModel.model_validate(content["model"]["definition"])
+        else:  # of an earlier version
+            terms = content["model"]["terms"]
+            errors = [term["mechanism"] for term in terms if term["channel"] == "record"]
+            moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
+            start = "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise UsageError(
             f"{path} is not a model ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
             "`trace --json` wrote."
         ) from None
-    raise UsageError(
-        f"{path} holds {one_line(repr(content['schema']))}, expected the JSON of a comparison or of a trace."
-    )
-
-
-def _of_comparison(content: dict[str, Any], session: Session) -> str:
-    """The winner or, where there is none, the leader; what its likelihood says of the instruments is found anew."""
-    name = str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
-    ranked: dict[str, Any] = next((r for r in content["ranking"] if r["mechanism"] == name), {})
-    _say_found_anew(session, [term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())])
-    return name
-
-
-def _of_trace(model: dict[str, Any], session: Session) -> str | SavedModel:
-    """The model itself, where the file holds its definition; else its mechanisms, fitted anew."""
-    from brv_hypo.residuals.saved import SavedModel
-
-    if "definition" in model:
-        return SavedModel.model_validate(model["definition"])
-    terms = model["terms"]
-    _say_found_anew(session, [term["mechanism"] for term in terms if term["channel"] == "record"])
-    moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
-    return "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
-
-
-def _say_found_anew(session: Session, errors: list[str]) -> None:
     if errors:
-        session.warn(f"errors of the record are found anew: {', '.join(sorted(set(errors)))}")
+        session.warn(f"errors of the record are estimated anew: {', '.join(sorted(set(errors)))}")
+    return start
 
 
 # ---- `brv-hypo predict`: what a model found on other flights says of this one ----
-
 
 @in_session("json", "report", "figures", "force", "plugin")
 def predict(
@@ -255,7 +226,7 @@ def predict(
     instruments: options.Instruments = None,
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
-    session.claim(charts=PREDICTION_CHARTS)
+    session.claim()
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.report.prediction import prediction_document
     from brv_hypo.residuals import TraceConfig
@@ -269,3 +240,71 @@ def predict(
     session.present(document)
     session.write_json(result)
     session.write_report(document, settings, [flight, model])
+
+
+# ---- `brv-hypo study`: how often is a planted mechanism found? ----
+
+RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
+
+
+@in_session("json", "force", "plugin")
+def study(
+    session: Session,
+    config: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY.yaml",
+            autocompletion=options.studies,
+            help="Study, or the name of one that comes along.",
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there."
+        ),
+    ],
+    jobs: Annotated[
+        int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
+    ] = -1,
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs."),
+    ] = None,
+    seed: options.Seed = None,
+) -> None:
+    """Fly many simulated flights, and judge the verdicts."""
+    session.claim()
+    from brv_hypo.report.html import page
+    from brv_hypo.report.many_flights import study_document
+    from brv_hypo.study import read_study, run_study, summarise
+    from brv_hypo.study.store import results_csv
+
+    settings = read_study(config, **({} if seed is None else {"seed": seed}))
+    try:
+        with session.progress("flying") as progress:
+            outcomes = run_study(
+                settings,
+                output,
+                jobs=jobs,
+                cluster=cluster,
+                overwrite=session.force,
+                progress=lambda done, total, last: progress(
+                    f"{done} of {total} flights, last {last.draw.key}", done / total
+                ),
+            )
+    except KeyboardInterrupt as interrupt:
+        raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
+    summary = summarise(settings, outcomes)
+    document = study_document(summary, outcomes)
+    write_whole(output / RESULTS, results_csv(outcomes))
+    write_whole(output / SUMMARY, as_json(summary))
+    write_whole(output / REPORT, page(document, session.provenance(settings)))
+    if not summary.compared:
+        first = summary.failures[0]
+        raise UnanswerableError(
+            f"none of {summary.flights} flights was compared. {first.key}: {first.reason}"
+        )
+    session.present(document)
+    session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
+    session.write_json(summary)

@@ -5,7 +5,6 @@ mechanism is known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,8 +12,9 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
-from brv_hypo.cli.session import RECONSTRUCTION_CHARTS, Session, comparison_names, in_session
+from brv_hypo.cli.session import Session, in_session
 from brv_hypo.errors import UsageError
+from brv_hypo.io.atomic import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
@@ -22,25 +22,21 @@ if TYPE_CHECKING:
 
 # ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
 
-
 @in_session("json", "force")
 def inspect(
-    session: Session,
-    flight: options.FlightFile,
-    start: options.Start = None,
-    stop: options.Stop = None,
+    session: Session, flight: options.FlightFile, start: options.Start = None, stop: options.Stop = None
 ) -> None:
     """Show what a record holds, its faults, and what is usable."""
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
     from brv_hypo.motion import try_record
-    from brv_hypo.report.listings import inspection_data, inspection_line, inspection_view
+    from brv_hypo.report.listings import inspection_blocks, inspection_data, inspection_line
 
     windowed = start is not None or stop is not None
     loaded = load_flight(flight, start=start, stop=stop)
     inspection = inspect_flight(loaded if windowed else flight)
     trial = try_record(loaded)[1]
-    session.tell(inspection_view(inspection, trial, verbose=session.verbose), conclusion=inspection_line(inspection))
+    session.tell(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
     session.write_json(inspection_data(inspection, trial))
 
 
@@ -86,12 +82,11 @@ def import_(
 def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
     session.claim(output)
     from brv_hypo.importing.guess import guess_map
-    from brv_hypo.io.atomic import write_whole
-    from brv_hypo.report.style import bullets
+    from brv_hypo.report.document import Texts
 
     found = guess_map(*data)
     write_whole(output, found.text, overwrite=session.force)
-    session.show(bullets(found.unsure, "Missing or unsure", "yellow"))
+    session.tell(Texts(found.unsure, "Missing or unsure", warning=True))
     session.show(
         f"Wrote {output}. Read it, fill in the vehicle, then:\n"
         f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
@@ -102,28 +97,18 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     session.claim(output)
     from brv_hypo.flight import save_flight
     from brv_hypo.importing import bring_in
+    from brv_hypo.report.document import Texts
     from brv_hypo.report.listings import phase_texts
-    from brv_hypo.report.style import bullets
 
     found = bring_in(data, mapping)
     flight = found.flight
     save_flight(flight, output, raw=found.raw, overwrite=session.force)
-    session.show(bullets(flight.notes, "Notes"))
-    session.show(bullets(phase_texts(found.phases), "Phases (a map's window names one)"))
+    phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
+    session.tell(Texts(flight.notes, "Notes"), phases)
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 
 # ---- `brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty ----
-
-
-class Method(StrEnum):
-    """The report's methods 3, 1 and 2, and Appendix A's."""
-
-    JOINT = "joint"
-    VELOCITY = "velocity"
-    RATES = "rates"
-    POLAR = "polar"
-
 
 @in_session("json", "report", "figures", "force")
 def reconstruct(
@@ -133,7 +118,8 @@ def reconstruct(
         Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
     ] = None,
     method: Annotated[
-        Method | None, typer.Option("--method", help="How to find the wind; joint if left out.")
+        str | None,
+        typer.Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar."),
     ] = None,
     config: options.Config = None,
     start: options.Start = None,
@@ -141,15 +127,14 @@ def reconstruct(
     instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
-    session.claim(output, charts=RECONSTRUCTION_CHARTS)
+    session.claim(output)
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
     from brv_hypo.settings import read_settings
 
-    chosen = {} if method is None else {"method": method.value}
-    settings = read_settings(ReconstructionConfig, config, **chosen)
+    settings = read_settings(ReconstructionConfig, config, **({} if method is None else {"method": method}))
     result = reconstructed(load_for_analysis(flight, start, stop, instruments), settings)
     if output is not None:
         write_motion(result, output, overwrite=session.force)
@@ -161,17 +146,8 @@ def reconstruct(
 
 # ---- `brv-hypo simulate` and `brv-hypo demo`: flights whose mechanism is known ----
 
-
 DEMO = "demo"
 DEFAULT_SEED = 1
-
-Plant = Annotated[
-    str | None,
-    typer.Option(
-        "--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."
-    ),
-]
-
 
 @in_session("json", "force", "plugin")
 def simulate(
@@ -185,7 +161,10 @@ def simulate(
         ),
     ],
     output: options.Output,
-    plant: Plant = None,
+    plant: Annotated[
+        str | None,
+        typer.Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
+    ] = None,
     seed: options.Seed = None,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""
@@ -206,7 +185,7 @@ def demo(
     seed: options.Seed = None,
 ) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
-    session.claim(charts=comparison_names(1))
+    session.claim()
     from brv_hypo.ranking import CompareConfig, compare
     from brv_hypo.report.listings import simulation_text
     from brv_hypo.settings import read_settings

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from brv_hypo.cli import analyses, flights, plugins, studies
-from brv_hypo.cli.signals import guarded, listen
+from brv_hypo.cli import analyses, flights, plugins
+from brv_hypo.cli.signals import listen
 
 app = typer.Typer(
     name="brv-hypo",
@@ -38,16 +38,16 @@ def program(
     """Which mechanism explains the moments that a spinning entry body flew through?"""
 
 
-app.command("demo")(guarded(flights.demo))
-app.command("simulate")(guarded(flights.simulate))
-app.command("reconstruct")(guarded(flights.reconstruct))
-app.command("compare")(guarded(analyses.compare))
-app.command("trace")(guarded(analyses.trace))
-app.command("predict")(guarded(analyses.predict))
-app.command("study")(guarded(studies.study))
-app.command("inspect")(guarded(flights.inspect))
-app.command("import")(guarded(flights.import_))
-app.command("docs")(guarded(plugins.docs))
+app.command("demo")(flights.demo)
+app.command("simulate")(flights.simulate)
+app.command("reconstruct")(flights.reconstruct)
+app.command("compare")(analyses.compare)
+app.command("trace")(analyses.trace)
+app.command("predict")(analyses.predict)
+app.command("study")(analyses.study)
+app.command("inspect")(flights.inspect)
+app.command("import")(flights.import_)
+app.command("docs")(plugins.docs)
 app.add_typer(plugins.mechanisms_app, name="mechanisms")
 app.add_typer(plugins.config_app, name="config")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from enum import StrEnum
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +11,9 @@ import typer
 
 from brv_hypo.cli import options
 from brv_hypo.cli.session import Session, in_session
-from brv_hypo.cli.signals import guarded
-from brv_hypo.io.atomic import write_whole
+from brv_hypo.errors import UsageError
+from brv_hypo.io.atomic import check_target, make_folder, write_whole
+from brv_hypo.io.text import meant
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -20,12 +21,10 @@ if TYPE_CHECKING:
 
 # ---- `brv-hypo mechanisms`: what is installed; a new plugin; does a plugin keep the contract ----
 
-
 mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
 
 
 @mechanisms_app.callback()
-@guarded
 @in_session("json", "force", "plugin")
 def listing(session: Session, context: typer.Context) -> None:
     """List what is installed; write or check a plugin."""
@@ -41,7 +40,6 @@ def listing(session: Session, context: typer.Context) -> None:
 
 
 @mechanisms_app.command("new")
-@guarded
 @in_session()
 def new_plugin(
     session: Session,
@@ -67,7 +65,6 @@ def new_plugin(
 
 
 @mechanisms_app.command("check")
-@guarded
 @in_session("json", "force", "plugin")
 def check(
     session: Session,
@@ -94,36 +91,16 @@ def check(
 
 # ---- `brv-hypo config`: commented files of settings to start from, and JSON schemas for editors ----
 
-
 config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 
 VEHICLE, STUDY, MAP = "research_cone", "study_planted", "launch12"
 """What new simulations, studies and maps start from: files that come along, comments included."""
 
 
-class Kind(StrEnum):
-    """The commands that take settings."""
-
-    COMPARE = "compare"
-    TRACE = "trace"
-    RECONSTRUCT = "reconstruct"
-    SIMULATE = "simulate"
-    STUDY = "study"
-    IMPORT = "import"
-
-
-class Schema(StrEnum):
-    """What has a JSON schema: settings by command, and the results that --json writes."""
-
-    COMPARE = "compare"
-    TRACE = "trace"
-    RECONSTRUCT = "reconstruct"
-    SIMULATE = "simulate"
-    STUDY = "study"
-    IMPORT = "import"
-    COMPARE_RESULT = "compare-result"
-    TRACE_RESULT = "trace-result"
-    PREDICT_RESULT = "predict-result"
+KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")
+"""The commands that take settings."""
+RESULTS = ("compare-result", "trace-result", "predict-result")
+"""What --json writes by a schema."""
 
 
 @config_app.callback()
@@ -132,53 +109,53 @@ def config() -> None:
 
 
 @config_app.command("new")
-@guarded
 @in_session("force")
 def new_settings(
     session: Session,
-    kind: Annotated[Kind, typer.Argument(help="The command that reads the file.")],
+    kind: Annotated[str, typer.Argument(help=f"The command that reads the file: {', '.join(KINDS)}.")],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
     ] = None,
 ) -> None:
     """Write a commented file of settings, to change and use."""
-    path = Path(f"{kind.value}.yaml") if output is None else output
+    path = Path(f"{kind}.yaml") if output is None else output
+    text = _text(kind)
     session.claim(path)
-    write_whole(path, _text(kind), overwrite=session.force)
+    write_whole(path, text, overwrite=session.force)
     use = {
         "simulate": f"brv-hypo simulate {path} -o flight.h5",
         "study": f"brv-hypo study {path} -o results",
         "import": f"brv-hypo import log.csv --map {path} -o flight.h5",
     }
-    session.show(f"Wrote {path}. Use it with:\n  {use.get(kind, f'brv-hypo {kind.value} flight.h5 --config {path}')}")
+    session.show(f"Wrote {path}. Use it with:\n  {use.get(kind, f'brv-hypo {kind} flight.h5 --config {path}')}")
 
 
 @config_app.command("schema")
-@guarded
 @in_session()
 def schema(
     session: Session,
-    kind: Annotated[Schema, typer.Argument(help="Settings of a command, or a result.")],
+    kind: Annotated[str, typer.Argument(help=f"Settings of a command, or a result: {', '.join(KINDS + RESULTS)}.")],
 ) -> None:
     """Print the JSON schema of settings or of a result."""
-    typer.echo(json.dumps(_model(kind.value).model_json_schema(by_alias=True), indent=2))
+    typer.echo(json.dumps(_model(kind, KINDS + RESULTS).model_json_schema(by_alias=True), indent=2))
 
 
-def _text(kind: Kind) -> str:
-    """The file's content; of simulations and studies one that comes along, which needs more than defaults."""
+def _text(kind: str) -> str:
+    """The file's content; of simulations, studies and maps one that comes along, which needs more than defaults."""
     from brv_hypo.settings import commented
     from brv_hypo.simulation import config_path
 
-    if kind is Kind.SIMULATE:
-        return config_path(VEHICLE).read_text(encoding="utf-8")
-    if kind is Kind.STUDY:
-        return config_path(STUDY, "studies").read_text(encoding="utf-8")
-    if kind is Kind.IMPORT:
-        return config_path(MAP, "maps").read_text(encoding="utf-8")
-    return commented(_model(kind.value), f"Settings of `brv-hypo {kind.value}`")
+    model = _model(kind, KINDS)
+    along = {"simulate": (VEHICLE, ""), "study": (STUDY, "studies"), "import": (MAP, "maps")}
+    if kind in along:
+        return config_path(*along[kind]).read_text(encoding="utf-8")
+    return commented(model, f"Settings of `brv-hypo {kind}`")
 
 
-def _model(kind: str) -> type[BaseModel]:
+def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
+    """The model of settings or of a result; UsageError where the kind is not among those known."""
+    if kind not in known:
+        raise UsageError(f"'{kind}' has no settings here ({meant(kind, known, 'known are ' + ', '.join(known))})")
     from brv_hypo.importing.record_map import RecordMap
     from brv_hypo.motion import ReconstructionConfig
     from brv_hypo.ranking import CompareConfig, Comparison
@@ -186,22 +163,12 @@ def _model(kind: str) -> type[BaseModel]:
     from brv_hypo.simulation.config import SimulationConfig
     from brv_hypo.study.config import StudyConfig
 
-    models: dict[str, type[BaseModel]] = {
-        "compare": CompareConfig,
-        "trace": TraceConfig,
-        "reconstruct": ReconstructionConfig,
-        "simulate": SimulationConfig,
-        "study": StudyConfig,
-        "import": RecordMap,
-        "compare-result": Comparison,
-        "trace-result": Trace,
-        "predict-result": Prediction,
-    }
-    return models[kind]
+    settings = (CompareConfig, TraceConfig, ReconstructionConfig, SimulationConfig, StudyConfig, RecordMap)
+    models: tuple[type[BaseModel], ...] = (*settings, Comparison, Trace, Prediction)
+    return dict(zip(KINDS + RESULTS, models, strict=True))[kind]
 
 
 # ---- `brv-hypo docs`: the manual, in the terminal or as an offline page ----
-
 
 NAME = "brv-hypo-manual.html"
 
@@ -232,32 +199,18 @@ def docs(
     if show or output is not None:
         _as_page(session, topic, output, show)
         return
+    from brv_hypo.docs import topics
     from brv_hypo.docs.manual import ManualText
 
-    page = _topics() if topic is None else text(topic)
+    listed = "\n".join(f"- `{name}`: {title}" for name, title in topics().items())
+    contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
+    opened = "`brv-hypo docs --open` opens all of it as a page."
+    page = contents + opened if topic is None else text(topic)
     session.tell(ManualText(page), conclusion=page)
-
-
-def _topics() -> str:
-    from brv_hypo.docs import topics
-
-    lines = [f"- `{name}`: {title}" for name, title in topics().items()]
-    return "\n".join(
-        [
-            "# The manual",
-            "",
-            "`brv-hypo docs TOPIC` shows one of",
-            "",
-            *lines,
-            "",
-            "`brv-hypo docs --open` opens all of it as a page.",
-        ]
-    )
 
 
 def _write_notebooks(session: Session, folder: Path) -> None:
     from brv_hypo.docs import notebooks
-    from brv_hypo.io.atomic import check_target, make_folder, write_whole
 
     targets = {folder / name: content for name, content in notebooks().items()}
     for path in targets:
@@ -274,7 +227,6 @@ def _as_page(session: Session, topic: str | None, output: Path | None, show: boo
     import webbrowser
 
     from brv_hypo.docs.manual import manual_page
-    from brv_hypo.io.atomic import write_whole
 
     path = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / NAME if output is None else output
     write_whole(path, manual_page(), overwrite=True)

@@ -1,8 +1,7 @@
 """Where a command's results go: the terminal, JSON, an HTML report, files; and what makes a function a command.
 
 Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written whole
-or not at all. With `--json -` standard output holds JSON and nothing else. The charts that a command draws of
-every flight are named here: picture files of these names are known before the work begins.
+or not at all. With `--json -` standard output holds JSON and nothing else.
 
 `in_session` gives a command its `Session` and the command line the options that the session is made from.
 """
@@ -15,13 +14,14 @@ import json as json_format
 import os
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from brv_hypo.cli import options
+from brv_hypo.cli.signals import guarded
 from brv_hypo.errors import UsageError
 from brv_hypo.io.atomic import check_target, write_whole
 from brv_hypo.io.text import printable
@@ -33,33 +33,11 @@ if TYPE_CHECKING:
     from brv_hypo.report.html import Provenance
 
 
-RECONSTRUCTION_CHARTS = (
-    *("accelerations", "rates", "integrated-attitude"),
-    *("motion", "moments", "theta-psi", "moment-by-alpha", "spectrum"),
-)
-COMPARISON_CHARTS = ("probability", "limits")
-OF_A_COMPARED_FLIGHT = ("moments", "residuals", "motion", "moment-by-alpha", "spectrum")
-TRACE_CHARTS = ("moments", "residuals", "static-slope", "spectrum")
-PREDICTION_CHARTS = ("band", "errors", "regions")
-
-
-def comparison_names(flights: int) -> tuple[str, ...]:
-    """Those of a comparison of so many flights; of several, each chart of one has its number."""
-    suffixes = [""] if flights == 1 else [f"-{number}" for number in range(1, flights + 1)]
-    return (*COMPARISON_CHARTS, *(f"{name}{suffix}" for suffix in suffixes for name in OF_A_COMPARED_FLIGHT))
-
-
-# ---- Where a command's results go: the terminal, JSON, an HTML report, files ----
-
-
 STANDARD_OUTPUT = "-"
 
 
-class Progress(Protocol):
-    """Reports the stage that long work has reached and, where known, the fraction (0 to 1) done."""
-
-    def __call__(self, stage: str, fraction: float | None = None) -> None:
-        """Show the stage."""
+Progress = Callable[..., None]
+"""Shows the stage (a text) that long work has reached and, where known, the fraction (0 to 1) done."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +45,16 @@ class Session:
     """How one command talks: what was asked of the common options."""
 
     json: str | None = None
+    """File, or "-" for standard output."""
     report: Path | None = None
     figures: Path | None = None
+    """Folder of the picture files."""
     force: bool = False
+    """Whether files are overwritten."""
     quiet: bool = False
     verbose: bool = False
+    plugin: list[Path] | None = None
+    """Files whose mechanisms are used."""
     stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property
@@ -79,8 +62,8 @@ class Session:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
 
-    def claim(self, *files: Path | None, charts: Sequence[str] = ()) -> None:
-        """Refuse now what could not be written later: `files`, the report, the JSON file, pictures of `charts`.
+    def claim(self, *files: Path | None) -> None:
+        """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
 
         Raises UsageError where a file exists and `--force` was not given, or cannot be written.
         """
@@ -90,30 +73,25 @@ class Session:
         for file in wanted:
             if resolved.count(file.resolve()) > 1:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
-            self._claim_one(file)
-        if self.figures is not None:
-            self._claim_figures(self.figures, charts)
-
-    def _claim_figures(self, folder: Path, charts: Sequence[str]) -> None:
+            check_target(file, overwrite=self.force)
+            place = Path(os.path.realpath(file)).parent
+            if not place.is_dir():
+                raise UsageError(f"{file} cannot be written: {place} does not exist. Create it, or choose another.")
+            if not os.access(place, os.W_OK):
+                raise UsageError(f"{file} cannot be written: no permission in {place}. Choose another place.")
+        if self.figures is None:
+            return
+        folder = self.figures
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
         existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
         if not existing.is_dir() or not os.access(existing, os.W_OK):
             raise UsageError(f"--figures {folder} cannot be made: no permission in {existing}. Choose another place.")
-        from brv_hypo.report.write import check_pictures, require_matplotlib
+        from brv_hypo.report.write import require_matplotlib
 
         require_matplotlib()
-        check_pictures(folder, charts, overwrite=self.force)
-
-    def _claim_one(self, file: Path) -> None:
-        check_target(file, overwrite=self.force)
-        folder = Path(os.path.realpath(file)).parent
-        if not folder.is_dir():
-            raise UsageError(
-                f"{file} cannot be written: {folder} does not exist. Create it, or choose another."
-            )
-        if not os.access(folder, os.W_OK):
-            raise UsageError(f"{file} cannot be written: no permission in {folder}. Choose another place.")
+        for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
+            check_target(picture, overwrite=self.force)
 
     def show(self, *renderables: Any) -> None:
         """Print for a human reader; silent with -q or where standard output belongs to JSON."""
@@ -129,9 +107,16 @@ class Session:
 
         self._print(terminal_view(document, verbose=self.verbose))
 
-    def tell(self, view: Any, conclusion: str) -> None:
-        """Print a view that is no document; with -q the conclusion alone."""
-        self._print(conclusion if self.quiet else view)
+    def tell(self, *blocks: Any, conclusion: str = "") -> None:
+        """Print blocks that are no document, or what rich renders; with -q the conclusion alone."""
+        if self.quiet:
+            self._print(*filter(None, (conclusion,)))
+            return
+        from brv_hypo.report.document import Table, Texts
+        from brv_hypo.report.terminal import blocks_view
+
+        shown = (blocks_view((b,), self.verbose) if isinstance(b, Table | Texts) else b for b in blocks)
+        self._print(*shown)
 
     def _print(self, *renderables: Any) -> None:
         if self.json_only:
@@ -187,30 +172,20 @@ class Session:
     def progress(self, title: str) -> Iterator[Progress]:
         """A bar on standard error that a `Progress` moves; drawn only on a terminal, and never with -q."""
         if self.quiet or not sys.stderr.isatty():
-            yield _silent
+            yield lambda stage, fraction=None: None
             return
         from rich.console import Console
         from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as Bar
 
-        columns = (
-            BarColumn(bar_width=24),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}", markup=False),
-        )
+        columns = (BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
         with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(title, total=None)
 
             def advance(stage: str, fraction: float | None = None) -> None:
-                bar.update(
-                    task, description=stage, total=None if fraction is None else 1.0, completed=fraction
-                )
+                bar.update(task, description=stage, total=None if fraction is None else 1.0, completed=fraction)
 
             yield advance
-
-
-def _silent(stage: str, fraction: float | None = None) -> None:
-    """No bar."""
 
 
 def left_out() -> tuple[str, ...]:
@@ -229,7 +204,7 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
     """
     from pydantic_core import to_json
 
-    text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=_plain)
+    text = to_json(result, by_alias=True, indent=2, inf_nan_mode="null", fallback=lambda value: value.tolist())
     if warnings:
         content = json_format.loads(text)
         content["warnings"] = [*content.get("warnings", ()), *warnings]
@@ -237,13 +212,7 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
     return text.decode() + "\n"
 
 
-def _plain(value: Any) -> Any:
-    """A NumPy array or scalar as Python numbers."""
-    return value.tolist()
-
-
 # ---- What makes a function a command: its `Session`, and the options that the session is made from ----
-
 
 _SHARED = {
     "json": options.Json,
@@ -252,50 +221,34 @@ _SHARED = {
     "quiet": options.Quiet,
     "verbose": options.Verbose,
     "force": options.Force,
+    "plugin": options.Plugins,
 }
 
 
-def _use(files: list[Path] | None) -> None:
-    """Have the registry load the files named with `--plugin`; without any, leave it unimported."""
-    if files or "brv_hypo.mechanisms" in sys.modules:
-        from brv_hypo.mechanisms import plugin_files, use_plugin_files
-
-        if files or plugin_files():
-            use_plugin_files(files or ())
-
-
 def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command its session as first argument, and the command line the options that the session needs.
+    """Make a function a command: give it its session as first argument, and the command line the session's options.
 
     `outputs` are those of "json", "report", "figures", "force" and "plugin" that the command takes; -q and -v are
-    everyone's. What was left out of the plugins is said on standard error, however quiet the command is to be.
+    everyone's. Plugins that could not be loaded are named on standard error, however quiet the command is to be.
     """
-    with_plugins = "plugin" in outputs
     names = [name for name in _SHARED if name in (*outputs, "quiet", "verbose")]
+    keyword = inspect.Parameter.KEYWORD_ONLY
     shared = [
-        inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=getattr(Session, name),
-            annotation=_SHARED[name],
-        )
-        for name in names
+        inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=_SHARED[name]) for name in names
     ]
 
-    if with_plugins:
-        shared.append(
-            inspect.Parameter(
-                "plugin", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=options.Plugins
-            )
-        )
-
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @guarded
         @functools.wraps(command)
         def run(**given: Any) -> None:
-            if with_plugins:
-                _use(given.pop("plugin"))
             session = Session(**{name: given.pop(name) for name in names})
             try:
+                # without --plugin the registry stays unimported, unless an earlier command of this process had files
+                if "plugin" in names and (session.plugin or "brv_hypo.mechanisms" in sys.modules):
+                    from brv_hypo.mechanisms import plugin_files, use_plugin_files
+
+                    if session.plugin or plugin_files():
+                        use_plugin_files(session.plugin or ())
                 # Nothing but the result may reach a standard output that belongs to JSON.
                 with redirect_stdout(sys.stderr) if session.json_only else nullcontext():
                     command(session, **given)

@@ -56,16 +56,6 @@ def unwinding() -> Iterator[None]:
         _unwinds = False
 
 
-def code_that_arrived() -> int | None:
-    """The exit code of the signal that arrived, if any: a library that was just starting may make it another error."""
-    return _code
-
-
-def code_of(interrupt: KeyboardInterrupt) -> int:
-    """The exit code of a signal's exception."""
-    return CODES[signal.SIGTERM] if isinstance(interrupt, Terminated) else CODES[signal.SIGINT]
-
-
 def end_workers() -> None:
     """End the processes that work for this one, without waiting for what they do."""
     loky = sys.modules.get("joblib.externals.loky.reusable_executor")
@@ -99,7 +89,6 @@ def _leave(code: int) -> None:
 
 # ---- Exit codes: what goes wrong inside a command becomes one readable message and the contract's code ----
 
-
 PROGRAM_FAULT = 70
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
@@ -126,34 +115,24 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             _end(f"brv-hypo: {refusal}", refusal.exit_code)
         except KeyboardInterrupt as interrupt:
             end_workers()
-            code = code_of(interrupt)
+            code = CODES[signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT]
             _end(f"{LINE.format(WORDS[code])}{interrupt}", code)
         except Exception as fault:
-            arrived = code_that_arrived()
-            if arrived is not None:
+            if _code is not None:  # a library that was just starting may make the signal another error
                 end_workers()
-                _end(LINE.format(WORDS[arrived]), arrived)
+                _end(LINE.format(WORDS[_code]), _code)
             if isinstance(fault, OSError) and fault.errno in FULL:
-                _abandon_output()
-                _end(
-                    f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another.",
-                    UsageError.exit_code,
-                )
-            message = (
-                f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
-            )
+                # let the interpreter end without another attempt to write what cannot be written
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                reason = f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another."
+                _end(reason, UsageError.exit_code)
+            message = f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
             if kwargs.get("verbose"):
                 traceback.print_exc()
                 _end(f"{message}the traceback above.", PROGRAM_FAULT)
             _end(f"{message}the traceback that -v prints.", PROGRAM_FAULT)
 
     return run
-
-
-def _abandon_output() -> None:
-    """Let the interpreter end without another attempt to write what cannot be written."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
 
 
 def _end(message: str, code: int) -> None:

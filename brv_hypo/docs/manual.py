@@ -60,27 +60,15 @@ class ManualText(Markdown):
 
 # ---- The whole manual as one HTML file that opens offline, with search ----
 
-
 def manual_page() -> str:
     """Every topic in reading order, a list of them at the side, and a field that searches all of them."""
-    from brv_hypo.report.html import resource  # NumPy with it, which the terminal does without
+    from brv_hypo.report.html import render  # NumPy with it, which the terminal does without
 
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     markdown.add_render_rule("fence", _named_fence)
     known = topics()
-    links = "".join(f'<li><a href="#{name}">{escape(title)}</a></li>' for name, title in known.items())
-    articles = "\n".join(f'<article id="{name}">{markdown.render(text(name))}</article>' for name in known)
-    style, own, script = (resource(name).decode() for name in ("page.css", "manual.css", "manual.js"))
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>brv-hypo {escape(version())}: the manual</title>\n<style>{style}{own}</style>\n</head>\n<body>\n"
-        '<nav><label for="search">Search</label><input id="search" type="search" autocomplete="off">'
-        f'<p id="found" class="quiet" role="status"></p><ul>{links}</ul></nav>\n'
-        f'<div class="manual">\n{articles}\n'
-        f'<footer class="quiet">brv-hypo {escape(version())}</footer>\n</div>\n'
-        f"<script>{script}</script>\n</body>\n</html>\n"
-    )
+    articles = {name: markdown.render(text(name)) for name in known}
+    return render("manual.html.j2", version=version(), topics=known, articles=articles)
 
 
 def _named_fence(

@@ -42,6 +42,11 @@ def counted(count: int, thing: str) -> str:
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
+def hypothesis(name: str) -> str:
+    """What a person reads for a hypothesis: `none` is the baseline only."""
+    return "baseline only" if name == "none" else name
+
+
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.6, most: int = 1) -> list[str]:
     """The known names that an unknown one is like, the most alike first."""
     return difflib.get_close_matches(name, list(known), n=most, cutoff=cutoff)

@@ -144,7 +144,7 @@ def compare(
     """
     config, say = settings_of(CompareConfig, config), progress or (lambda message: None)
     _hypotheses(config)  # an unknown name is refused whatever the record is like
-    say("trying the record")
+    say("checking the record")
     trials = [try_record(flight) for flight in flights_of(flights)]
     record = record_summary([trial for _, trial in trials])
     tried = [flight for flight, _ in trials]
@@ -185,7 +185,7 @@ def _compare(
     reconstructed = clock.perf_counter()
     answered, warnings = answerable(reconstructions, hypotheses)
     warnings = (*warnings, *sharing_warnings(reconstructions))
-    say("linearising what the record may err by")
+    say("linearising the errors of the record")
     fitted = searched(reconstructions, config, answered, say)
     problem, fits = fitted.problem, fitted.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 
 from brv_hypo.constants import CRITERIA_TIE
+from brv_hypo.io.text import hypothesis
 from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor
 from brv_hypo.ranking.result import RankedHypothesis, StepwiseDifference, Verdict
@@ -39,10 +40,10 @@ def criteria_disagree(
     if len(set(first.values())) == 1:
         return ()
     told = "; ".join(
-        f"{_joined([name for name, leader in first.items() if leader == each])}: {each}"
+        f"{_joined([name for name, leader in first.items() if leader == each])}: {hypothesis(each)}"
         for each in dict.fromkeys(first.values())
     )
-    return (f"criteria disagree on what comes first: {told}",)
+    return (f"the criteria put different hypotheses first: {told}",)
 
 
 def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
@@ -54,8 +55,8 @@ def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
     if leader is None or leader in verdict.confidence_set:
         return ()
     return (
-        f"held-out blocks disagree with the probability: the model confidence set (95 %) holds "
-        f"{_joined(verdict.confidence_set)}, not {leader}",
+        f"{hypothesis(leader)} is the most probable, but is not in the model confidence set (95 %): "
+        f"{_joined([*map(hypothesis, verdict.confidence_set)])} predict held-out blocks better",
     )
 
 

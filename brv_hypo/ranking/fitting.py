@@ -117,7 +117,7 @@ def searched(
     for _ in range(SEARCHED_AGAIN):
         if not _something_stands(found, config.other_prior):
             break
-        say("searching again where the problem is linear now")
+        say("searching again about the new linearisation")
         again = _searched_again(found, hypotheses, say)
         if likeliest(again.fits).information > likeliest(found.fits).information - CONVERGED_FALL:
             break

@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from brv_hypo.io.text import hypothesis
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 
@@ -286,8 +287,9 @@ class Comparison(HasCharts, Result):
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
         verdict = self.verdict
-        names = ", ".join(verdict.equivalent)
-        told = verdict.outcome + (f" {verdict.winner}" if verdict.winner else f" ({names})" if names else "")
+        names = ", ".join(map(hypothesis, verdict.equivalent))
+        winner = hypothesis(verdict.winner or "")
+        told = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {told}"
 

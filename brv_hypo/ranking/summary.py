@@ -139,7 +139,7 @@ def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: st
             equivalent=(),
             probability={},
             reason=f"The record{which} contradicts itself ({worst.fault}: {worst.channel}; {worst.start_s:.2f} to "
-            f"{worst.stop_s:.2f} s): {worst.action}. `compare --accept-record` goes on all the same.",
+            f"{worst.stop_s:.2f} s): {worst.action}. `compare --accept-record` compares it nevertheless.",
         ),
         seconds=Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
     )
@@ -258,7 +258,7 @@ def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
     if fit.ended_early:
         found.append("its search ended early: it stayed far behind the leader")
     if fit.name in likelihoods.left_out:
-        found.append("ranked by regression: its likelihood is left out unless maximum_likelihood is full")
+        found.append("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too")
     return tuple(found)
 
 

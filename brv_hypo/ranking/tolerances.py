@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, IMPROBABLE_ERRORS
+from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.fitting import Fitted
 from brv_hypo.ranking.result import Verdict
 from brv_hypo.regression.fit import likeliest
@@ -20,4 +21,4 @@ def tolerance_warnings(fitted: Fitted, verdict: Verdict) -> tuple[str, ...]:
         return ()
     more = len(found) - BEYOND_TOLERANCE_NAMED
     told = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {leader.name} errors exceed the tolerances of the record: {told} (see --instruments)",)
+    return (f"with {hypothesis(leader.name)}, errors exceed the tolerances of the record: {told} (see --instruments)",)

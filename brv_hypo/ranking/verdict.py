@@ -17,6 +17,7 @@ from brv_hypo.constants import (
     TEMPERATURE,
     WINNING_PROBABILITY,
 )
+from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.adequacy import Misfit
 from brv_hypo.ranking.alternative import Alternative
 from brv_hypo.ranking.limits import Limit
@@ -203,6 +204,7 @@ def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict
 def _inadequate(
     leader: Score, left: Misfit, chances: Mapping[str, float], instead: Alternative | None
 ) -> str:
+    name, other = hypothesis(leader.name), _share(chances[OTHER])
     unlikely = left.errors_p_value < IMPROBABLE_ERRORS
     wrongs = [] if leader.impossible is None else [f"with {leader.impossible}"]
     if unlikely:
@@ -214,17 +216,17 @@ def _inadequate(
             else "`brv-hypo trace` looks for what else is at work."
         )
         return (
-            f"None of the hypotheses is adequate: {leader.name} fits best, at {left.ratio:.2f} times the noise, "
-            f"but {' and '.join(wrongs)}. {remedy}"
+            f"None of the hypotheses is adequate: {name} fits best, with a residual of {left.ratio:.2f} times the "
+            f"noise, but {' and '.join(wrongs)}. {remedy}"
         )
     if instead is not None:
         return (
-            f"None of the hypotheses is adequate: {leader.name} fits best of them, and {instead.words} fits better "
-            f"(probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
+            f"None of the hypotheses is adequate: {name} fits best of them, but {instead.words} fits better "
+            f"(probability of something else {other}). `brv-hypo trace` looks for what it is."
         )
     return (
-        f"None of the hypotheses is adequate: {leader.name} fits best, at {left.ratio:.2f} times the noise, "
-        f"part of which is smooth (probability {_share(chances[OTHER])}). `brv-hypo trace` looks for what it is."
+        f"None of the hypotheses is adequate: {name} fits best, but its residual is {left.ratio:.2f} times the noise, "
+        f"and partly smooth in time (probability of something else {other}). `brv-hypo trace` looks for what it is."
     )
 
 
@@ -246,7 +248,8 @@ def _won(
         return f"No mechanism is needed: the baseline explains the moments (probability {chance}){room}."
     gain = ""
     if null is not None and leader.prediction_error < null.prediction_error:
-        gain = f"; its held-out error is {leader.prediction_error / null.prediction_error:.2g} of that without it"
+        ratio = leader.prediction_error / null.prediction_error
+        gain = f"; its prediction error is {ratio:.2g} of that of the baseline only"
     return f"{leader.name} explains the moments best (probability {chance}){gain}."
 
 
@@ -259,7 +262,7 @@ def _undecided(verdict: Verdict, leader: Score, beaten: bool, instead: Alternati
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
     other = "something else" if instead is None else f"something else, such as {instead.words},"
     shares = ", ".join(
-        f"{other if name == OTHER else name} {_share(verdict.probability[name])}" for name in names
+        f"{other if name == OTHER else hypothesis(name)} {_share(verdict.probability[name])}" for name in names
     )
     return f"The data do not distinguish these: {shares}."
 

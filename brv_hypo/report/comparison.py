@@ -13,17 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.io.text import counted, hypothesis
 from brv_hypo.ranking.result import (
     CoefficientSeries,
     Comparison,
     FlightSummary,
-    Knot,
-    MaximumLikelihood,
     RankedHypothesis,
     Series,
     SizeSeries,
-    TermEstimate,
 )
+from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import (
     Band,
@@ -31,54 +30,29 @@ from brv_hypo.report.document import (
     Block,
     Chart,
     Document,
-    Layer,
     Line,
     Panel,
     Picture,
     Role,
-    Shown,
-    Table,
     Texts,
     Values,
 )
-from brv_hypo.report.motion_charts import (
-    PLAIN,
-    Drawn,
-    Moments,
-    Scale,
-    Setting,
-    attitude_chart,
-    caption,
-    cut_text,
-    difference,
-    framed,
-    knots_of,
-    masked,
-    moment_by_alpha_chart,
-    moment_chart,
-    motion_chart,
-    residual_chart,
-    scale_of,
-    spectrum_chart,
-    turning_rates,
-)
+from brv_hypo.report.motion_charts import PLAIN, Drawn, Moments, Scale, Setting, caption, cut_text, framed
 from brv_hypo.report.style import probability, share
 
 # ---- The charts of a comparison ----
 
-
 LEADING = 2
-"""Hypotheses that are drawn besides `none`; more lines than this hide each other."""
+"""Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""
 CLOSE = 0.1
 """Share of the axis within which two dots are so close that their names would hide each other."""
 ROUNDING = 1e-9
 """A coefficient that stays below this, its error included, is none of the model's and is not drawn."""
-_ROLES: tuple[Role, ...] = ("first", "second")
 COEFFICIENTS = {
-    "C_N'": "C<sub>N</sub>′",
-    "C_Z'": "C<sub>Z</sub>′",
-    "C_N' by alpha": "∂C<sub>N</sub>′/∂α, 1/rad",
-    "C_Z' by alpha": "∂C<sub>Z</sub>′/∂α, 1/rad",
+    "C_N'": "C<sub>m,in</sub>",
+    "C_Z'": "C<sub>n,side</sub>",
+    "C_N' by alpha": "∂C<sub>m,in</sub>/∂α, 1/rad",
+    "C_Z' by alpha": "∂C<sub>n,side</sub>/∂α, 1/rad",
     "C_Nalpha_force": "force C<sub>Nα</sub>, 1/rad",
 }
 """By name, the title of a coefficient's axis."""
@@ -90,40 +64,33 @@ BY_MACH = ("C_N' by alpha", "C_Nalpha_force")
 
 def comparison_charts(comparison: Comparison) -> list[Chart]:
     """Every chart that the comparison has the data for, in the order of a page."""
-    charts = [_probabilities(comparison), _limits(comparison), _sizes(comparison)]
+    verdict = comparison.verdict
+    ranked = [row.mechanism for row in comparison.ranking if row.mechanism in verdict.probability]
+    chances = {name: verdict.probability[name] for name in (*ranked, *verdict.probability)}
+    likeliest = sorted(chances, key=lambda name: -chances[name])  # of equals as they are ranked
+    texts = [probability(chances[name]) for name in likeliest]
+    names, values = list(map(hypothesis, likeliest)), [chances[name] for name in likeliest]
+    over = "Over the hypotheses compared and other: something that is not on the list."
+    limits = {limit.mechanism: limit.share_of_moment_95 for limit in verdict.limits}
+    percent = [100.0 * value for value in limits.values()]
+    shares = Bars(list(limits), percent, list(map(share, limits.values())), "third")
+    title, read = "largest share of the moment's rms, %", "How large each mechanism may be, whatever won."
+    drawn = [
+        Chart("probability", "Probability", "probability", [Panel("", [Bars(names, values, texts)])] if names else [],
+              range=(0.0, 1.08), caption=over),
+        Chart("limits", "Limits at 95 %", title, [Panel("", [shares])] if limits else [], caption=read),
+        _sizes(comparison),
+    ]  # fmt: skip
     for index, series in enumerate(comparison.series):
-        charts += _of_flight(comparison, index, series)
-    return [chart for chart in charts if chart.panels]
+        drawn += _of_flight(comparison, index, series)
+    return [chart for chart in drawn if chart.panels]
 
 
-def leading(comparison: Comparison) -> list[tuple[str, Role]]:
-    """The hypotheses to draw with their roles: `none` below, for contrast, and the leader last, on top."""
+def _leading(comparison: Comparison) -> list[tuple[str, Role]]:
+    """The hypotheses to draw with their roles: the baseline below, for contrast, and the leader last, on top."""
     first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
-    return [("none", "none"), *reversed(list(zip(first, _ROLES, strict=False)))]
-
-
-def _probabilities(comparison: Comparison) -> Chart:
-    chances = comparison.verdict.probability
-    ranked = [row.mechanism for row in comparison.ranking if row.mechanism in chances]
-    names = dict.fromkeys([*ranked, *chances])  # of equal ones the better ranked first
-    known = sorted(((name, chances[name]) for name in names), key=lambda item: -item[1])
-    bars = Bars([name for name, _ in known], [value for _, value in known], [probability(v) for _, v in known])
-    panels = [Panel("", [bars])] if known else []
-    read = "Over the hypotheses compared and other: something that is not on the list."
-    return Chart("probability", "Probability", "probability", panels, range=(0.0, 1.08), caption=read)
-
-
-def _limits(comparison: Comparison) -> Chart:
-    known = comparison.verdict.limits
-    shares = [100.0 * limit.share_of_moment_95 for limit in known]
-    bars = Bars([limit.mechanism for limit in known], shares, [share(value / 100.0) for value in shares], "third")
-    return Chart(
-        "limits",
-        "Limits at 95 %",
-        "largest share of the moment's rms, %",
-        [Panel("", [bars])] if known else [],
-        caption="How large each mechanism may be, whatever won.",
-    )
+    roles: tuple[Role, ...] = ("first", "second")
+    return [("none", "none"), *reversed(list(zip(first, roles, strict=False)))]
 
 
 def _sizes(comparison: Comparison) -> Chart:
@@ -131,10 +98,9 @@ def _sizes(comparison: Comparison) -> Chart:
     rows = [row for row in comparison.ranking if np.isfinite(row.cp)]
     if len(rows) < 2:
         return Chart("cp", "", "", ())
-    most = max(row.n_terms for row in rows)
     lowest = min(row.cp for row in rows)
     terms, spread = [row.n_terms for row in rows], [row.cp - lowest + 1.0 for row in rows]
-    labels = _together([row.mechanism for row in rows], terms, np.log10(spread))
+    labels = _together([hypothesis(row.mechanism) for row in rows], terms, np.log10(spread))
     points = Line(terms, spread, "first", dots=True, large=True, labels=labels)
     return Chart(
         "cp",
@@ -142,7 +108,7 @@ def _sizes(comparison: Comparison) -> Chart:
         "terms besides the baseline",
         [Panel("C<sub>p</sub> − least + 1", [points], log=True)],
         caption="Mallows' criterion. Far above the least, terms are missing.",
-        range=(-0.5, most + 1.0),  # room for the label of the last
+        range=(-0.5, max(terms) + 1.0),  # room for the label of the last
         counted=True,
     )
 
@@ -153,9 +119,8 @@ def _together(names: Sequence[str], columns: Sequence[int], heights: FloatArray)
     """
     labels = [""] * len(names)
     close = CLOSE * float(np.ptp(heights))
-    downwards = sorted(range(len(names)), key=lambda i: (columns[i], -heights[i]))
     groups: list[list[int]] = []
-    for i in downwards:
+    for i in sorted(range(len(names)), key=lambda i: (columns[i], -heights[i])):
         last = groups[-1][-1] if groups else None
         if last is not None and columns[last] == columns[i] and heights[last] - heights[i] <= close:
             groups[-1].append(i)
@@ -171,79 +136,66 @@ def _own_knots(row: RankedHypothesis | None, index: int, flight: FlightSummary) 
     if row is None:
         return []
     if not row.knots:
-        return knots_of(row.terms, flight.start_s, flight.stop_s)
+        return charts.knots_of(row.terms, flight.start_s, flight.stop_s)
     own = [knot.flights_s[index] for knot in row.knots]
     return [time for time in own if time is not None and flight.start_s < time < flight.stop_s]
 
 
 def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart]:
-    flight = comparison.flights[index]
+    flight, rows = comparison.flights[index], {row.mechanism: row for row in comparison.ranking}
     several = len(comparison.flights) > 1
-    leader = next((row for row in comparison.ranking if row.mechanism != "none"), None)
     setting = Setting(
         (flight.start_s, flight.stop_s),
-        _own_knots(leader, index, flight),
-        masked(comparison.record.faults, flight.stop_s - flight.start_s),
+        _own_knots(next((row for name, row in rows.items() if name != "none"), None), index, flight),
+        charts.masked(comparison.record.faults, flight.stop_s - flight.start_s),
         f"-{index + 1}" if several else "",
         f": {flight.title or flight.path}" if several else "",
     )
     time, measured, sigma = series.time_s, series.measured, series.sigma
-    models = [Drawn(name, series.fitted[name], role) for name, role in leading(comparison) if name in series.fitted]
-    left = [Drawn(m.name, difference(measured, m.moments), m.role) for m in models]
-    charts = [
-        moment_chart(setting, time, measured, sigma, models),
-        residual_chart(setting, time, sigma, left),
-        motion_chart(
-            setting,
-            time,
-            series.alpha_rad,
-            series.windward_meridian_rad,
-            series.alpha_sigma_rad,
-            series.windward_meridian_sigma_rad,
+    angles = (series.alpha_rad, series.windward_meridian_rad)
+    leading = _leading(comparison)
+    fitted = {name: series.fitted[name] for name, _ in leading if name in series.fitted}
+    models = [Drawn(hypothesis(name), fitted[name], role) for name, role in leading if name in fitted]
+    residuals = [replace(m, moments=charts.difference(measured, m.moments)) for m in models]
+    drawn = [
+        charts.moment_chart(setting, time, measured, sigma, models),
+        charts.residual_chart(setting, time, sigma, residuals),
+        charts.motion_chart(
+            setting, time, *angles, series.alpha_sigma_rad, series.windward_meridian_sigma_rad
         ),
-        moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
-        *_excess(setting, series, models),
+        charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
-    if series.roll_rate_rad_s:
-        angles = (series.alpha_rad, series.windward_meridian_rad)
-        charts.append(attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
-    charts += _by_size(setting, [s for s in comparison.sizes if s.flight == index])
-    histories: dict[str, tuple[Moments, Role]] = {"measured": (measured, "measured")}
-    histories |= {f"less {m.name}": (m.moments, m.role) for m in left}
-    rates = turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
-    charts.append(spectrum_chart(setting, time, histories, rates))
-    for name, _ in reversed(leading(comparison)):
-        own = [s for s in comparison.coefficients if (s.flight, s.mechanism) == (index, name)]
-        row = next((row for row in comparison.ranking if row.mechanism == name), None)
-        charts += _coefficients(replace(setting, knots=_own_knots(row, index, flight)), own, series)
-    return charts
-
-
-def _excess(setting: Setting, series: Series, models: Sequence[Drawn]) -> list[Chart]:
-    """What the baseline leaves over the angle of attack, with what the leader makes of it (Figure 5.18)."""
-    static = series.fitted.get("none")
-    if static is None or models[-1].name == "none":
-        return []
-    leader = models[-1]
-    beyond = Drawn(leader.name, difference(leader.moments, static), leader.role)
-    left = difference(series.measured, static)
-    return [
-        moment_by_alpha_chart(
-            setting, series.alpha_rad, left, [beyond], "excess-by-alpha", "Moments less the baseline"
+    if "none" in fitted and len(fitted) > 1:  # what the leader makes of the baseline's residual (Figure 5.18)
+        beyond = replace(models[-1], moments=charts.difference(models[-1].moments, fitted["none"]))
+        residual = charts.difference(measured, fitted["none"])
+        heading = "Moments less the baseline"
+        drawn.append(
+            charts.moment_by_alpha_chart(setting, angles[0], residual, [beyond], "excess-by-alpha", heading)
         )
-    ]
+    if series.roll_rate_rad_s:
+        drawn.append(charts.attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
+    drawn += _by_size(setting, [s for s in comparison.sizes if s.flight == index])
+    histories: dict[str, tuple[Moments, Role]] = {"measured": (measured, "measured")}
+    histories |= {f"less {m.name}": (m.moments, m.role) for m in residuals}
+    rates = charts.turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
+    drawn.append(charts.spectrum_chart(setting, time, histories, rates))
+    for name, _ in reversed(leading):
+        own = [s for s in comparison.coefficients if (s.flight, s.mechanism) == (index, name)]
+        knots = _own_knots(rows.get(name), index, flight)
+        drawn += _coefficients(replace(setting, knots=knots), own, series)
+    return drawn
 
 
 def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
     """The in-plane moment at no angle of attack and its slope, by the number of terms (Figures 5.12 to 5.15)."""
     if len(series) < 2:
         return []
-    roles: tuple[Role, ...] = ("none", "third", "second")  # the fewest terms below
-    scale = scale_of(*(each.at_zero for each in series))
-    at_zero: list[Layer] = []
-    slopes: list[Layer] = []
-    for each, role in zip(series, (*roles, "first"), strict=False):
-        name = f"{each.n_terms} term{'' if each.n_terms == 1 else 's'}" + (", chosen" if each.chosen else "")
+    roles: tuple[Role, ...] = ("none", "third", "second", "first")  # the fewest terms below
+    scale = charts.scale_of(*(each.at_zero for each in series))
+    at_zero: list[Line] = []
+    slopes: list[Line] = []
+    for each, role in zip(series, roles, strict=False):
+        name = counted(each.n_terms, "term") + (", chosen" if each.chosen else "")
         shown: Role = "first" if each.chosen else role
         at_zero.append(Line(each.time_s, scale.drawn(each.at_zero), shown, name))
         slopes.append(Line(each.time_s, each.slope, shown, name))
@@ -251,7 +203,7 @@ def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
     panels = [framed(Panel(title, layers)) for title, layers in zip(titles, (at_zero, slopes), strict=True)]
     heading = f"In-plane moment of {series[-1].mechanism} by its terms"
     read = "Above: at no angle of attack. Where two sizes differ by much, do not rely on the smaller."
-    return [setting.chart("coefficients-by-size", heading, panels, caption(read, cut_text(panels)))]
+    return [setting.chart("coefficients-by-size", heading, panels, read, cut_text(panels))]
 
 
 def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> list[Chart]:
@@ -259,121 +211,84 @@ def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion:
     shown = [s for s in series if max(map(abs, s.value)) > ROUNDING or max(s.std_error) > ROUNDING]
     if not shown:
         return []
-    name, method = shown[0].mechanism, shown[0].method
-    scale = scale_of(*(s.value for s in shown if s.name in MOMENTS))
-    panels = [
-        framed(
-            Panel(
-                f"{COEFFICIENTS.get(each, each)}{own.suffix}",
-                [layer for s in shown if s.name == each for layer in _estimate(s, s.time_s, own)],
-            )
-        )
-        for each in dict.fromkeys(s.name for s in shown)
-        for own in (scale if each in MOMENTS else PLAIN,)
-    ]
-    heading = f"Coefficients of {name} by {method}"
-    knots = "Dashed lines: its knots." if setting.knots else ""
-    read = caption("Bands: two standard deviations.", knots, cut_text(panels))
-    charts = [setting.chart(f"coefficients-{name}", heading, panels, read)]
+    scale = charts.scale_of(*(s.value for s in shown if s.name in MOMENTS))
+    panels = []
+    for name in dict.fromkeys(s.name for s in shown):
+        own = scale if name in MOMENTS else PLAIN
+        layers = [layer for s in shown if s.name == name for layer in _estimate(s, s.time_s, own)]
+        panels.append(framed(Panel(f"{COEFFICIENTS.get(name, name)}{own.suffix}", layers)))
+    heading = f"Coefficients of {hypothesis(shown[0].mechanism)}"
+    bands, stem, by = "Bands: two standard deviations.", shown[0].mechanism, shown[0].method
+    drawn = [setting.chart(f"coefficients-{stem}", f"{heading} by {by}", panels, bands, cut_text(panels))]
     by_mach = [s for s in shown if s.name in BY_MACH]
     if by_mach and len(motion.mach) and np.all(np.isfinite(motion.mach)) and np.ptp(motion.mach) > 0.0:
-        charts.append(_by_mach(setting, by_mach, motion))
-    return charts
-
-
-def _by_mach(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> Chart:
-    panels = []
-    for name in dict.fromkeys(s.name for s in series):
-        layers: list[Layer] = []
-        for s in series:
-            if s.name == name:
+        panels = []
+        for name in dict.fromkeys(s.name for s in by_mach):
+            layers = []
+            for s in (s for s in by_mach if s.name == name):
                 mach = np.interp(s.time_s, motion.time_s, motion.mach)
                 order = np.argsort(mach, kind="stable")
                 layers += _estimate(s, mach[order], PLAIN, order)
-        panels.append(framed(Panel(COEFFICIENTS[name], layers)))
-    return Chart(
-        f"coefficients-by-mach-{series[0].mechanism}{setting.suffix}",
-        f"Coefficients of {series[0].mechanism} by Mach number{setting.which}",
-        "Mach number",
-        panels,
-        caption=caption("Bands: two standard deviations.", cut_text(panels)),
-    )
+            panels.append(framed(Panel(COEFFICIENTS[name], layers)))
+        file, title = f"coefficients-by-mach-{stem}{setting.suffix}", f"{heading} by Mach number{setting.which}"
+        drawn.append(Chart(file, title, "Mach number", panels, caption=caption(bands, cut_text(panels))))
+    return drawn
 
 
 def _estimate(
     series: CoefficientSeries, x: Values, scale: Scale, order: IntArray | slice = slice(None)
-) -> list[Layer]:
-    """The estimate within two standard deviations."""
-    value, wide = scale.drawn(series.value)[order], 2.0 * scale.drawn(series.std_error)[order]
-    return [Band(x, value - wide, value + wide, role="first"), Line(x, value, "first", "estimate")]
+) -> list[Band | Line]:
+    value, sigma = scale.drawn(series.value)[order], scale.drawn(series.std_error)[order]
+    return charts.estimate(x, value, sigma, band="± 2 sigma")
 
 
 # ---- A comparison as a document ----
 
-
 def comparison_document(comparison: Comparison) -> Document:
     """Ranking, verdict and warnings; in detail every term, criterion and note; on a page the charts."""
-    verdict = comparison.verdict
-    ranking = Table(
-        tables.RANKING_HEADINGS, tables.ranking_rows(comparison), marked=tables.credible_rows(comparison)
+    verdict, seconds = comparison.verdict, comparison.seconds
+    faults = tables.fault_texts(comparison.record, verdict.reason)
+    warnings = (*faults, *comparison.reconstruction.warnings, *comparison.warnings)
+    notes = [note for flight in comparison.flights for note in flight.notes]
+    notes += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
+    took = (
+        f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
+        f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
     )
-    headings = ("criterion", *(row.mechanism for row in comparison.ranking))
-    terms = [block for row in comparison.ranking for block in _of_hypothesis(row)]
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
-        conclusion_title=f"Verdict: {verdict.winner or verdict.outcome}",
+        conclusion_title=f"Verdict: {hypothesis(verdict.winner or verdict.outcome)}",
         conclusion=verdict.reason,
         decided=verdict.winner is not None,
         blocks=(
-            ranking,
+            tables.ranking_table(comparison),
             Texts(comparison.disagreements, "Disagreements"),
-            Texts(tables.warning_texts(comparison), "Warnings", warning=True),
+            Texts(warnings, "Warnings", warning=True),
             *(Picture(chart) for chart in comparison_charts(comparison)),
-            term_table("baseline, as the likeliest hypothesis has it", comparison.baseline.terms),
-            *terms,
-            Table(headings, tables.criteria_rows(comparison), "criteria in whitened rates", shown="verbose"),
-            Texts(tables.stepwise_texts(comparison), "Stepwise beside the exact search", shown="verbose"),
-            Texts(tables.note_texts(comparison), "Notes", shown="verbose"),
-            Texts((_seconds(comparison),), bullets=False, shown="verbose"),
+            tables.term_table("baseline, as fitted with the most probable hypothesis", comparison.baseline.terms),
+            *(block for row in comparison.ranking for block in _of_hypothesis(row)),
+            tables.criteria_table(comparison),
+            Texts(tables.stepwise_texts(comparison), "Stepwise search compared with the exact one", shown="verbose"),
+            Texts(notes, "Notes", shown="verbose"),
+            Texts((took,), bullets=False, shown="verbose"),
         ),
     )
 
 
-def _of_hypothesis(hypothesis: RankedHypothesis) -> list[Block]:
+def _of_hypothesis(row: RankedHypothesis) -> list[Block]:
     """Terms, derived quantities and likelihood fit of one hypothesis."""
-    blocks: list[Block] = [term_table(hypothesis.mechanism, hypothesis.terms, knots=hypothesis.knots)]
-    blocks.append(Texts(tables.knot_texts(hypothesis.knots), shown="verbose"))
-    blocks.append(Texts(tables.derived_texts(hypothesis.derived), shown="verbose"))
-    if hypothesis.ml is not None:
-        blocks += likelihood_blocks(tables.likelihood_heading(hypothesis.mechanism, hypothesis.ml), hypothesis.ml)
+    name, fit = hypothesis(row.mechanism), row.ml
+    blocks: list[Block] = [
+        tables.term_table(name, row.terms, knots=row.knots),
+        Texts(tables.knot_texts(row.knots), shown="verbose"),
+        Texts(tables.derived_texts(row.derived), shown="verbose"),
+    ]
+    if fit is not None:
+        ended = f"{name} by maximum likelihood: {fit.status}, {fit.iterations} iterations"
+        blocks += [
+            tables.term_table(ended, fit.terms, knots=fit.knots),
+            Texts((*tables.derived_texts(fit.derived), *filter(None, (fit.message,))), shown="verbose"),
+            tables.term_table(f"{ended}: errors of the record", fit.instrument),
+        ]
     return blocks
-
-
-def likelihood_blocks(heading: str, fit: MaximumLikelihood) -> list[Block]:
-    """Terms, errors of the record, and what follows from them, by maximum likelihood."""
-    derived = [*tables.derived_texts(fit.derived), *([fit.message] if fit.message else [])]
-    errors = Table(
-        tables.ERROR_HEADINGS, tables.error_rows(fit.instrument), f"{heading}: errors of the record", shown="verbose"
-    )
-    return [term_table(heading, fit.terms, knots=fit.knots), Texts(derived, shown="verbose"), errors]
-
-
-def term_table(
-    heading: str,
-    terms: Sequence[TermEstimate],
-    shown: Shown = "verbose",
-    knots: Sequence[Knot] = (),
-    most: int | None = None,
-) -> Table:
-    """One row for each coefficient with its sigma, F, unit, region and delay, where any has one."""
-    headings, lines = tables.shown_columns(tables.TERM_HEADINGS, tables.term_rows(terms, knots))
-    return Table(headings, lines, heading, most=most, shown=shown)
-
-
-def _seconds(comparison: Comparison) -> str:
-    seconds = comparison.seconds
-    return (
-        f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
-        f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
-    )

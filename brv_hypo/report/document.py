@@ -11,7 +11,7 @@ render the same document. A block without content is left out; `shown` says wher
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -25,24 +25,26 @@ Values = Sequence[float] | FloatArray
 MOST_POINTS = 2500
 """Points drawn of a history; a longer one is thinned evenly, which no screen shows."""
 MOST_OF_A_PATH = 6000
-"""The same of a path: its stretches stand side by side."""
+"""The same of a path, whose intervals stand side by side."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A history, or dots, `large` where they are few; `labels`, of a line or more, stand to the right of them, `error`
-    is how far y may lie below and above.
-    """
+    """A history, or dots."""
 
     x: Values
     y: Values
     role: Role
     name: str = ""
+    """In the legend; "" for none."""
     dots: bool = False
     dashed: bool = False
     large: bool = False
+    """Of dots that are few."""
     labels: Sequence[str] = ()
+    """To the right of each dot, of a line or more."""
     error: tuple[Values, Values] | None = None
+    """How far y may lie below and above."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of the horizontal axis that is shaded, such as samples that are masked."""
+    """A part of the horizontal axis that is shaded, such as samples that are masked."""
 
     start: float
     stop: float
@@ -88,59 +90,54 @@ class Span:
 
 @dataclass(frozen=True)
 class Panel:
-    """Layers over one pair of axes, with the title of the vertical; `categories` are its ticks 0, 1, ..."""
+    """Layers over one pair of axes."""
 
     title: str
+    """Of the vertical axis."""
     layers: Sequence[Layer]
     log: bool = False
     range: tuple[float, float] | None = None
     categories: Sequence[str] = ()
+    """Texts at the ticks 0, 1, ... of the vertical axis."""
 
 
 @dataclass(frozen=True)
 class PlanePath:
-    """A curve in a plane over time (s) that goes round once in `cycle` s; `y` is the title of its vertical.
-
-    It is drawn stretch by stretch, each of so many cycles, `columns` beside each other and all at one scale.
-    """
+    """A curve in a plane over time (s), drawn interval by interval at one scale, `columns` beside each other."""
 
     time: Values
     x: Values
     y: Values
     y_title: str
     cycle: float
+    """Time in which it goes round once, s."""
 
     cycles: ClassVar[int] = 4
-    """Of a stretch: few enough to follow the line, enough to see it turn and grow."""
+    """Of an interval: few enough to follow the line, enough to see it turn and grow."""
     columns: ClassVar[int] = 4
     most: ClassVar[int] = 16
-    """Stretches at most, which is what a column of a page holds legibly."""
+    """Intervals at most, which is what a column of a page holds legibly."""
 
     @property
-    def stretches(self) -> int:
-        """How many there are: in full rows where there is more than one row."""
+    def intervals(self) -> int:
+        """How many intervals there are: in full rows where there is more than one row."""
         count = min(max(round((self.time[-1] - self.time[0]) / (self.cycle * self.cycles)), 1), self.most)
         return count if count < self.columns else -(-count // self.columns) * self.columns
-
-    @property
-    def limit(self) -> float:
-        """The common scale goes so far to all sides."""
-        return 1.05 * float(np.nanmax(np.abs(np.concatenate([self.x, self.y]))) or 1.0)
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels, one below the other, over a common horizontal axis titled `x`.
-
-    `name` is the stem of picture files. Charts `over_time` share their axis with each other. Of a `path` the panels
-    are the stretches, with their titles above them. Of what is `counted` the axis has whole numbers alone.
-    """
+    """Panels, one below the other, over a common horizontal axis."""
 
     name: str
+    """Stem of picture files."""
     heading: str
     x: str
+    """Title of the horizontal axis."""
     panels: Sequence[Panel]
+    """Of a `path` its intervals, with their titles above them."""
     over_time: bool = False
+    """Charts over time share their axis with each other."""
     path: PlanePath | None = None
     log: bool = False
     range: tuple[float, float] | None = None
@@ -148,6 +145,7 @@ class Chart:
     spans: Sequence[Span] = ()
     caption: str = ""
     counted: bool = False
+    """Whether the horizontal axis has whole numbers alone."""
 
     @property
     def columns(self) -> int:
@@ -158,6 +156,12 @@ class Chart:
     def rows(self) -> int:
         """Panels below each other."""
         return -(-len(self.panels) // self.columns)
+
+    @property
+    def lines(self) -> int:
+        """Bars and categories, each of which takes a line of the chart's height."""
+        bars = (layer for panel in self.panels for layer in panel.layers if isinstance(layer, Bars))
+        return sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in self.panels)
 
 
 def named(marks: Sequence[Mark]) -> list[tuple[Mark, int]]:
@@ -183,48 +187,46 @@ def wrapped_degrees(angle: Values) -> FloatArray:
     return broken
 
 
-# ---- A result as one document of blocks; `terminal.py` and `pages.py` render the same document ----
-
+# ---- A result as one document of blocks, which `terminal` and `html` render ----
 
 Shown = Literal["always", "verbose", "page"]
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of text under headings; the rows `marked` stand out. Text columns are those that `TEXT_COLUMNS` names.
+    """Rows of text: each maps the heading of a column to the text in it, and all have the same columns."""
 
-    The terminal shows the first `most` rows, and all of them with -v. A page shades the cells by `shades`, 0 to 1.
-    """
-
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Mapping[str, str]]
     heading: str = ""
-    marked: Sequence[int] = ()
+    words: Collection[str] = ()
+    """Columns that hold words; all others hold numbers, which stand to the right."""
+    marked: Collection[int] = ()
+    """Rows that stand out."""
     most: int | None = None
-    shades: Sequence[Sequence[float]] = ()
+    """Rows that the terminal shows; all of them with -v."""
+    shades: Sequence[Mapping[str, float]] = ()
+    """How dark (0 to 1) a page shades cells, by row and heading."""
     shown: Shown = "always"
 
     @property
-    def empty(self) -> bool:
-        """True where there is no row."""
-        return not self.rows
+    def headings(self) -> tuple[str, ...]:
+        """Those of the columns."""
+        return tuple(self.rows[0]) if self.rows else ()
 
 
 @dataclass(frozen=True)
 class Texts:
-    """Sentences: a list where `bullets`, paragraphs otherwise; warnings stand out."""
+    """Sentences: a list where `bullets`, paragraphs otherwise."""
 
     texts: Sequence[str]
     heading: str = ""
     bullets: bool = True
     warning: bool = False
+    """Warnings stand out."""
     strong: bool = False
+    most: int | None = None
+    """Bullets that the terminal shows; all of them with -v."""
     shown: Shown = "always"
-
-    @property
-    def empty(self) -> bool:
-        """True where nothing is said."""
-        return not self.texts
 
 
 @dataclass(frozen=True)
@@ -235,11 +237,6 @@ class Picture:
     shown: Shown = "page"
 
     @property
-    def empty(self) -> bool:
-        """True where nothing would be drawn."""
-        return not self.chart.panels
-
-    @property
     def heading(self) -> str:
         """The chart's."""
         return self.chart.heading
@@ -247,30 +244,28 @@ class Picture:
 
 Block = Table | Texts | Picture
 
-TEXT_COLUMNS = frozenset(
-    (
-        *("mechanism", "criterion", "term", "plane", "unit", "effect", "kind", "near-equals", "moments less"),
-        *("planted", "vehicle", "parameter", "status", "flight", "ranked first", "verdict", "reason", "history"),
-    )
-)
-"""Headings of columns that hold words; every other column holds numbers."""
+
+def shown_of(blocks: Sequence[Block]) -> list[Block]:
+    """The blocks that have something to show: a row, a sentence, a panel."""
+    held = {Table: lambda b: b.rows, Texts: lambda b: b.texts, Picture: lambda b: b.chart.panels}
+    return [block for block in blocks if held[type(block)](block)]
 
 
 @dataclass(frozen=True)
 class Document:
-    """What a command has to say: title, a line or more on the record, the conclusion, and the blocks.
-
-    `decided` is True where the conclusion names something. The terminal shows the conclusion last, a page first.
-    """
+    """What a command has to say."""
 
     title: str
     subtitle: Sequence[str]
+    """A line or more on the record."""
     conclusion_title: str
     conclusion: str
+    """The terminal shows it last, a page first."""
     decided: bool
+    """Whether the conclusion names something."""
     blocks: Sequence[Block]
 
     @property
     def charts(self) -> tuple[Chart, ...]:
         """The charts that have something to show."""
-        return tuple(block.chart for block in self.blocks if isinstance(block, Picture) and not block.empty)
+        return tuple(block.chart for block in shown_of(self.blocks) if isinstance(block, Picture))

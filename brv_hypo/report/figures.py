@@ -57,19 +57,14 @@ class ChartFigure(Figure):
 
 def chart_figure(chart: Chart) -> ChartFigure:
     """The chart in the colours and the width of a paper's page; `.axes` are its panels, to add to or to change."""
+    height = FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
+    if chart.path is not None:
+        height = WIDTH * chart.rows / chart.columns + FRAME / chart.columns
     with mpl.rc_context(STYLE):
-        figure = ChartFigure(figsize=(WIDTH, _height(chart)), layout="constrained")
+        figure = ChartFigure(figsize=(WIDTH, height), layout="constrained")
         FigureCanvasAgg(figure)
         _fill(figure, chart)
     return figure
-
-
-def _height(chart: Chart) -> float:
-    if chart.path is not None:
-        return WIDTH * chart.rows / chart.columns + FRAME / chart.columns
-    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
-    lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
-    return FRAME + (BAR * lines if lines else PANEL * max(len(chart.panels), 1.4))
 
 
 def _fill(figure: Figure, chart: Chart) -> None:
@@ -105,16 +100,17 @@ def _fill(figure: Figure, chart: Chart) -> None:
                 handle.set_markersize(max(handle.get_markersize(), SMALLEST_DOT))
 
 
-def _frame_path(figure: Figure, stretches: Sequence[Axes], chart: Chart, path: PlanePath) -> None:
+def _frame_path(figure: Figure, intervals: Sequence[Axes], chart: Chart, path: PlanePath) -> None:
     """Squares at one scale, each under its title, with the titles of the axes once."""
-    for axes, panel in zip(stretches, chart.panels, strict=True):
+    for axes, panel in zip(intervals, chart.panels, strict=True):
         axes.set_title(panel.title, fontsize="medium")
         axes.set_ylabel("")
         axes.set_aspect("equal")
         axes.axhline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
         axes.axvline(0.0, color=COLOURS["guide"], linewidth=0.4, zorder=0)
-    stretches[0].set_xlim(-path.limit, path.limit)
-    stretches[0].set_ylim(-path.limit, path.limit)
+    limit = 1.05 * float(np.nanmax(np.abs(np.concatenate([path.x, path.y]))) or 1.0)
+    intervals[0].set_xlim(-limit, limit)
+    intervals[0].set_ylim(-limit, limit)
     figure.supxlabel(_plain(chart.x), fontsize="medium")
     figure.supylabel(_plain(path.y_title), fontsize="medium")
 

@@ -14,34 +14,34 @@ import gzip
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup, escape
 from pydantic import BaseModel
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.report.document import (
     MOST_OF_A_PATH,
-    TEXT_COLUMNS,
     Band,
     Bars,
     Block,
     Chart,
     Document,
+    Layer,
     Line,
     Panel,
     Picture,
-    PlanePath,
     Table,
-    Texts,
     Values,
     named,
+    shown_of,
     thinned,
 )
 from brv_hypo.version import version
@@ -52,7 +52,7 @@ _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
 _HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "gap": 32}
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
-"""Height of a row of stretches of a path by how many stand in it: squares, and their titles."""
+"""Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
 _AXIS = {
     "linecolor": "--ink",
     "gridcolor": "--rule",
@@ -61,50 +61,41 @@ _AXIS = {
     "ticks": "outside",
     "showline": True,
     "automargin": True,
-    "exponentformat": "none",
+    "exponentformat": "power",
+    "minexponent": 4,  # an exponent below 1e-4 and from 1e5
 }
+_EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+"""Of a band, which is drawn by its area."""
 _BESIDE_BARS = 1.18
 """The axis of bars without a range of its own goes so far beyond the longest, where its text stands."""
-_LEAST_PLAIN, _MOST_PLAIN = 1e-3, 1e6
-"""Numbers between these have no exponent (style.number)."""
 _NAME = 13
 """Height of a mark's name, px."""
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart; of a path what the page makes them of."""
-    if chart.path is not None:
-        return _plotly_path(chart, chart.path)
+    shared = {"time": chart.over_time, "height": chart_height(chart)}
+    if (path := chart.path) is not None:
+        curve = {"t": path.time, "x": path.x, "y": path.y}
+        histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
+        rule = {"cycle": path.cycle, "cycles": path.cycles, "columns": path.columns, "most": path.most}
+        titles = {"xTitle": chart.x, "yTitle": path.y_title}
+        return {"path": {**histories, **rule, **titles, "axis": _AXIS}, **shared}
     traces: list[dict[str, Any]] = []
     in_legend: set[str] = set()
     for row, panel in enumerate(chart.panels, start=1):
+        place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}"}
         for layer in panel.layers:
-            for trace in _traces(layer):
+            group = "" if isinstance(layer, Bars) else layer.name
+            for trace in _TRACES[type(layer)](layer):
                 name = trace.get("name", "")
-                group = "" if isinstance(layer, Bars) else layer.name
-                place = {"xaxis": "x", "yaxis": "y" if row == 1 else f"y{row}", "legendgroup": group}
-                traces.append({**trace, **place, "showlegend": bool(name) and name not in in_legend})
+                shown = bool(name) and name not in in_legend
+                traces.append({**trace, **place, "legendgroup": group, "showlegend": shown})
                 in_legend.add(name)
-    return {"traces": traces, "layout": _layout(chart), "time": chart.over_time, "height": chart_height(chart)}
+    return {"traces": traces, "layout": _layout(chart), **shared}
 
 
-def _plotly_path(chart: Chart, path: PlanePath) -> dict[str, Any]:
-    curve = {"t": path.time, "x": path.x, "y": path.y}
-    histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
-    rule = {"cycle": path.cycle, "cycles": path.cycles, "columns": path.columns, "most": path.most}
-    titles = {"xTitle": chart.x, "yTitle": path.y_title}
-    return {"path": {**histories, **rule, **titles, "axis": _AXIS}, "time": False, "height": chart_height(chart)}
-
-
-def _traces(layer: Line | Band | Bars) -> list[dict[str, Any]]:
-    if isinstance(layer, Bars):
-        return [_bars(layer)]
-    if isinstance(layer, Band):
-        return _band(layer)
-    return [_line(layer)]
-
-
-def _line(layer: Line) -> dict[str, Any]:
+def _line(layer: Line) -> list[dict[str, Any]]:
     colour = f"--{layer.role}"
     trace: dict[str, Any] = {
         **_over(layer.x),
@@ -125,7 +116,7 @@ def _line(layer: Line) -> dict[str, Any]:
         trace["error_y"] = {
             "type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour
         }  # fmt: skip
-    return trace
+    return [trace]
 
 
 def _band(layer: Band) -> list[dict[str, Any]]:
@@ -136,7 +127,7 @@ def _band(layer: Band) -> list[dict[str, Any]]:
         return []
     if not np.all(np.isfinite(layer.low)):
         return [_broken_band(layer)]
-    edge = {**_over(layer.x), "type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+    edge = {**_over(layer.x), **_EDGE}
     fill = {"name": layer.name, "fill": "tonexty", "fillcolor": f"--{layer.role}-band"}
     return [{**edge, "y": _packed(layer.low)}, {**edge, **fill, "y": _packed(layer.high)}]
 
@@ -149,44 +140,32 @@ def _broken_band(layer: Band) -> dict[str, Any]:
     for run in (slice(start, stop) for start, stop in edges.reshape(-1, 2)):
         there += [x[run], x[run][::-1], np.array([np.nan])]
         around += [low[run], high[run][::-1], np.array([np.nan])]
-    return {
-        "type": "scatter",
-        "x": _bits(np.concatenate(there)),
-        "y": _bits(np.concatenate(around)),
-        "mode": "lines",
-        "line": {"width": 0},
-        "hoverinfo": "skip",
-        "name": layer.name,
-        "fill": "toself",
-        "fillcolor": f"--{layer.role}-band",
-    }
+    area = {"x": _bits(np.concatenate(there)), "y": _bits(np.concatenate(around)), "name": layer.name}
+    return {**_EDGE, **area, "fill": "toself", "fillcolor": f"--{layer.role}-band"}
 
 
-def _bars(layer: Bars) -> dict[str, Any]:
-    return {
-        "type": "bar",
-        "orientation": "h",
-        "x": [float(value) for value in layer.values],
-        "y": list(layer.names),
-        "text": list(layer.texts),
-        "textposition": "outside",
-        "cliponaxis": False,
-        "marker": {"color": f"--{layer.role}"},
-    }
+def _bars(layer: Bars) -> list[dict[str, Any]]:
+    bars = {"x": [float(value) for value in layer.values], "y": list(layer.names), "text": list(layer.texts)}
+    drawn = {"type": "bar", "orientation": "h", "textposition": "outside", "cliponaxis": False}
+    return [{**bars, **drawn, "marker": {"color": f"--{layer.role}"}}]
+
+
+_TRACES: dict[type[Layer], Callable[[Any], list[dict[str, Any]]]] = {Line: _line, Band: _band, Bars: _bars}
 
 
 def _layout(chart: Chart) -> dict[str, Any]:
     count = len(chart.panels)
-    across = chart.range or _range_of_bars(chart)
+    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
+    longest = max((float(value) for layer in bars for value in layer.values), default=0.0)
+    across = chart.range or ((0.0, _BESIDE_BARS * longest) if longest > 0.0 else None)
     layout: dict[str, Any] = {
         "xaxis": {
             **_AXIS,
             "title": {"text": chart.x},
             "anchor": "y" if count == 1 else f"y{count}",
-            **({"type": "log"} if chart.log else {}),
+            **({"type": "log", "exponentformat": "none"} if chart.log else {}),
             **({"dtick": 1} if chart.counted else {}),
             **({"range": list(across)} if across else {}),
-            **({"exponentformat": "power"} if across and across[1] < _LEAST_PLAIN else {}),
         },
         "shapes": _shapes(chart),
         "annotations": _annotations(chart),
@@ -195,42 +174,20 @@ def _layout(chart: Chart) -> dict[str, Any]:
     height = (1.0 - gap * (count - 1)) / count
     for row, panel in enumerate(chart.panels):
         top = 1.0 - row * (height + gap)
-        bars = any(isinstance(layer, Bars) for layer in panel.layers)
-        layout["yaxis" if row == 0 else f"yaxis{row + 1}"] = {
+        axis = {
             **_AXIS,
             "anchor": "x",
             "domain": [max(top - height, 0.0), top],
             "title": {"text": panel.title},
-            **({"exponentformat": "power"} if panel.log or not _plain(panel) else {}),
             **({"type": "log", **_decades(panel)} if panel.log else {}),
             **({"range": list(panel.range)} if panel.range else {}),
             **({"autorange": "reversed", "type": "category", "showgrid": False} if bars else {}),
-            **(_ticks(panel.categories) if panel.categories else {}),
         }
+        if names := panel.categories:
+            ticks = {"tickmode": "array", "tickvals": list(range(len(names))), "ticktext": list(names)}
+            axis |= {**ticks, "range": [len(names) - 0.5, -0.5]}
+        layout["yaxis" if row == 0 else f"yaxis{row + 1}"] = axis
     return layout
-
-
-def _range_of_bars(chart: Chart) -> tuple[float, float] | None:
-    """From nothing to beyond the text of the longest bar; None where there are none."""
-    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
-    longest = max((float(value) for layer in bars for value in layer.values), default=0.0)
-    return (0.0, _BESIDE_BARS * longest) if longest > 0.0 else None
-
-
-def _plain(panel: Panel) -> bool:
-    """True where the greatest value of the vertical axis is written without an exponent."""
-    sides = [side for layer in panel.layers for side in _vertical(layer)]
-    greatest = max((float(np.nanmax(np.abs(side))) for side in sides if np.any(np.isfinite(side))), default=0.0)
-    if panel.range is not None:
-        greatest = min(greatest, max(map(abs, panel.range)))
-    return greatest == 0.0 or _LEAST_PLAIN <= greatest < _MOST_PLAIN
-
-
-def _vertical(layer: Line | Band | Bars) -> list[FloatArray]:
-    if isinstance(layer, Bars):
-        return []
-    sides = (layer.low, layer.high) if isinstance(layer, Band) else (layer.y,)
-    return [np.asarray(side, dtype=np.float64) for side in sides]
 
 
 def _decades(panel: Panel) -> dict[str, Any]:
@@ -241,26 +198,12 @@ def _decades(panel: Panel) -> dict[str, Any]:
     return {"dtick": max(1.0, np.ceil(span / _MOST_DECADES))} if span > _FEWEST_DECADES else {}
 
 
-def _ticks(names: Sequence[str]) -> dict[str, Any]:
-    return {
-        "tickmode": "array",
-        "tickvals": list(range(len(names))),
-        "ticktext": list(names),
-        "range": [len(names) - 0.5, -0.5],
-    }
-
-
 def _shapes(chart: Chart) -> list[dict[str, Any]]:
     whole = {"xref": "x", "yref": "paper", "y0": 0, "y1": 1}
-    marks = [
-        {**whole, "type": "line", "x0": m.at, "x1": m.at, "line": {"color": "--mark", "width": 1, "dash": "dash"}}
-        for m in chart.marks
-    ]
-    spans = [
-        {**whole, "type": "rect", "x0": s.start, "x1": s.stop, "line": {"width": 0}, "fillcolor": "--masked"}
-        for s in chart.spans
-    ]
-    return [*spans, *marks]
+    dashed = {**whole, "type": "line", "line": {"color": "--mark", "width": 1, "dash": "dash"}}
+    shaded = {**whole, "type": "rect", "line": {"width": 0}, "fillcolor": "--masked"}
+    spans = [{**shaded, "x0": span.start, "x1": span.stop} for span in chart.spans]
+    return [*spans, *({**dashed, "x0": mark.at, "x1": mark.at} for mark in chart.marks)]
 
 
 def _annotations(chart: Chart) -> list[dict[str, Any]]:
@@ -278,11 +221,8 @@ def chart_height(chart: Chart) -> int:
     """Height of the drawn chart, px."""
     if chart.path is not None:
         return _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
-    bars = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Bars)]
-    lines = sum(len(layer.names) for layer in bars) + sum(len(panel.categories) for panel in chart.panels)
-    if lines:
-        return _HEIGHT["frame"] + _HEIGHT["bar"] * lines
-    return _HEIGHT["frame"] + max(_HEIGHT["panel"] * len(chart.panels), 260)
+    drawn = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
+    return _HEIGHT["frame"] + drawn
 
 
 def _over(x: Values) -> dict[str, Any]:
@@ -307,10 +247,6 @@ def _bits(values: FloatArray) -> dict[str, str]:
 
 # ---- Where a page came from: version, settings, records by digest, and the command that makes it again ----
 
-
-_CHUNK = 1 << 20
-
-
 @dataclass(frozen=True)
 class Provenance:
     """The command, the settings that differ from the defaults, and each record with its SHA-256."""
@@ -322,83 +258,69 @@ class Provenance:
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
         """Name and value of each entry."""
-        found = [("version", f"brv-hypo {version()}")]
-        found += [(f"record {path}", f"SHA-256 {digest}") for path, digest in self.records]
-        if self.settings:
-            found.append(("settings", self.settings))
-        if self.command:
-            found.append(("made by", self.command))
-        return tuple(found)
+        records = ((f"record {path}", f"SHA-256 {digest}") for path, digest in self.records)
+        made = (("settings", self.settings), ("made by", self.command))
+        return (("version", f"brv-hypo {version()}"), *records, *(row for row in made if row[1]))
 
 
 def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> Provenance:
     """The provenance of a result; a record that is no file any more has no digest."""
-    paths = [Path(path) for path in records if str(path)]
-    return Provenance(
-        command=command,
-        settings=_settings_text(settings),
-        records=tuple((str(path), digest(path)) for path in dict.fromkeys(paths) if path.is_file()),
-    )
+    paths = dict.fromkeys(Path(path) for path in records if str(path))
+    text = ""
+    if settings is not None:
+        changed = settings.model_dump(mode="json", exclude_defaults=True)
+        text = yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip() if changed else "defaults"
+    known = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()}
+    return Provenance(command, text, tuple(known.items()))
 
 
-def digest(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits."""
-    found = hashlib.sha256()
-    with path.open("rb") as file:
-        while chunk := file.read(_CHUNK):
-            found.update(chunk)
-    return found.hexdigest()
 
 
-def _settings_text(settings: BaseModel | None) -> str:
-    """The settings that differ from the defaults, on one line."""
-    if settings is None:
-        return ""
-    changed = settings.model_dump(mode="json", exclude_defaults=True)
-    return yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip() if changed else "defaults"
+# ---- The page: templates in `page/`, and what they need ----
 
-
-_FOLDER = "page"
 _WHOLE = 9
 """A table of more columns takes the whole width of the page."""
 _ROW, _LINE = 380, 32
 """Heights (px) of a row of sections, and of a line of a table: a section that is several rows high has as many sections
 beside it, and no empty space."""
 _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
-"""What is typed as it stands: text between backticks, and options."""
+"""What is typed in one piece: text between backticks, and options."""
 
 
 def page(document: Document, provenance: Provenance) -> str:
     """The whole file: conclusion first, blocks, and at the foot where it came from and how to make it again."""
-    style, stretches, script = (resource(name).decode() for name in ("page.css", "stretches.js", "page.js"))
-    subtitle = "<br>".join(map(escape, document.subtitle))
-    decided = " decided" if document.decided else ""
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(document.title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
-        f'<h1>{escape(document.title)}</h1>\n<p class="quiet">{subtitle}</p>\n'
-        f'<p class="verdict{decided}">{_text(document.conclusion)}</p>\n'
-        f"<main>\n{_sections(document.blocks)}\n</main>\n{_footer(provenance)}\n"
-        f"{_charts(document.charts)}<script>{stretches}{script}</script>\n</body>\n</html>\n"
+    drawn = [plotly_chart(chart) for chart in document.charts]
+    data = json.dumps(drawn, separators=(",", ":"), allow_nan=False).encode()
+    return render(
+        "page.html.j2",
+        document=document,
+        sections=[_section(group) for group in _groups(document.blocks)],
+        provenance=provenance,
+        library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),
+        charts=base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii") if drawn else "",
     )
+
+
+def render(template: str, **values: Any) -> str:
+    """A template with its values, each escaped; in it `resource` is the text of a file that goes in whole."""
+    loader = PackageLoader("brv_hypo.report", "page")
+    known = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
+    known.tests["table"] = lambda block: isinstance(block, Table)
+    known.tests["picture"] = lambda block: isinstance(block, Picture)
+    known.globals["resource"] = lambda name: Markup(resource(name).decode())
+    return known.get_template(template).render(values)
 
 
 def resource(name: str) -> bytes:
     """A file that pages are made of."""
-    return (files("brv_hypo.report") / _FOLDER / name).read_bytes()
-
-
-def _sections(blocks: Sequence[Block]) -> str:
-    return "\n".join(_section(group) for group in _groups(blocks))
+    return (files("brv_hypo.report") / "page" / name).read_bytes()
 
 
 def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
     """Blocks that belong together: one without a heading goes with what stands before it, unless that is a chart."""
     groups: list[list[Block]] = []
-    for block in blocks:
-        if block.empty:
-            continue
+    for block in shown_of(blocks):
         alone = block.heading or isinstance(block, Picture)
         if alone or not groups or isinstance(groups[-1][-1], Picture):
             groups.append([block])
@@ -407,81 +329,13 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
     return groups
 
 
-def _section(group: Sequence[Block]) -> str:
+def _section(group: Sequence[Block]) -> dict[str, Any]:
+    """Blocks, whether they take the whole width, and how many rows of the page, by about the height that they have."""
+    heights = [
+        chart_height(block.chart)
+        if isinstance(block, Picture)
+        else _LINE * len(block.rows if isinstance(block, Table) else block.texts)
+        for block in group
+    ]
     wide = any(isinstance(block, Table) and len(block.headings) > _WHOLE for block in group)
-    rows = max(1, round(sum(map(_height, group)) / _ROW))
-    span = f' style="grid-row: span {rows}"' if rows > 1 else ""
-    return f'<section class="{"whole" if wide else ""}"{span}>{"".join(map(_content, group))}</section>'
-
-
-def _height(block: Block) -> int:
-    """About what the block takes, px."""
-    if isinstance(block, Picture):
-        return chart_height(block.chart)
-    return _LINE * len(block.rows if isinstance(block, Table) else block.texts)
-
-
-def _content(block: Block) -> str:
-    heading = f"<h2>{escape(block.heading)}</h2>\n" if block.heading else ""
-    if isinstance(block, Table):
-        return heading + _table(block)
-    if isinstance(block, Picture):
-        return heading + _figure(block.chart)
-    return f'{heading}<div class="{"warning" if block.warning else "texts"}">{_texts(block)}</div>'
-
-
-def _figure(chart: Chart) -> str:
-    caption = f"<figcaption>{escape(chart.caption)}</figcaption>" if chart.caption else ""
-    return f'<figure><div class="chart" role="img" aria-label="{escape(chart.heading)}"></div>{caption}</figure>'
-
-
-def _texts(block: Texts) -> str:
-    items = list(dict.fromkeys(map(_text, block.texts)))
-    if block.bullets:
-        return "<ul>" + "".join(f"<li>{item}</li>" for item in items) + "</ul>"
-    return "".join(f"<p>{item}</p>" for item in items)
-
-
-def _text(words: str) -> str:
-    """Text as HTML, with what is typed in one piece."""
-    return _CODE.sub(lambda found: f"<code>{found[1] or found[2]}</code>", escape(words))
-
-
-def _table(block: Table) -> str:
-    """Numbers to the right; marked rows bold."""
-
-    def cells(tag: str, values: Sequence[str], shades: Sequence[float]) -> str:
-        return "".join(
-            f"<{tag}{' class=text' if heading in TEXT_COLUMNS else ''}{_shade(shade)}>{escape(value)}</{tag}>"
-            for heading, value, shade in zip(block.headings, values, shades, strict=True)
-        )
-
-    plain = [0.0] * len(block.headings)
-    body = "\n".join(
-        f"<tr{' class=marked' if i in block.marked else ''}>"
-        f"{cells('td', line, block.shades[i] if block.shades else plain)}</tr>"
-        for i, line in enumerate(block.rows)
-    )
-    return f'<div class="wide"><table><tr>{cells("th", block.headings, plain)}</tr>\n{body}</table></div>'
-
-
-def _shade(share: float) -> str:
-    return f' style="background: rgba(var(--shade), {0.6 * share:.2f})"' if share > 0.0 else ""
-
-
-def _footer(provenance: Provenance) -> str:
-    rows = "".join(f"<dt>{escape(name)}</dt><dd><code>{escape(value)}</code></dd>" for name, value in provenance.rows)
-    return f"<footer><dl>{rows}</dl></footer>"
-
-
-def _charts(charts: Sequence[Chart]) -> str:
-    """The script and what it draws, packed; nothing where there is nothing to draw."""
-    if not charts:
-        return ""
-    data = json.dumps([plotly_chart(chart) for chart in charts], separators=(",", ":"), allow_nan=False)
-    library = base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii")
-    packed = base64.b64encode(gzip.compress(data.encode(), mtime=0)).decode("ascii")
-    return (
-        f'<script type="text/plain" id="library">{library}</script>\n'
-        f'<script type="text/plain" id="charts">{packed}</script>\n'
-    )
+    return {"blocks": group, "wide": wide, "rows": max(1, round(sum(heights) / _ROW))}

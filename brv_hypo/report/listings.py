@@ -1,4 +1,4 @@
-"""What commands show that is no document, as tables and as data for JSON: an inspected record, the installed
+"""What commands show that is no document, as blocks and as data for JSON: an inspected record, the installed
 mechanisms and their conformance, a simulated flight.
 """
 
@@ -9,62 +9,65 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
-
-from brv_hypo.flight.inspection import ChannelQuality, Inspection, Noise, Phase
+from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.mechanisms.conformance import Outcome
 from brv_hypo.mechanisms.registry import OWN, Installed
-from brv_hypo.report.style import bullets, number, plain_table, share
+from brv_hypo.report.document import Block, Table, Texts
+from brv_hypo.report.style import number, share
 from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.version import version
 
-# ---- An inspected record as tables and as data ----
+# ---- An inspected record ----
 
-
-NOTES = 6
+NOTES = 5
 """Notes on how the record was made that the terminal shows; all of them with -v."""
-_WHAT_THEN = "compare refuses such a record without --accept-record; trace goes on, and says so first."
+_WHAT_THEN = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
 
 
-def inspection_view(inspection: Inspection, trial: RecordTrial, *, verbose: bool = False) -> RenderableType:
-    """All that is known of the record before anything is done with it; of many notes the first unless `verbose`."""
-    return Group(
-        Text(inspection.title or inspection.path, "bold"),
-        Text(inspection_line(inspection)),
-        Text(_usable(inspection)),
-        Text(),
-        channel_table(inspection),
-        Text(),
-        vehicle_line(inspection),
-        *fault_lines(trial),
-        bullets(phase_texts(inspection.phases), "Phases"),
-        bullets(_shown_notes(inspection.notes, verbose), "Notes"),
-        bullets(inspection.warnings, "Warnings", "yellow"),
+def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]:
+    """All that is known of the record before anything is done with it."""
+    channels = [
+        {
+            "channel": channel.name,
+            "units": _units(channel),
+            "least": number(channel.minimum),
+            "greatest": number(channel.maximum),
+            "noise": number(channel.noise.sigma, 2) if channel.noise.trusted else f"~{number(channel.noise.sigma, 1)}",
+            "missing": f"{channel.missing} (≤{channel.longest_gap})" if channel.missing else "",
+            "spikes": str(channel.spikes or ""),
+        }
+        for channel in inspection.channels
+    ]
+    channels += [{**dict.fromkeys(channels[0], ""), "channel": name, "units": "absent"} for name in inspection.absent]
+    faults = [
+        {
+            "channel": fault.channel,
+            "fault": fault.fault,
+            "from s": f"{fault.start_s:.3f}",
+            "to s": f"{fault.stop_s:.3f}",
+            "action": fault.action,
+        }
+        for fault in trial.faults
+    ]
+    vehicle = inspection.vehicle
+    position = ", ".join(f"{value:.4g}" for value in vehicle.accelerometer_position)
+    described = (
+        f"vehicle: {vehicle.mass:.5g} kg, Ix {vehicle.ixx:.5g}, I {vehicle.iyy:.5g} kg m², reference length "
+        f"{vehicle.reference_length:.4g} m, area {vehicle.reference_area:.4g} m², accelerometers at ({position}) m"
     )
-
-
-def _shown_notes(notes: Sequence[str], verbose: bool) -> list[str]:
-    kept = list(dict.fromkeys(notes))
-    if verbose or len(kept) <= NOTES:
-        return kept
-    return [*kept[: NOTES - 1], f"and {len(kept) - NOTES + 1} more on how the record was made: -v"]
-
-
-def fault_lines(trial: RecordTrial) -> list[RenderableType]:
-    """What the trial of the record found; nothing where it found nothing."""
-    if not trial.faults:
-        return []
-    verdict = "" if trial.sound else ": the record contradicts itself"
-    table = plain_table(f"Faults{verdict}")
-    for heading in ("channel", "fault", "from s", "to s", "action"):
-        table.add_column(heading, overflow="fold")
-    for fault in trial.faults:
-        table.add_row(fault.channel, fault.fault, f"{fault.start_s:.3f}", f"{fault.stop_s:.3f}", fault.action)
-    advice = [] if trial.sound else [Text(_WHAT_THEN)]
-    return [Text(), table, *advice, Text()]
+    title = "Faults" if trial.sound else "Faults: the record contradicts itself"
+    return [
+        Texts((inspection.title or inspection.path,), bullets=False, strong=True),
+        Texts((inspection_line(inspection), _usable(inspection)), bullets=False),
+        Table(channels, words=("channel", "units")),
+        Texts(("", described), bullets=False),
+        Table(faults, title, ("channel", "fault", "action")),
+        Texts(("" if trial.sound else f"\n{_WHAT_THEN}\n",) if faults else (), bullets=False),
+        Texts(phase_texts(inspection.phases), "Phases"),
+        Texts(inspection.notes, "Notes", most=NOTES),
+        Texts(inspection.warnings, "Warnings", warning=True),
+    ]
 
 
 def phase_texts(phases: tuple[Phase, ...]) -> list[str]:
@@ -82,37 +85,15 @@ def inspection_line(inspection: Inspection) -> str:
 
 def _usable(inspection: Inspection) -> str:
     """What can be analysed."""
-    stretches = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
+    intervals = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
     low, high = inspection.dynamic_pressure_range
-    text = f"usable: {stretches} s, dynamic pressure {number(low)} to {number(high)} Pa"
+    text = f"usable: {intervals} s, dynamic pressure {number(low)} to {number(high)} Pa"
     if inspection.transverse_frequency > 0.0:
         text += (
             f"; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
             f"{number(inspection.samples_per_cycle)} samples a cycle"
         )
     return text
-
-
-def channel_table(inspection: Inspection) -> Table:
-    """One row for each channel, values in SI."""
-    table = plain_table()
-    table.add_column("channel", no_wrap=True)
-    table.add_column("units", no_wrap=True)
-    for heading in ("least", "greatest", "noise", "missing", "spikes"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for channel in inspection.channels:
-        table.add_row(
-            channel.name,
-            _units(channel),
-            number(channel.minimum),
-            number(channel.maximum),
-            _noise(channel.noise),
-            f"{channel.missing} (≤{channel.longest_gap})" if channel.missing else "",
-            str(channel.spikes or ""),
-        )
-    for name in inspection.absent:
-        table.add_row(name, Text("absent", "dim"))
-    return table
 
 
 def _units(channel: ChannelQuality) -> str:
@@ -123,29 +104,12 @@ def _units(channel: ChannelQuality) -> str:
     return unit if channel.units == channel.si_units else f"{unit} (from {channel.units})"
 
 
-def _noise(noise: Noise) -> str:
-    """Sigma; a tilde where it is no more than a guide."""
-    return number(noise.sigma, 2) if noise.trusted else f"~{number(noise.sigma, 1)}"
-
-
-def vehicle_line(inspection: Inspection) -> Text:
-    """Mass properties and reference quantities."""
-    vehicle = inspection.vehicle
-    position = ", ".join(f"{value:.4g}" for value in vehicle.accelerometer_position)
-    return Text(
-        f"vehicle: {vehicle.mass:.5g} kg, Ix {vehicle.ixx:.5g}, I {vehicle.iyy:.5g} kg m², reference length "
-        f"{vehicle.reference_length:.4g} m, area {vehicle.reference_area:.4g} m², accelerometers at "
-        f"({position}) m"
-    )
-
-
 def inspection_data(inspection: Inspection, trial: RecordTrial) -> dict[str, Any]:
     """The same as data for JSON."""
     return {"schema": "brv-hypo/inspect/1", **asdict(inspection), "record": asdict(trial)}
 
 
-# ---- The installed mechanisms and their conformance, as tables and as data ----
-
+# ---- The installed mechanisms and their conformance ----
 
 KINDS = ("mechanism", "aerodynamic", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""
@@ -155,49 +119,36 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
     """One row for each mechanism or effect: name, kind, claim; below the claim the package, where it is another's;
     `verbose` adds package and source of all.
     """
-    table = plain_table(f"Mechanisms and effects, of {OWN} {version()} where no other package is named")
-    table.add_column("name", no_wrap=True, style="bold")
-    table.add_column("kind", no_wrap=True)
-    table.add_column("claims", overflow="fold")
+    rows = []
     for name, entry in sorted(found.items(), key=lambda item: (KINDS.index(item[1].item.kind), item[0])):
         lines = [entry.item.claims]
         if verbose or entry.package != OWN:
             lines.append(f"package: {entry.package} {entry.version}")
         if verbose:
             lines.append(f"source: {entry.item.source}")
-        table.add_row(name, entry.item.kind, "\n".join(lines))
-    return table
+        rows.append({"name": name, "kind": entry.item.kind, "claims": "\n".join(lines)})
+    heading = f"Mechanisms and effects, of {OWN} {version()} where no other package is named"
+    return Table(rows, heading, ("name", "kind", "claims"))
 
 
 def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
     """The same as data for JSON."""
-    return {
-        "schema": "brv-hypo/mechanisms/1",
-        "mechanisms": [
-            {
-                "name": name,
-                "kind": entry.item.kind,
-                "title": entry.item.title,
-                "claims": entry.item.claims,
-                "source": entry.item.source,
-                "package": entry.package,
-                "version": entry.version,
-            }
-            for name, entry in found.items()
-        ],
-    }
+    described = ("kind", "title", "claims", "source")
+    mechanisms = []
+    for name, entry in found.items():
+        item = {key: getattr(entry.item, key) for key in described}
+        mechanisms.append({"name": name, **item, "package": entry.package, "version": entry.version})
+    return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms}
 
 
 def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
     """One row for each check, with what was found where it failed."""
-    table = plain_table(f"Conformance of '{name}'")
-    table.add_column("check", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("found")
+    rows = []
     for outcome in outcomes:
-        passed = Text("passed", "green") if outcome.passed else Text("failed", "bold red")
-        table.add_row(outcome.check.replace("_", " "), passed, outcome.detail)
-    return table
+        passed = "passed" if outcome.passed else "failed"
+        rows.append({"check": outcome.check.replace("_", " "), "": passed, "found": outcome.detail})
+    failed = [i for i, outcome in enumerate(outcomes) if not outcome.passed]
+    return Table(rows, f"Conformance of '{name}'", ("check", "", "found"), marked=failed)
 
 
 def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -211,7 +162,6 @@ def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 # ---- A simulated flight in words and as data ----
-
 
 def simulation_text(flown: SimulatedFlight) -> str:
     """What was flown, what was planted, and how much of the moment that is."""

@@ -1,6 +1,6 @@
 """A study as a document: confusion matrix, calibration, detection limits, coverage of the planted parameters.
 
-Rows of its tables, its two charts, then `study_document`, the entrance.
+Its tables, its two charts, then `study_document`, the entrance.
 """
 
 from __future__ import annotations
@@ -9,50 +9,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from brv_hypo.io.text import hypothesis
 from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Picture, Role, Shown, Table, Texts
 from brv_hypo.report.style import NOT_A_NUMBER, number
 from brv_hypo.report.style import share as percent
 from brv_hypo.study import Outcome
-from brv_hypo.study.statistics import (
-    SIGMAS,
-    Calibration,
-    ConfusionRow,
-    Coverage,
-    DetectionLimit,
-    Share,
-    StudySummary,
-)
+from brv_hypo.study.statistics import SIGMAS, Calibration, ConfusionRow, Share, StudySummary
 
-# ---- The rows of a study's tables, the same in the terminal and on the page ----
+MOST_MISTAKES = 12
+"""Mistakes that the terminal lists; -v, the page and the CSV file hold them all."""
 
 
-Rows = list[tuple[str, ...]]
-
-CALIBRATION_HEADINGS = ("probability", "flights", "mean prob.", "right (95 %)")
-DETECTION_HEADINGS = ("planted", "vehicle", "flights", "won", "effects", "50 %", "90 %", "status")
-COVERAGE_HEADINGS = (
-    *("planted", "parameter", "unit", "known", "missing"),
-    *(f"in {SIGMAS:g} sigma", "rms/sigma", "error"),
-)
-MISTAKE_HEADINGS = ("flight", "size", "effect", "ranked first", "verdict", "prob.", "lead")
-FAULT_HEADINGS = ("fault of the record", "flights", "named", "wrong", "wrong, unwarned")
-
-
-def headline(summary: StudySummary) -> str:
-    """The outcome in one sentence."""
-    return (
-        f"What was planted ranks first in {counted(summary.right_visible)} flights with an effect of at "
-        f"least {percent(summary.visible_effect)} of the moment, or with none; false alarms in "
-        f"{counted(summary.false_alarms)} flights with none."
-    )
-
-
-def flown(summary: StudySummary) -> str:
-    """How many flights there were."""
-    pace = "" if summary.seconds_per_flight is None else f", {summary.seconds_per_flight:.1f} s each"
-    compared = f"{summary.compared} of {summary.flights} flights compared"
-    return f"{summary.title}, seed {summary.seed}: {compared}{pace}"
-
+# ---- Tables ----
 
 def counted(value: Share) -> str:
     """A share with its counts."""
@@ -66,119 +34,117 @@ def ranged(value: Share) -> str:
     return f"{100 * value.value:.0f} %, {100 * value.low:.0f}–{100 * value.high:.0f}"
 
 
-def confusion_headings(rows: Sequence[ConfusionRow]) -> tuple[str, ...]:
-    """Planted, then a column for everything that ranked first."""
-    return ("planted", "n", *_names(rows), "right", "won")
-
-
-def confusion_rows(rows: Sequence[ConfusionRow]) -> Rows:
-    """One row for each planted mechanism: how often each hypothesis ranked first."""
-    names = _names(rows)
-    return [
-        (
-            row.planted,
-            str(row.flights),
-            *(str(row.first.get(name, 0) or "·") for name in names),
-            percent(row.ranked_first.value),
-            percent(row.won.value),
-        )
-        for row in rows
+def confusion_table(heading: str, part: Sequence[ConfusionRow], shown: Shown = "always") -> Table:
+    """How often each hypothesis ranked first, by what was planted; cells shaded by their share of the row."""
+    names = dict.fromkeys([*(row.planted for row in part), *(name for row in part for name in row.first)])
+    rows = [
+        {
+            "planted": hypothesis(row.planted),
+            "n": str(row.flights),
+            **{hypothesis(name): str(row.first.get(name, 0) or "·") for name in names},
+            "right": percent(row.ranked_first.value),
+            "won": percent(row.won.value),
+        }
+        for row in part
     ]
+    shades = [{hypothesis(name): row.first.get(name, 0) / max(row.flights, 1) for name in names} for row in part]
+    return Table(rows, heading, ("planted",), shown=shown, shades=shades)
 
 
-def _names(rows: Sequence[ConfusionRow]) -> list[str]:
-    planted = [row.planted for row in rows]
-    return list(dict.fromkeys([*planted, *(name for row in rows for name in row.first)]))
-
-
-def calibration_rows(calibration: Calibration) -> Rows:
-    """One row for each bin that holds flights."""
-    return [
-        (
-            f"{item.low:g}–{item.high:g}",
-            str(item.right.total),
-            number(item.mean_probability),
-            ranged(item.right),
-        )
+def calibration_blocks(calibration: Calibration) -> list[Block]:
+    """One row for each bin that holds flights; scores, and the temperature that would serve better."""
+    rows = [
+        {
+            "probability": f"{item.low:g}–{item.high:g}",
+            "flights": str(item.right.total),
+            "mean prob.": number(item.mean_probability),
+            "right (95 %)": ranged(item.right),
+        }
         for item in calibration.bins
         if item.right.total
     ]
-
-
-def calibration_line(calibration: Calibration) -> str:
-    """Scores, and the temperature that would serve better."""
     best = calibration.best_temperature
     least = (
         "the flights cannot set a better one"
         if best is None
         else f"least {number(calibration.best_log_loss)} at {number(best, 2)}"
     )
-    return (
+    scores = (
         f"{calibration.flights} flights: Brier score {number(calibration.brier)}, log loss "
         f"{number(calibration.log_loss)} at temperature {calibration.temperature:g}; {least}"
     )
+    return [Table(rows, "Calibration"), Texts((scores,) if calibration.flights else (), bullets=False)]
 
 
-def detection_rows(limits: Sequence[DetectionLimit]) -> Rows:
+def detection_table(summary: StudySummary) -> Table:
     """One row for each planted mechanism and vehicle: the effects flown, and those won in 50 % and 90 %."""
-    return [
-        (
-            limit.planted,
-            limit.vehicle or "all",
-            str(limit.flights),
-            str(limit.won),
-            f"{number(100.0 * limit.least, 2)}–{percent(limit.greatest)}",
-            percent(limit.half),
-            percent(limit.nine_tenths),
-            limit.status,
-        )
-        for limit in limits
+    rows = [
+        {
+            "planted": limit.planted,
+            "vehicle": limit.vehicle or "all",
+            "flights": str(limit.flights),
+            "won": str(limit.won),
+            "effects": f"{number(100.0 * limit.least, 2)}–{percent(limit.greatest)}",
+            "50 %": percent(limit.half),
+            "90 %": percent(limit.nine_tenths),
+            "status": limit.status,
+        }
+        for limit in summary.detection
     ]
+    return Table(rows, "Detection limits", ("planted", "vehicle", "status"))
 
 
-def coverage_rows(coverages: Sequence[Coverage]) -> Rows:
+def coverage_table(summary: StudySummary) -> Table:
     """One row for each planted parameter; "error" is the median of the absolute errors."""
-    return [
-        (
-            item.planted,
-            item.parameter,
-            item.units,
-            str(item.covered.total),
-            str(item.missing),
-            percent(item.covered.value),
-            number(item.rms_sigmas),
-            number(item.median_error, 2),
-        )
-        for item in coverages
+    rows = [
+        {
+            "planted": item.planted,
+            "parameter": item.parameter,
+            "unit": item.units,
+            "known": str(item.covered.total),
+            "missing": str(item.missing),
+            f"in {SIGMAS:g} sigma": percent(item.covered.value),
+            "rms/sigma": number(item.rms_sigmas),
+            "error": number(item.median_error, 2),
+        }
+        for item in summary.coverage
     ]
+    return Table(rows, "Planted parameters", ("planted", "parameter", "unit"))
 
 
-def mistake_rows(summary: StudySummary) -> Rows:
-    """One row for each flight with a visible effect that something else than the truth leads."""
-    return [
-        (
-            item.key,
-            number(item.size),
-            percent(item.effect),
-            item.first,
-            item.winner or "undecided",
-            number(item.probability),
-            NOT_A_NUMBER if item.lead is None else number(item.lead),
-        )
-        for item in summary.mistakes
-    ]
-
-
-def fault_rows(summary: StudySummary) -> Rows:
+def fault_table(summary: StudySummary) -> Table:
     """One row for each fault of the record: how often it is named, and what becomes of the verdict."""
-    return [
-        (row.fault, str(row.flights), ranged(row.named), ranged(row.wrong), ranged(row.unwarned))
+    rows = [
+        {
+            "fault of the record": row.fault,
+            "flights": str(row.flights),
+            "named": ranged(row.named),
+            "wrong": ranged(row.wrong),
+            "wrong, unwarned": ranged(row.unwarned),
+        }
         for row in summary.faults
     ]
+    return Table(rows, "Faults of the record", ("fault of the record",))
 
 
-# ---- The charts of a study ----
+def mistake_table(summary: StudySummary) -> Table:
+    """One row for each flight with a visible effect that something else than the truth leads."""
+    rows = [
+        {
+            "flight": item.key,
+            "size": number(item.size),
+            "effect": percent(item.effect),
+            "ranked first": hypothesis(item.first),
+            "verdict": hypothesis(item.winner or "undecided"),
+            "prob.": number(item.probability),
+            "lead": number(item.lead),
+        }
+        for item in summary.mistakes
+    ]
+    return Table(rows, f"Mistakes ({len(rows)})", ("flight", "ranked first", "verdict"), most=MOST_MISTAKES)
 
+
+# ---- Charts ----
 
 def calibration_chart(calibration: Calibration) -> Chart:
     """Share right over stated probability, with its interval; the line is perfect calibration."""
@@ -209,12 +175,11 @@ def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
         ("first, undecided", "first", [o for o in outcomes if o.right and not o.won]),
         ("missed", "second", [o for o in outcomes if not o.right]),
     )
-    layers = [
-        Line([100.0 * o.effect for o in some], [lines.index(_line(o)) for o in some], role, name, dots=True,
-             large=True)
-        for name, role, some in kinds
-        if some
-    ]  # fmt: skip
+    layers = []
+    for name, role, some in kinds:
+        x, y = [100.0 * o.effect for o in some], [lines.index(_line(o)) for o in some]
+        if some:
+            layers.append(Line(x, y, role, name, dots=True, large=True))
     panels = [Panel("", layers, categories=lines)] if layers else []
     title = "effect, % of the moment's rms while it lasts"
     read = "A dot for every flight with a mechanism planted."
@@ -222,51 +187,37 @@ def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
 
 
 def _line(outcome: Outcome) -> str:
-    return f"{outcome.planted}, {outcome.draw.vehicle}"
+    return f"{hypothesis(outcome.planted)}, {outcome.draw.vehicle}"
 
 
 # ---- A study as a document ----
 
-
-MOST_MISTAKES = 12
-"""Mistakes that the terminal lists; -v, the page and the CSV file hold them all."""
-
-
 def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Document:
     """Confusion, calibration, detection limits, coverage; in detail each vehicle and every mistake."""
-    visible = f"effect at least {percent(summary.visible_effect)} of the moment, or none"
-    planted = [o for o in outcomes if o.status == "compared" and o.effect > 0.0]
-    mistakes = mistake_rows(summary)
-    calibrated = summary.calibration_visible
-    blocks: list[Block] = [
-        _confusion(f"Ranked first ({visible})", summary.confusion_visible),
-        *(_confusion(f"Ranked first, {name}", part, "verbose") for name, part in summary.by_vehicle.items()),
-        _confusion("Ranked first, all flights", summary.confusion, "page"),
-        Table(CALIBRATION_HEADINGS, calibration_rows(calibrated), "Calibration"),
-        Texts((calibration_line(calibrated),) if calibrated.flights else (), bullets=False),
-        Picture(effect_chart(planted)),
-        Picture(calibration_chart(calibrated)),
-        Table(DETECTION_HEADINGS, detection_rows(summary.detection), "Detection limits"),
-        Table(COVERAGE_HEADINGS, coverage_rows(summary.coverage), "Planted parameters"),
-        Table(FAULT_HEADINGS, fault_rows(summary), "Faults of the record"),
-        Table(MISTAKE_HEADINGS, mistakes, f"Mistakes ({len(mistakes)})", most=MOST_MISTAKES),
-        Texts([f"{f.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),
-    ]
+    least = percent(summary.visible_effect)
+    pace = "" if summary.seconds_per_flight is None else f", {summary.seconds_per_flight:.1f} s each"
+    flown = f"{summary.compared} of {summary.flights} flights compared{pace}"
+    visible = f"Ranked first (effect at least {least} of the moment, or none)"
     return Document(
         title=f"Study: {summary.title}",
-        subtitle=(flown(summary),),
+        subtitle=(f"{summary.title}, seed {summary.seed}: {flown}",),
         conclusion_title="Study",
-        conclusion=headline(summary),
+        conclusion=(
+            f"What was planted ranks first in {counted(summary.right_visible)} flights with an effect of at least "
+            f"{least} of the moment, or with none; false alarms in {counted(summary.false_alarms)} flights with none."
+        ),
         decided=not summary.failures,
-        blocks=blocks,
+        blocks=[
+            confusion_table(visible, summary.confusion_visible),
+            *(confusion_table(f"Ranked first, {name}", part, "verbose") for name, part in summary.by_vehicle.items()),
+            confusion_table("Ranked first, all flights", summary.confusion, "page"),
+            *calibration_blocks(summary.calibration_visible),
+            Picture(effect_chart([o for o in outcomes if o.status == "compared" and o.effect > 0.0])),
+            Picture(calibration_chart(summary.calibration_visible)),
+            detection_table(summary),
+            coverage_table(summary),
+            fault_table(summary),
+            mistake_table(summary),
+            Texts([f"{f.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),
+        ],
     )
-
-
-def _confusion(heading: str, part: Sequence[ConfusionRow], shown: Shown = "always") -> Table:
-    """How often each hypothesis ranked first, cells shaded by their share of the row."""
-    headings = confusion_headings(part)
-    shades = [
-        [0.0, 0.0, *(row.first.get(name, 0) / max(row.flights, 1) for name in headings[2:-2]), 0.0, 0.0]
-        for row in part
-    ]
-    return Table(headings, confusion_rows(part), heading, shown=shown, shades=shades)

@@ -49,12 +49,11 @@ _FAR_WIDER = 5.0
 
 def framed(panel: Panel, floor: float = -np.inf) -> Panel:
     """The panel, with a range where outliers or a wide band would flatten its histories; nothing lies below `floor`."""
-    shown = _known([line.y for line in panel.layers if isinstance(line, Line)])
+    shown, edges = _values(panel, Line), _values(panel, Band)
     if not shown.size:
         return panel
     low, high = _of_bulk(shown)
     width = high - low
-    edges = _known([side for band in panel.layers if isinstance(band, Band) for side in (band.low, band.high)])
     if edges.size and np.ptp(edges) > _FAR_WIDER * width > 0.0:
         return replace(panel, range=(max(low - width, floor), high + width))
     if (low, high) != (np.min(shown), np.max(shown)):
@@ -64,10 +63,15 @@ def framed(panel: Panel, floor: float = -np.inf) -> Panel:
 
 def cut_text(panels: Sequence[Panel]) -> str:
     """What lies beyond the frames, in a sentence; empty where nothing does."""
-    if any(_beyond(panel, Line) for panel in panels):
-        return "A few values far from all others lie beyond the frame: double-click shows them."
-    if any(_beyond(panel, Band) for panel in panels):
-        return "The band is far wider than what is drawn, and goes beyond the frame."
+    said = {
+        Line: "A few values far from all others lie beyond the frame: double-click shows them.",
+        Band: "The band is far wider than what is drawn, and goes beyond the frame.",
+    }
+    for kind, sentence in said.items():
+        for panel in panels:
+            values = _values(panel, kind)
+            if panel.range is not None and np.any((values < panel.range[0]) | (values > panel.range[1])):
+                return sentence
     return ""
 
 
@@ -81,35 +85,30 @@ def _of_bulk(values: FloatArray) -> tuple[float, float]:
     return max(low, first - _BESIDE * width), min(high, last + _BESIDE * width)
 
 
-def _beyond(panel: Panel, kind: type[Line] | type[Band]) -> bool:
-    """Whether layers of this kind reach beyond the range of the panel."""
-    if panel.range is None:
-        return False
+def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
+    """The finite values of the panel's lines, or of the edges of its bands."""
     layers = [layer for layer in panel.layers if isinstance(layer, kind)]
     sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
-    values = _known(sides)
-    return bool(values.size and (np.min(values) < panel.range[0] or np.max(values) > panel.range[1]))
-
-
-def _known(sides: Sequence[Sequence[float] | FloatArray]) -> FloatArray:
-    values = np.concatenate([np.asarray(side, dtype=float) for side in sides]) if sides else np.zeros(0)
+    values: FloatArray = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
     return values[np.isfinite(values)]
 
 
-# ---- Charts of a motion and of moments over time, angle and frequency, for whatever result has them ----
+# ---- Motion and moments over time, angle of attack and frequency ----
 
-
-IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>N</sub>′", "out of plane, C<sub>Z</sub>′"
+IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,side</sub>"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
-BESIDE = "Errors of record and vehicle are fitted beside every model; one far behind has the leader's."
-_GYROS = "Band: white noise of the gyros; a verdict counts in the noise that the record shows, which may be more."
+BESIDE = (
+    "Errors of record and vehicle are fitted with every model; a model that fits far worse than the leader is drawn "
+    "with the leader's errors."
+)
+_GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99
-"""Share of the record from which on a fault is one of the record as such, and no stretch of it is masked."""
+"""Share of the record from which on a fault is one of the record as such, and no part of it is masked."""
 _NARROWEST = 0.003
-"""Share of the record that a shaded stretch takes at least, to be seen."""
+"""Share of the record that a shaded interval takes at least, to be seen."""
 _SEGMENT = 512
 """Samples of a segment of a spectrum, at most."""
 
@@ -140,18 +139,20 @@ def scale_of(*histories: Values) -> Scale:
 
 @dataclass(frozen=True)
 class Setting:
-    """What all charts over time of one flight share: the span (s), knots to mark, faults that are masked.
-
-    `suffix` distinguishes the flights of one result.
-    """
+    """What all charts over time of one flight share."""
 
     span: tuple[float, float]
+    """Of the record, s."""
     knots: Sequence[float] = ()
+    """To mark, s."""
     masked: Sequence[tuple[float, float, str]] = ()
+    """Faults to shade: from, to (s), name."""
     suffix: str = ""
+    """Of file names, which distinguishes the flights of one result."""
     which: str = ""
+    """The same in headings."""
 
-    def chart(self, name: str, heading: str, panels: Sequence[Panel], caption: str = "") -> Chart:
+    def chart(self, name: str, heading: str, panels: Sequence[Panel], *read: str) -> Chart:
         """A chart over this flight's time."""
         return Chart(
             f"{name}{self.suffix}",
@@ -162,7 +163,7 @@ class Setting:
             range=self.span,
             marks=[Mark(knot) for knot in self.knots],
             spans=[Span(*fault) for fault in self.masked],
-            caption=caption,
+            caption=caption(*read, "Dashed lines: knots." if self.knots else ""),
         )
 
 
@@ -184,17 +185,10 @@ def moment_chart(
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
 ) -> Chart:
     """Measured moments within two standard deviations, and the models, the last one on top."""
-    scale = scale_of(*measured, *(values for m in models for values in m.moments))
-    under: list[list[Layer]] = [
-        [_band(time, values, sigma, scale), Line(time, scale.drawn(values), "measured", "measured", dots=True)]
-        for values in measured
-    ]
-    panels = _panels(titles, scale, time, under, models)
+    panels = _panels(titles, time, models, measured, sigma)
     heading = "Moments, measured and modelled" if models else "Moments"
-    beside = BESIDE if models else ""
-    knots = "Dashed lines: knots of the model on top." if setting.knots else ""
     shaded = "Shaded: masked." if setting.masked else ""
-    return setting.chart("moments", heading, panels, caption(beside, knots, shaded, cut_text(panels)))
+    return setting.chart("moments", heading, panels, BESIDE if models else "", shaded, cut_text(panels))
 
 
 def residual_chart(
@@ -205,32 +199,46 @@ def residual_chart(
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     heading: str = "Residual moments",
 ) -> Chart:
-    """What models leave of the moments, before a band of two standard deviations; the last one on top."""
-    scale = scale_of(*(values for m in models for values in m.moments))
-    band = _band(time, np.zeros(len(time)), sigma, scale)
-    panels = _panels(titles, scale, time, [[band] for _ in titles], models)
-    knots = "Dashed lines: knots." if setting.knots else ""
-    return setting.chart("residuals", heading, panels, caption(BESIDE, _GYROS, knots, cut_text(panels)))
+    """Residual moments of models, before a band of two standard deviations; the last one on top."""
+    panels = _panels(titles, time, models, sigma=sigma)
+    return setting.chart("residuals", heading, panels, BESIDE, _GYROS, cut_text(panels))
+
+
+def moment_by_alpha_chart(
+    setting: Setting,
+    alpha: Values,
+    measured: Moments,
+    models: Sequence[Drawn],
+    name: str = "moment-by-alpha",
+    heading: str = "Moments",
+) -> Chart:
+    """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
+    panels = _panels((IN_PLANE, OUT_OF_PLANE), np.degrees(np.asarray(alpha)), models, measured, dots=True)
+    title = f"{heading} against angle of attack{setting.which}"
+    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels, caption=cut_text(panels))
 
 
 def _panels(
     titles: Sequence[str],
-    scale: Scale,
     x: Values,
-    under: Sequence[Sequence[Layer]],
     models: Sequence[Drawn],
+    measured: Moments | None = None,
+    sigma: Values | None = None,
     dots: bool = False,
 ) -> list[Panel]:
-    """A panel for each moment: what lies `under` the models, and their moments over `x`."""
-    return [
-        framed(
-            Panel(
-                f"{title}{scale.suffix}",
-                [*layers, *(Line(x, scale.drawn(m.moments[k]), m.role, m.name, dots=dots) for m in models)],
-            )
-        )
-        for k, (title, layers) in enumerate(zip(titles, under, strict=True))
-    ]
+    """A panel for each moment: the measured one, if any, within its noise, and the models on top."""
+    scale = scale_of(*(measured or ()), *(values for m in models for values in m.moments))
+    panels = []
+    for k, title in enumerate(titles):
+        layers: list[Layer] = []
+        if sigma is not None:
+            centre, wide = scale.drawn(measured[k] if measured else np.zeros(len(x))), 2.0 * scale.drawn(sigma)
+            layers.append(Band(x, centre - wide, centre + wide))
+        if measured is not None:
+            layers.append(Line(x, scale.drawn(measured[k]), "measured", "measured", dots=True))
+        layers += [Line(x, scale.drawn(m.moments[k]), m.role, m.name, dots=dots) for m in models]
+        panels.append(framed(Panel(f"{title}{scale.suffix}", layers)))
+    return panels
 
 
 def caption(*sentences: str) -> str:
@@ -239,7 +247,7 @@ def caption(*sentences: str) -> str:
 
 
 def difference(measured: Moments, fitted: Moments) -> Moments:
-    """What a model leaves of the measured moments; or the model, of the moments and what it leaves."""
+    """The residual of a model; or the model, of the measured moments and its residual."""
     first, second = (np.asarray(m) - np.asarray(f) for m, f in zip(measured, fitted, strict=True))
     return first, second
 
@@ -258,75 +266,48 @@ def motion_chart(
     below: list[Layer] = [Line(time, wrapped, "measured", "estimate")]
     if len(alpha_sigma) and len(meridian_sigma):
         wide, turn = 2.0 * np.degrees(np.asarray(alpha_sigma)), 2.0 * np.degrees(np.asarray(meridian_sigma))
-        turn = np.minimum(turn, 180.0)  # an angle that nothing tells lies anywhere, and no further
+        turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
         above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)))
         below.insert(0, Band(time, wrapped - turn, wrapped + turn))
     panels = [
         framed(Panel("α, deg", above), floor=0.0),
         Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0)),
     ]
-    knots = "Dashed lines: knots." if setting.knots else ""
-    read = caption("The meridian within half a turn: a break is where it goes on.", knots, cut_text(panels[:1]))
-    return setting.chart("motion", "Angle of attack and windward meridian", panels, read)
-
-
-def moment_by_alpha_chart(
-    setting: Setting,
-    alpha: Values,
-    measured: Moments,
-    models: Sequence[Drawn],
-    name: str = "moment-by-alpha",
-    heading: str = "Moments",
-) -> Chart:
-    """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
-    degrees = np.degrees(np.asarray(alpha))
-    scale = scale_of(*measured, *(values for m in models for values in m.moments))
-    under = [[Line(degrees, scale.drawn(values), "measured", "measured", dots=True)] for values in measured]
-    panels = _panels((IN_PLANE, OUT_OF_PLANE), scale, degrees, under, models, dots=True)
-    title = f"{heading} against angle of attack{setting.which}"
-    return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels, caption=cut_text(panels))
+    ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
+    return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 
 
 def spectrum_chart(
     setting: Setting, time: Values, histories: Mapping[str, tuple[Moments, Role]], rates: Mapping[str, float]
 ) -> Chart:
     """Spectra of moments, both planes together, with the frequencies (Hz) of `rates` marked."""
-    t = np.asarray(time, dtype=float)
-    sample_rate = 1.0 / float(np.median(np.diff(t)))
-    layers: list[Layer] = []
-    highest = 0.0
+    sample_rate = 1.0 / float(np.median(np.diff(np.asarray(time, dtype=float))))
     known = np.all([np.isfinite(values) for moments, _ in histories.values() for values in moments], axis=0)
-    spectra = {
-        name: _spectrum([np.asarray(values)[known] for values in moments], sample_rate)
-        for name, (moments, _) in histories.items()
-    }
-    for frequency, power in spectra.values():
-        highest = highest or float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
-    highest = min(_MARGIN * max([highest, *(rate for rate in rates.values() if np.isfinite(rate))]), 0.5 * sample_rate)
-    for name, (frequency, power) in spectra.items():
-        shown = frequency <= highest
-        layers.append(Line(frequency[shown], power[shown], histories[name][1], name))
+    size = min(_SEGMENT, int(np.count_nonzero(known)))
+    spectra: dict[str, FloatArray] = {}
+    for name, (moments, _) in histories.items():
+        planes = [welch(np.asarray(values)[known], fs=sample_rate, nperseg=size) for values in moments]
+        frequency, power = np.asarray(planes[0][0]), planes[0][1] + planes[1][1]
+        spectra[name] = np.stack([frequency, np.maximum(power, np.finfo(float).tiny)])[:, 1:]  # from above zero
+    frequency, power = next(iter(spectra.values()))
+    most = float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
+    marks = {name: at for name, at in rates.items() if np.isfinite(at)}
+    highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
+    shown = frequency <= highest
+    layers = [Line(frequency[shown], power[shown], histories[name][1], name) for name, (_, power) in spectra.items()]
     return Chart(
         f"spectrum{setting.suffix}",
         f"Spectrum{setting.which}",
         "frequency, Hz",
         [Panel("power density, 1/Hz", layers, log=True)],
         range=(0.0, highest),
-        marks=[Mark(at, name) for name, at in rates.items() if np.isfinite(at)],
+        marks=[Mark(at, name) for name, at in marks.items()],
         caption="Both planes together, Welch's method. Marked: median rates over the record.",
     )
 
 
-def _spectrum(moments: Sequence[FloatArray], sample_rate: float) -> tuple[FloatArray, FloatArray]:
-    """One-sided power density of both histories together, from the first line above zero."""
-    size = min(_SEGMENT, len(moments[0]))
-    parts = [welch(values, fs=sample_rate, nperseg=size) for values in moments]
-    frequency, power = np.asarray(parts[0][0], dtype=float), np.asarray(parts[0][1] + parts[1][1], dtype=float)
-    return frequency[1:], np.maximum(power[1:], np.finfo(float).tiny)
-
-
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Stretches to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
+    """Intervals to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
     the record as a whole, none.
     """
     found = []
@@ -347,26 +328,24 @@ def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[f
 
 def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
     """Frequencies (Hz) of roll and of the windward meridian: medians of the rates' size (rad/s)."""
-    found = {}
-    for name, values in (("roll", roll_rate), ("meridian", meridian_rate)):
-        if len(values):
-            found[name] = float(np.median(np.abs(np.asarray(values)))) / (2.0 * np.pi)
-    return found
+    known = {name: rate for name, rate in (("roll", roll_rate), ("meridian", meridian_rate)) if len(rate)}
+    return {name: float(np.median(np.abs(np.asarray(rate)))) / (2.0 * np.pi) for name, rate in known.items()}
 
 
-def _band(time: Values, centre: Values, sigma: Values, scale: Scale) -> Band:
-    middle, wide = scale.drawn(centre), 2.0 * scale.drawn(sigma)
-    return Band(time, middle - wide, middle + wide)
+def estimate(
+    x: Values, value: FloatArray, sigma: FloatArray, role: Role = "first", name: str = "estimate", band: str = ""
+) -> list[Band | Line]:
+    """An estimate within two standard deviations, whose band has a name of its own where it is in the legend."""
+    return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
 
 
-# ---- Pitch against yaw, stretch by stretch: many cycles over each other are a tangle that says nothing ----
-
+# ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----
 
 _CAPTION = (
     "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
     "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."
 )
-_SEVERAL = " Each stretch begins at the dot. Zoom a chart over time, and the stretches are of what it shows."
+_SEVERAL = " Each interval begins at the dot. After zooming a chart over time, the intervals are those of its range."
 
 
 def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:
@@ -380,8 +359,11 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
     turned = phi - np.asarray(meridian)
     amplitude = np.degrees(np.asarray(alpha))
     theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
-    path = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / _cycles(theta, psi))
-    panels = [Panel(title, layers) for title, layers in _stretches(path)]
+    # how often the path goes round: its length over the circumference of a circle of its size
+    length, size = np.sum(np.hypot(np.diff(theta), np.diff(psi))), np.sqrt(np.mean(theta**2 + psi**2))
+    cycles = max(float(length / (2.0 * np.pi * size)), 1.0) if size > 0.0 else 1.0
+    path = PlanePath(t, psi, theta, "theta, deg", cycle=float(t[-1] - t[0]) / cycles)
+    panels = list(_intervals(path))
     return Chart(
         f"theta-psi{setting.suffix}",
         f"Pitch against yaw{setting.which}",
@@ -392,23 +374,13 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
     )
 
 
-def _cycles(theta: FloatArray, psi: FloatArray) -> float:
-    """How often the path goes round, by its length over the circumference of a circle of its size; at least one."""
-    length = float(np.sum(np.hypot(np.diff(theta), np.diff(psi))))
-    size = float(np.sqrt(np.mean(theta**2 + psi**2)))
-    return max(length / (2.0 * np.pi * size), 1.0) if size > 0.0 else 1.0
-
-
-def _stretches(path: PlanePath) -> Iterator[tuple[str, list[Line]]]:
-    """Title and layers of equally long stretches of the path, each up to where the next begins."""
+def _intervals(path: PlanePath) -> Iterator[Panel]:
+    """Equally long intervals of the path, each up to where the next begins."""
     time, x, y = (np.asarray(values, dtype=float) for values in (path.time, path.x, path.y))
-    edges = np.linspace(time[0], time[-1], path.stretches + 1)
+    edges = np.linspace(time[0], time[-1], path.intervals + 1)
     digits = max(0, 1 - int(np.floor(np.log10((edges[1] - edges[0]) or 1.0))))
     for start, stop in pairwise(edges):
         inside = slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, stop)) + 1)
-        first = slice(inside.start, inside.start + 1)
         line = Line(x[inside], y[inside], "measured", "path")
-        yield (
-            f"{start:.{digits}f}–{stop:.{digits}f} s",
-            [line, Line(x[first], y[first], "second", "start", dots=True, large=True)],
-        )
+        first = Line(line.x[:1], line.y[:1], "second", "start", dots=True, large=True)
+        yield Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first])

@@ -14,69 +14,66 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion import Reconstruction
 from brv_hypo.motion.kinematics import body_attitude
-from brv_hypo.motion.reconstruction import angle_known
+from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Chart, Document, Line, Panel, Picture, Table, Texts
-from brv_hypo.report.motion_charts import (
-    Setting,
-    attitude_chart,
-    masked,
-    moment_by_alpha_chart,
-    moment_chart,
-    motion_chart,
-    spectrum_chart,
-    turning_rates,
-)
+from brv_hypo.report.motion_charts import Setting
 from brv_hypo.report.style import interval, number
+from brv_hypo.report.tables import motion_known
 
 # ---- Charts of a record as it was measured: forces, rates, and the attitude that the rates alone make ----
-
 
 _FORCES = (("ax", "a<sub>x</sub>, m/s²"), ("ay", "a<sub>y</sub>, m/s²"), ("az", "a<sub>z</sub>, m/s²"))
 _RATES = (("p", "p, deg/s"), ("q", "q, deg/s"), ("r", "r, deg/s"))
 
 
 def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
-    """Accelerometers and gyros over time, as Figures 5.1 to 5.4 of the report have them."""
-    time = flight.time
-    forces = [Panel(title, [Line(time, getattr(flight, name), "measured")]) for name, title in _FORCES]
-    rates = [Panel(title, [Line(time, np.degrees(getattr(flight, name)), "measured")]) for name, title in _RATES]
-    return [
-        setting.chart("accelerations", "Accelerometers", forces),
-        setting.chart("rates", "Rate gyros", rates),
-        _integrated_attitude_chart(setting, flight),
-    ]
+    """Accelerometers, gyros, and pitch and yaw of the nose by integration of the rates, without any wind, over time.
 
-
-def _integrated_attitude_chart(setting: Setting, flight: Flight) -> Chart:
-    """Pitch and yaw of the nose from its first direction, by integration of the rates; no wind is in it."""
-    nose = np.degrees(1.0) * _pitch_and_yaw(flight)
-    panels = [
-        Panel(title, [Line(flight.time, angle, "measured")])
-        for title, angle in zip(("theta, deg", "psi, deg"), nose, strict=True)
-    ]
-    caption = "In the body axes of the first sample, where both are zero: biases of the gyros add up."
-    return setting.chart("integrated-attitude", "Pitch and yaw by integrated rates", panels, caption)
+    As Figures 5.1 to 5.4 of the report have them.
+    """
+    nose = np.degrees(_pitch_and_yaw(flight))
+    read = "In the body axes of the first sample, where both are zero. Biases of the gyros accumulate."
+    histories = {
+        "accelerations": {title: getattr(flight, name) for name, title in _FORCES},
+        "rates": {title: np.degrees(getattr(flight, name)) for name, title in _RATES},
+        "integrated-attitude": dict(zip(("theta, deg", "psi, deg"), nose, strict=True)),
+    }
+    headings = ("Accelerometers", "Rate gyros", "Pitch and yaw by integrated rates")
+    captions = ("", "", read)
+    drawn = []
+    for (name, values), heading, caption in zip(histories.items(), headings, captions, strict=True):
+        panels = [Panel(title, [Line(flight.time, history, "measured")]) for title, history in values.items()]
+        drawn.append(setting.chart(name, heading, panels, caption))
+    return drawn
 
 
 def _pitch_and_yaw(flight: Flight) -> FloatArray:
-    """Angles (2, n) rad of the nose above and to the right of where it stood at first."""
+    """Angles (2, n) rad of the nose above and to the right of its first direction."""
     _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
     forward, right, down = attitude[:, :, 0].T
     return np.stack([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
 
 
+def reconstruction_charts(result: Reconstruction) -> list[Chart]:
+    """The record as measured; motion and moments with their standard deviations."""
+    usable, motion = result.moments.usable, result.motion
+    plane, time = result.plane_moments[usable], motion.time[usable]
+    start, stop = float(motion.time[0]), float(motion.time[-1])
+    setting = Setting((start, stop), masked=charts.masked(result.flight.faults, stop - start))
+    angles = (motion.time, motion.alpha, motion.windward_meridian)
+    measured = (plane.real, plane.imag)
+    rates = charts.turning_rates(motion.p, motion.windward_meridian_rate)
+    return [
+        *record_charts(setting, result.flight),
+        charts.motion_chart(setting, *angles, result.alpha_sigma, result.phi_w_sigma),
+        charts.moment_chart(setting, time, measured, result.moments.sigma[usable], ()),
+        charts.attitude_chart(setting, *angles, motion.p),
+        charts.moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
+        charts.spectrum_chart(setting, time, {"measured": (measured, "measured")}, rates),
+    ]
+
+
 # ---- A reconstruction as a document and as data ----
-
-
-HEADINGS = ("history", "unit", "least", "greatest", "sigma (rms)")
-
-
-def reconstruction_line(result: Reconstruction) -> str:
-    """The outcome in one line."""
-    alpha, meridian = angle_known(result.alpha_rms_sigma), angle_known(result.phi_w_rms_sigma)
-    known = f"known to {alpha} in alpha and {meridian} in meridian (rms)"
-    return f"motion by the {result.method} method ({result.status}): {known}"
-
 
 def reconstruction_document(result: Reconstruction) -> Document:
     """Ranges and standard deviations of the histories, noise levels, warnings; on a page the charts."""
@@ -88,14 +85,15 @@ def reconstruction_document(result: Reconstruction) -> Document:
         f"white noise of gyros {number(result.gyro_sigma, 2)} rad/s, of accelerometers "
         f"{number(result.accel_sigma, 2)} m/s²",
     )
+    known = motion_known(result.method, result.alpha_rms_sigma, result.phi_w_rms_sigma)
     return Document(
         title=f"Reconstruction: {flight.title or flight.path}",
         subtitle=(flight.title or flight.path, f"{flight.samples} samples, {span} s, {flight.sample_rate:.4g} Hz"),
         conclusion_title="Motion",
-        conclusion=reconstruction_line(result),
+        conclusion=known if result.status == "ok" else f"{known}: {result.status}",
         decided=result.status == "ok",
         blocks=(
-            Table(HEADINGS, history_rows(result)),
+            Table(history_rows(result), words=("history", "unit")),
             Texts(noise, bullets=False),
             Texts(result.warnings, "Warnings", warning=True),
             *(Picture(chart) for chart in reconstruction_charts(result)),
@@ -104,46 +102,26 @@ def reconstruction_document(result: Reconstruction) -> Document:
     )
 
 
-def history_rows(result: Reconstruction) -> list[tuple[str, ...]]:
+def history_rows(result: Reconstruction) -> list[dict[str, str]]:
     """One row for each history: range, and the rms of its standard deviation."""
     motion, usable = result.motion, result.moments.usable
-    alpha = _row(np.degrees(motion.alpha), np.degrees(result.alpha_sigma))
-    meridian = _row(np.degrees(motion.windward_meridian), np.degrees(result.phi_w_sigma))
     plane, error = result.plane_moments[usable], result.moments.sigma[usable]
-    return [
-        ("angle of attack", "deg", *alpha),
-        ("windward meridian, turns added up", "deg", *meridian),
-        ("in-plane moment C_N'", "1", *_row(plane.real, error)),
-        ("out-of-plane moment C_Z'", "1", *_row(plane.imag, error)),
+    histories: list[tuple[str, str, FloatArray, FloatArray]] = [
+        ("angle of attack", "deg", np.degrees(motion.alpha), np.degrees(result.alpha_sigma)),
+        ("windward meridian, unwrapped", "deg", np.degrees(motion.windward_meridian), np.degrees(result.phi_w_sigma)),
+        ("in-plane moment C_m,in", "1", plane.real, error),
+        ("side moment C_n,side", "1", plane.imag, error),
     ]
-
-
-def reconstruction_charts(result: Reconstruction) -> list[Chart]:
-    """The record as measured; motion and moments with their standard deviations."""
-    usable, motion = result.moments.usable, result.motion
-    plane = result.plane_moments[usable]
-    start, stop = float(motion.time[0]), float(motion.time[-1])
-    setting = Setting((start, stop), masked=masked(result.flight.faults, stop - start))
-    angles = (motion.time, motion.alpha, motion.windward_meridian)
-    measured = (plane.real, plane.imag)
     return [
-        *record_charts(setting, result.flight),
-        motion_chart(setting, *angles, result.alpha_sigma, result.phi_w_sigma),
-        moment_chart(setting, motion.time[usable], measured, result.moments.sigma[usable], ()),
-        attitude_chart(setting, *angles, motion.p),
-        moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
-        spectrum_chart(
-            setting,
-            motion.time[usable],
-            {"measured": (measured, "measured")},
-            turning_rates(motion.p, motion.windward_meridian_rate),
-        ),
+        {
+            "history": name,
+            "unit": unit,
+            "least": number(float(values.min())),
+            "greatest": number(float(values.max())),
+            "sigma (rms)": number(float(np.sqrt(np.mean(sigma**2))), 2),
+        }
+        for name, unit, values, sigma in histories
     ]
-
-
-def _row(values: FloatArray, sigma: FloatArray) -> tuple[str, str, str]:
-    rms = float(np.sqrt(np.mean(sigma**2)))
-    return number(float(values.min())), number(float(values.max())), number(rms, 2)
 
 
 def reconstruction_data(result: Reconstruction) -> dict[str, Any]:

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
-from rich import box
-from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.table import Table
-from rich.text import Text
 
 from brv_hypo.io.text import printable
 
@@ -30,26 +27,19 @@ def plain_console() -> Console:
     return _PlainConsole(highlight=False, markup=False)
 
 
-def plain_table(title: str | None = None, *, close: bool = False) -> Table:
-    """An empty table in the house style: a rule below the heading; `close` leaves one space between columns."""
-    return Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        pad_edge=False,
-        padding=(0, 0 if close else 1, 0, 0),
-    )
+LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
+"""Numbers from the one to below the other are written without an exponent."""
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """At `digits` significant digits, with an exponent only below 1e-3 and from 1e6; a dash for no number."""
+    """At `digits` significant digits, as 0.00012, 6.90e6 or 2.6e-5; a dash for no number."""
     if value is None or not math.isfinite(value):
         return NOT_A_NUMBER
-    if value != 0.0 and not 1e-3 <= abs(value) < 1e6:
-        return f"{value:.{digits - 1}e}"
-    return f"{float(f'{value:.{digits}g}'):.{max(digits, 6)}g}"
+    rounded = f"{value:.{digits - 1}e}"
+    if value == 0.0 or LEAST_PLAIN <= abs(value) < MOST_PLAIN:
+        return f"{float(rounded):.{max(digits, 7)}g}"
+    mantissa, exponent = rounded.split("e")
+    return f"{mantissa}e{int(exponent)}"
 
 
 def known_to(value: float, sigma: float) -> str:
@@ -60,7 +50,7 @@ def known_to(value: float, sigma: float) -> str:
     if digits < 1:  # the estimate is less than the last digit of its error that is worth showing
         return "0"
     digits = min(digits, 9)
-    if not 1e-3 <= abs(value) < 1e6:
+    if not LEAST_PLAIN <= abs(value) < MOST_PLAIN:
         return number(value, digits)
     return f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
 
@@ -85,8 +75,7 @@ def probability(value: float | None) -> str:
 
 def p_value(value: float | None) -> str:
     """A probability under the null hypothesis at two digits; none is nought."""
-    least = 1e-99
-    return f"<{least:.0e}" if value is not None and value < least else number(value, 2)
+    return "<1e-99" if value is not None and value < 1e-99 else number(value, 2)
 
 
 def share(value: float | None) -> str:
@@ -99,11 +88,3 @@ def share(value: float | None) -> str:
 def interval(region: tuple[float, float] | None) -> str:
     """A region of time; a dash where it is the whole."""
     return NOT_A_NUMBER if region is None else f"{region[0]:.2f}–{region[1]:.2f}"
-
-
-def bullets(messages: Iterable[str], heading: str, style: str = "dim") -> RenderableType:
-    """The messages as a list under a heading; nothing where there are none."""
-    grid = Table.grid(padding=(0, 1))
-    for message in dict.fromkeys(messages):
-        grid.add_row(" -", message, style=style)
-    return Group(Text(heading, style), grid) if grid.row_count else Group()

@@ -1,13 +1,13 @@
-"""The rows of a comparison's tables, the same in the terminal and on the page."""
+"""What tables and sentences show of a comparison, and of the terms of any model, on the terminal and on pages."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from brv_hypo.io.text import counted
+from brv_hypo.io.text import counted, hypothesis
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import (
@@ -15,73 +15,100 @@ from brv_hypo.ranking.result import (
     DerivedEstimate,
     FlightSummary,
     Knot,
-    MaximumLikelihood,
     RecordSummary,
     TermEstimate,
 )
+from brv_hypo.report.document import Shown, Table
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
-RANKING_HEADINGS = ("rank", "mechanism", "terms", "F-ratio", "C_p", "pred. error", "R²", "MCS p", "prob.")
-TERM_HEADINGS = ("term", "plane", "unit", "value", "sigma", "F", "region, s", "Mach", "delay, s")
-ERROR_HEADINGS = ("term", "unit", "value", "sigma", "F")
-_PLANES = {"in-plane": "in", "out-of-plane": "out"}
+_PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")
 """A number at more digits than a reader needs, in the name of what was discovered."""
 _DIFFERENCES = ("aic", "bic")
-"""Criteria that say nothing but by their differences."""
+"""Criteria of which differences alone count."""
+_OF_WHITENED_RATES = {
+    "r2": "R² of whitened rates",
+    "adjusted_r2": "adjusted R² of whitened rates",
+    "prediction_error": "Akaike prediction error",
+}
+"""Criteria whose short names stand for another quantity in the ranking."""
+
+IN_DOUBT = "Record in doubt"
+"""The title of a conclusion on a record that contradicts itself."""
+CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
 
-def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
-    """One row for each hypothesis, likeliest first.
+# ---- The ranking ----
 
-    "pred. error" is the held-out error over that of `none`; "MCS p" the p-value in the model confidence set; "6+" terms
-    says that more would have entered.
+def ranking_table(comparison: Comparison) -> Table:
+    """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
+
+    "pred. error" is the prediction error over that of the baseline only; "MCS p" the p-value in the model confidence
+    set; "6+" terms says that more would have entered.
     """
-    return [
-        (
-            str(row.rank),
-            row.mechanism,
-            str(row.n_terms) + ("+" if row.status == "term limit" else ""),
-            number(row.f_ratio),
-            number(row.cp),
-            share(row.prediction_ratio),
-            f"{row.r2:.4f}",
-            probability(comparison.verdict.confidence_p_values.get(row.mechanism)),
-            probability(comparison.verdict.probability.get(row.mechanism)),
-        )
+    verdict = comparison.verdict
+    rows = [
+        {
+            "rank": str(row.rank),
+            "mechanism": hypothesis(row.mechanism),
+            "terms": str(row.n_terms) + ("+" if row.status == "term limit" else ""),
+            "F-ratio": number(row.f_ratio),
+            "C_p": number(row.cp),
+            "pred. error": share(row.prediction_ratio),
+            "R²": f"{row.r2:.4f}",
+            "MCS p": probability(verdict.confidence_p_values.get(row.mechanism)),
+            "prob.": probability(verdict.probability.get(row.mechanism)),
+        }
         for row in comparison.ranking
     ]
+    credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
+    return Table(rows, words=("mechanism",), marked=credible)
 
 
-def credible_rows(comparison: Comparison) -> list[int]:
-    """Which rows are in the verdict's credible set."""
-    return [i for i, row in enumerate(comparison.ranking) if row.mechanism in comparison.verdict.equivalent]
+def criteria_table(comparison: Comparison) -> Table:
+    """One row for each criterion, with its value for each hypothesis; information criteria less the least of them."""
+    rows = []
+    for name in dict.fromkeys(name for row in comparison.ranking for name in row.criteria):
+        values = {row.mechanism: row.criteria.get(name, np.nan) for row in comparison.ranking}
+        label = _OF_WHITENED_RATES.get(name, name)
+        if name in _DIFFERENCES and np.any(np.isfinite(list(values.values()))):
+            label = f"{name} - least"
+            values = {each: value - np.nanmin(list(values.values())) for each, value in values.items()}
+        rows.append({"criterion": label, **{hypothesis(each): number(value, 4) for each, value in values.items()}})
+    return Table(rows, "criteria in whitened rates", ("criterion",), shown="verbose")
 
 
-def term_rows(terms: Iterable[TermEstimate], knots: Sequence[Knot] = ()) -> list[tuple[str, ...]]:
-    """One row for each coefficient; `knots` tell the ends of its region by Mach number."""
+# ---- Terms of a model ----
+
+def term_table(
+    heading: str,
+    terms: Iterable[TermEstimate],
+    shown: Shown = "verbose",
+    knots: Sequence[Knot] = (),
+    most: int | None = None,
+) -> Table:
+    """One row for each coefficient; `knots` give the ends of its region by Mach number; no column without a value."""
     machs = {knot.time_s: knot.mach for knot in knots}
     digits = decimals(list(machs.values()))
-    return [
-        (
-            _LONG.sub(lambda found: f"{float(found[0]):.4g}", term.name),
-            _PLANES.get(term.channel, term.channel),
-            term.units,
-            known_to(term.value, term.std_error),
-            number(term.std_error, 2),
-            f_ratio(term.f_ratio),
-            interval(term.region_s),
-            _machs(term, machs, digits),
-            number(term.delay_s),
+    rows = []
+    for term in terms:
+        ends = [machs[end] for end in term.region_s or () if end in machs]
+        rows.append(
+            {
+                "term": _LONG.sub(lambda found: f"{float(found[0]):.4g}", term.name),
+                "plane": _PLANES.get(term.channel, term.channel),
+                "unit": term.units,
+                "value": known_to(term.value, term.std_error),
+                "sigma": number(term.std_error, 2),
+                "F": f_ratio(term.f_ratio),
+                "region, s": interval(term.region_s),
+                "Mach": "–".join(f"{end:.{digits}f}" for end in ends) if len(ends) == 2 else NOT_A_NUMBER,
+                "delay, s": number(term.delay_s),
+            }
         )
-        for term in terms
-    ]
-
-
-def _machs(term: TermEstimate, machs: Mapping[float, float], digits: int) -> str:
-    if term.region_s is None or any(end not in machs for end in term.region_s):
-        return NOT_A_NUMBER
-    return "–".join(f"{machs[end]:.{digits}f}" for end in term.region_s)
+    kept = [name for name in (rows[0] if rows else ()) if any(row[name] != NOT_A_NUMBER for row in rows)]
+    rows = [{name: row[name] for name in kept} for row in rows]
+    return Table(rows, heading, ("term", "plane", "unit"), most=most, shown=shown)
 
 
 def knot_texts(knots: Sequence[Knot]) -> list[str]:
@@ -90,53 +117,11 @@ def knot_texts(knots: Sequence[Knot]) -> list[str]:
     return [
         f"Mach {knot.mach:.{digits}f}: "
         + ", ".join(
-            f"flight {k} {'does not come by it' if own is None else f'at {own:.2f} s'}"
+            f"flight {k} {'does not reach it' if own is None else f'at {own:.2f} s'}"
             for k, own in enumerate(knot.flights_s, start=1)
         )
         for knot in knots
     ]
-
-
-def shown_columns(headings: Sequence[str], lines: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows without the columns in which no row says anything."""
-    kept = [i for i in range(len(headings)) if any(line[i] != NOT_A_NUMBER for line in lines)]
-    return [headings[i] for i in kept], [[line[i] for i in kept] for line in lines]
-
-
-def error_rows(terms: Iterable[TermEstimate]) -> list[tuple[str, ...]]:
-    """One row for each error of the record: they have neither plane, nor region, nor delay."""
-    return [
-        (
-            term.name,
-            term.units,
-            known_to(term.value, term.std_error),
-            number(term.std_error, 2),
-            f_ratio(term.f_ratio),
-        )
-        for term in terms
-    ]
-
-
-def likelihood_heading(mechanism: str, fit: MaximumLikelihood) -> str:
-    """Whose likelihood, and how its search ended."""
-    return f"{mechanism} by maximum likelihood: {fit.status}, {fit.iterations} iterations"
-
-
-def criteria_rows(comparison: Comparison) -> list[tuple[str, ...]]:
-    """One row for each criterion: its name, then its value for each hypothesis, as they are ranked.
-
-    Information criteria are reported as differences from the least.
-    """
-    names = dict.fromkeys(name for row in comparison.ranking for name in row.criteria)
-    return [_criterion(name, [row.criteria.get(name) for row in comparison.ranking]) for name in names]
-
-
-def _criterion(name: str, values: Sequence[float | None]) -> tuple[str, ...]:
-    known = [value for value in values if value is not None and np.isfinite(value)]
-    if name not in _DIFFERENCES or not known:
-        return (name, *(number(value, 4) for value in values))
-    least = min(known)
-    return (f"{name} - least", *(number(None if value is None else value - least, 4) for value in values))
 
 
 def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
@@ -150,6 +135,8 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
         lines.append(line + (f" in {interval(item.region_s)} s" if item.region_s else ""))
     return lines
 
+
+# ---- Records, and what limits a result ----
 
 def flight_line(flight: FlightSummary) -> str:
     """Title, samples, span and rate of a flight."""
@@ -167,38 +154,15 @@ def flight_texts(comparison: Comparison) -> list[str]:
             f"{reference.title or reference.path}"
         )
     known = comparison.reconstruction
-    if known.alpha_rms_sigma_rad is None or known.phi_w_rms_sigma_rad is None:
-        return lines
-    alpha, meridian = angle_known(known.alpha_rms_sigma_rad), angle_known(known.phi_w_rms_sigma_rad)
-    lines.append(f"motion by the {known.method} method, known to {alpha} in alpha and {meridian} in meridian (rms)")
+    if known.alpha_rms_sigma_rad is not None and known.phi_w_rms_sigma_rad is not None:
+        lines.append(motion_known(known.method, known.alpha_rms_sigma_rad, known.phi_w_rms_sigma_rad))
     return lines
 
 
-def stepwise_texts(comparison: Comparison) -> list[str]:
-    """Where a stepwise search would have taken other terms than the exact one."""
-    return [
-        f"{each.mechanism}, {counted(each.size, 'term')}: stepwise (Efroymson) would take "
-        f"{', '.join(each.stepwise)} for {', '.join(each.best)}, with "
-        f"{share(each.rss_ratio - 1.0)} more left over"
-        for each in comparison.stepwise
-    ]
-
-
-def note_texts(comparison: Comparison) -> list[str]:
-    """What reading changed in the records, and remarks on the fits."""
-    flights = [note for flight in comparison.flights for note in flight.notes]
-    return flights + [f"{row.mechanism}: {note}" for row in comparison.ranking for note in row.notes]
-
-
-def warning_texts(comparison: Comparison) -> list[str]:
-    """What limits the result."""
-    faults = fault_texts(comparison.record, comparison.verdict.reason)
-    return [*faults, *comparison.reconstruction.warnings, *comparison.warnings]
-
-
-IN_DOUBT = "Record in doubt"
-"""The title of a conclusion on a record that contradicts itself."""
-CONTRADICTED = "The record contradicts itself (see the warnings), and what is {reported} may be that."
+def motion_known(method: str, alpha_sigma: float, meridian_sigma: float) -> str:
+    """How the motion was reconstructed, and how well it is known (rad, rms)."""
+    alpha, meridian = angle_known(alpha_sigma), angle_known(meridian_sigma)
+    return f"motion by the {method} method, known to {alpha} in alpha and {meridian} in meridian (rms)"
 
 
 def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
@@ -207,4 +171,14 @@ def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
         f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
         for fault in record.faults
         if fault.action not in reported
+    ]
+
+
+def stepwise_texts(comparison: Comparison) -> list[str]:
+    """Where a stepwise search would have taken other terms than the exact one."""
+    return [
+        f"{each.mechanism}, {counted(each.size, 'term')}: stepwise search (Efroymson) would choose "
+        f"{', '.join(each.stepwise)} instead of {', '.join(each.best)}, with a residual sum of squares "
+        f"{share(each.rss_ratio - 1.0)} larger"
+        for each in comparison.stepwise
     ]

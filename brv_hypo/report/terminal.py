@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from rich import box
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.panel import Panel
+from rich.table import Table as Grid
 from rich.text import Text
 
-from brv_hypo.report.document import TEXT_COLUMNS, Block, Document, Picture, Table, Texts
-from brv_hypo.report.style import bullets, plain_table
+from brv_hypo.report.document import Block, Document, Picture, Table, Texts, shown_of
 
 _BETWEEN = 2
 """Characters between columns."""
@@ -22,11 +23,11 @@ _LEAST_TEXT = 12
 def terminal_view(document: Document, *, verbose: bool = False) -> RenderableType:
     """What the terminal shows of a document; `verbose` adds every detail."""
     shown = ("always", "verbose") if verbose else ("always",)
-    parts: list[RenderableType] = [Text(line) for line in document.subtitle]
-    late: list[RenderableType] = []
+    parts: list[Block] = []
+    late: list[Block] = []
     for block in document.blocks:
-        if block.shown in shown and not block.empty and not isinstance(block, Picture):
-            (late if _warns(block) else parts).extend(_lines(block, verbose))
+        if block.shown in shown:
+            (late if isinstance(block, Texts) and block.warning else parts).append(block)
     panel = Panel(
         Text(document.conclusion),
         title=document.conclusion_title,
@@ -34,26 +35,37 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
         border_style="green" if document.decided else "yellow",
         expand=False,
     )
-    return Group(*parts, Text(), panel, *late)
+    return Group(
+        *map(Text, document.subtitle), blocks_view(parts, verbose), Text(), panel, blocks_view(late, verbose)
+    )
 
 
-def _warns(block: Block) -> bool:
-    return isinstance(block, Texts) and block.warning
+def blocks_view(blocks: Sequence[Block], verbose: bool) -> Group:
+    """Tables and texts, each under its heading, without those that are empty."""
+    return Group(*(line for block in shown_of(blocks) for line in _lines(block, verbose)))
 
 
-def _lines(block: Table | Texts, verbose: bool) -> Iterator[RenderableType]:
-    if isinstance(block, Table):
+def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:
+    if isinstance(block, Picture):
+        return
+    if isinstance(block, Texts) and block.bullets:
+        texts = list(dict.fromkeys(block.texts))
+        more = 0 if verbose or block.most is None else max(len(texts) - block.most, 0)
+        style = "yellow" if block.warning else "dim"
+        grid = Grid.grid(padding=(0, 1))
+        for text in (*texts[: len(texts) - more], *([f"and {more} more: -v"] if more else [])):
+            grid.add_row(" -", text, style=style)
+        yield from (Text(block.heading, style), grid)
+        return
+    if block.heading or isinstance(block, Table):
         yield Text(f"\n{block.heading}" if block.heading else "", "bold")
-        shown = block.rows if verbose else block.rows[: block.most]
-        yield Fitted(replace(block, rows=shown))
-        if len(shown) < len(block.rows):
-            yield Text(f"and {len(block.rows) - len(shown)} more: -v", "dim")
-    elif block.bullets:
-        yield bullets(block.texts, block.heading, "yellow" if block.warning else "dim")
-    else:
-        if block.heading:
-            yield Text(f"\n{block.heading}", "bold")
+    if isinstance(block, Texts):
         yield from (Text(text, "bold" if block.strong else "") for text in block.texts)
+        return
+    shown = block.rows if verbose else block.rows[: block.most]
+    yield Fitted(replace(block, rows=shown))
+    if len(shown) < len(block.rows):
+        yield Text(f"and {len(block.rows) - len(shown)} more: -v", "dim")
 
 
 class Fitted:
@@ -61,47 +73,39 @@ class Fitted:
 
     def __init__(self, block: Table) -> None:
         self.block = block
-        self.room = 0  # characters of the console, known when rendered
+        self.columns = {
+            name: [cell_len(text) for text in (name, *(row[name] for row in block.rows))] for name in block.headings
+        }
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """The table, in as many parts as it takes."""
-        self.room = options.max_width
-        kept = [0]
-        parts = []
-        for column in range(1, len(self.block.headings)):
-            if len(kept) > 1 and self._least([*kept, column]) > options.max_width:
-                parts.append(kept)
-                kept = [0]
-            kept.append(column)
-        for columns in (*parts, kept):
-            yield self._part(columns)
+        first, *others = self.block.headings
+        parts = [[first]]
+        for name in others:
+            least = sum(self._least_width(each) + 1 for each in (*parts[-1], name)) - 1
+            if len(parts[-1]) > 1 and least > options.max_width:
+                parts.append([first])
+            parts[-1].append(name)
+        yield from (self._part(names, options.max_width) for names in parts)
 
-    def _part(self, columns: Sequence[int]) -> RenderableType:
-        table = plain_table(close=self._wide(columns) > self.room)
-        for column in columns:
-            heading = self.block.headings[column]
-            words = heading in TEXT_COLUMNS
+    def _part(self, names: Sequence[str], room: int) -> RenderableType:
+        unfolded = sum(max(self.columns[name]) + _BETWEEN for name in names) - _BETWEEN
+        between = 0 if unfolded > room else 1
+        table = Grid(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, between, 0, 0))
+        for name in names:
+            words = name in self.block.words
             table.add_column(
-                heading,
+                name,
                 justify="left" if words else "right",
                 no_wrap=not words,
                 overflow="fold",
-                min_width=self._width(column),
+                min_width=self._least_width(name),
             )
         for index, row in enumerate(self.block.rows):
-            table.add_row(*(row[c] for c in columns), style="bold" if index in self.block.marked else "")
+            table.add_row(*(row[name] for name in names), style="bold" if index in self.block.marked else "")
         return table
 
-    def _wide(self, columns: Sequence[int]) -> int:
-        """The width that the columns take with nothing folded."""
-        cells = ((self.block.headings[c], *(row[c] for row in self.block.rows)) for c in columns)
-        return sum(max(cell_len(text) for text in column) + _BETWEEN for column in cells) - _BETWEEN
-
-    def _least(self, columns: Sequence[int]) -> int:
-        return sum(self._width(column) + 1 for column in columns) - 1
-
-    def _width(self, column: int) -> int:
+    def _least_width(self, name: str) -> int:
         """The width below which the column is not readable."""
-        heading = self.block.headings[column]
-        widest = max(cell_len(text) for text in (heading, *(row[column] for row in self.block.rows)))
-        return min(widest, max(_LEAST_TEXT, cell_len(heading))) if heading in TEXT_COLUMNS else widest
+        widest = max(self.columns[name])
+        return min(widest, max(_LEAST_TEXT, cell_len(name))) if name in self.block.words else widest

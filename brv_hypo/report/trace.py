@@ -1,4 +1,4 @@
-"""A trace as a document: the steps with their candidates and errors, the model, and the residual that is left.
+"""A trace as a document: the steps with their candidates and errors, the model, and its residual.
 
 `trace_charts` draws the moments with the model, the residual before and after, the static slope by Mach
 number and the motion. `trace_document` is the entrance.
@@ -8,78 +8,44 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.ranking.result import MaximumLikelihood
-from brv_hypo.report.comparison import term_table
-from brv_hypo.report.document import (
-    Band,
-    Block,
-    Chart,
-    Document,
-    Layer,
-    Line,
-    Panel,
-    Picture,
-    Role,
-    Table,
-    Texts,
-    Values,
-)
-from brv_hypo.report.motion_charts import (
-    BODY,
-    TIME,
-    Drawn,
-    Setting,
-    attitude_chart,
-    caption,
-    cut_text,
-    difference,
-    framed,
-    knots_of,
-    moment_chart,
-    motion_chart,
-    residual_chart,
-    spectrum_chart,
-    turning_rates,
-)
+from brv_hypo.report import motion_charts as charts
+from brv_hypo.report.document import Block, Chart, Document, Panel, Picture, Role, Table, Texts
+from brv_hypo.report.motion_charts import BODY, Drawn, Moments, Setting, caption, cut_text, framed
 from brv_hypo.report.style import interval, number, p_value, share
-from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line
-from brv_hypo.residuals.result import Residual, StaticSlope, Step, Trace, TriedCandidate
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
+from brv_hypo.residuals.result import Residual, StaticSlope, Step, Trace
 
-# ---- The charts of a trace: the moments with the model, the residual before and after, the motion ----
-
+# ---- Charts ----
 
 def trace_charts(result: Trace) -> list[Chart]:
     """Every chart that the trace has the data for; none where the residual was not kept."""
-    picture = result.picture
-    if picture is None:
+    kept = result.picture
+    if kept is None:
         return []
     span = (result.flight.start_s, result.flight.stop_s)
-    setting = Setting(span, knots_of(result.model.terms, *span))
-    models = [Drawn("before", picture.before, "second"), Drawn("after", picture.after, "first")]
+    setting = Setting(span, charts.knots_of(result.model.terms, *span))
+    time, measured = kept.time_s, kept.measured
+    histories: dict[str, tuple[Moments, Role]] = {
+        "measured": (measured, "measured"),
+        "before": (kept.before, "second"),
+        "after": (kept.after, "first"),
+    }
+    residuals = [Drawn(name, *histories[name]) for name in ("before", "after")]
+    model = Drawn("model", charts.difference(measured, kept.after), "first")
+    rates = charts.turning_rates(kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     heading = "Residual moments, before and after"
-    rates = turning_rates(picture.roll_rate_rad_s, picture.windward_meridian_rate_rad_s)
-    model = Drawn("model", difference(picture.measured, picture.after), "first")
-    charts = [
-        moment_chart(setting, picture.time_s, picture.measured, picture.sigma, [model], BODY),
-        residual_chart(setting, picture.time_s, picture.sigma, models, BODY, heading),
+    drawn = [
+        charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY),
+        charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading),
         *(static_slope_chart(slope, len(result.static_slopes)) for slope in result.static_slopes),
-        spectrum_chart(
-            setting,
-            picture.time_s,
-            {
-                "measured": (picture.measured, "measured"),
-                "before": (picture.before, "second"),
-                "after": (picture.after, "first"),
-            },
-            rates,
-        ),
+        charts.spectrum_chart(setting, time, histories, rates),
     ]
-    if picture.alpha_rad:
-        angles = (picture.alpha_rad, picture.windward_meridian_rad)
-        sigmas = (picture.alpha_sigma_rad, picture.windward_meridian_sigma_rad)
-        charts.append(motion_chart(setting, picture.time_s, *angles, *sigmas))
-        charts.append(attitude_chart(setting, picture.time_s, *angles, picture.roll_rate_rad_s))
-    return charts
+    if kept.alpha_rad:
+        angles = (kept.alpha_rad, kept.windward_meridian_rad)
+        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
+        drawn.append(charts.motion_chart(setting, time, *angles, *sigmas))
+        drawn.append(charts.attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
+    return drawn
 
 
 def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
@@ -87,83 +53,66 @@ def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
     by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
     x = np.array(slope.mach if by_mach else slope.time_s)
     order = np.argsort(x, kind="stable")
-    layers = [
-        *_estimate(x[order], np.array(slope.at_flown)[order], np.array(slope.at_flown_std_error)[order], "second",
-                   "at the angle flown"),
-        *_estimate(x[order], np.array(slope.at_zero)[order], np.array(slope.at_zero_std_error)[order], "first",
-                   "at no angle of attack"),
-    ]  # fmt: skip
-    panels = [framed(Panel("C<sub>N</sub>′ by alpha, 1/rad", layers))]
-    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
-    read = "Negative is stable. Bands: two standard deviations of the coefficients."
-    return Chart(
-        f"static-slope{suffix}",
-        f"Slope of the static moment{which}",
-        "Mach number" if by_mach else TIME,
-        panels,
-        caption=caption(read, cut_text(panels)),
+    flown, flown_sigma, zero, zero_sigma = (
+        np.array(values)[order]
+        for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
     )
-
-
-def _estimate(x: Values, value: np.ndarray, sigma: np.ndarray, role: Role, name: str) -> list[Layer]:
-    """A line within two standard deviations."""
-    return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, "", role), Line(x, value, role, name)]
+    layers = [
+        *charts.estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
+        *charts.estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
+    ]
+    panels = [framed(Panel("C<sub>m,in</sub> by alpha, 1/rad", layers))]
+    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
+    read = caption("Negative is stable. Bands: two standard deviations of the coefficients.", cut_text(panels))
+    title = "Mach number" if by_mach else charts.TIME
+    return Chart(f"static-slope{suffix}", f"Slope of the static moment{which}", title, panels, caption=read)
 
 
 # ---- A trace as a document ----
 
-
 SHOWN_AT_FIRST = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""
-
-CANDIDATE_HEADINGS = ("effect", "kind", "F-ratio", "adjusted p", "explains", "near-equals")
+_STOPPED = {
+    "white": "The residual is noise.",
+    "nothing significant": "No effect explains more.",
+    "nothing improves held-out error": "No effect that was tried predicts more.",
+    "limit": "",
+}
+"""Why the loop stopped, where that says something of the flight."""
 
 
 def trace_document(result: Trace) -> Document:
-    """The steps, the model, and what is left unexplained."""
+    """The steps, the model, and the residual that stays unexplained."""
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
-    left = result.final_residual
-    blocks: list[Block] = [*(Picture(chart) for chart in trace_charts(result))]
+    sound, found = result.record.sound, ", ".join(result.findings)
+    conclusion = (
+        "" if sound else CONTRADICTED,
+        f"Found: {found}." if found else "Nothing was found.",
+        f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
+        result.static_stability,
+        _STOPPED[result.stopped],
+        result.unexplained,
+    )
+    blocks: list[Block] = [Picture(chart) for chart in trace_charts(result)]
     for step in result.steps:
         blocks += _step(step)
-    if left is not None:
-        blocks.append(Texts((residual_text(left),), "Left over", bullets=False))
+    if result.final_residual is not None:
+        blocks.append(Texts((residual_text(result.final_residual),), "Final residual", bullets=False))
     blocks.append(term_table("model, fitted to the whole record", result.model.terms))
-    if result.ml is not None:
-        blocks.append(Texts((likelihood_text(result.ml),), bullets=False, shown="verbose"))
-        blocks.append(term_table("model, by maximum likelihood", result.ml.terms))
+    if (fit := result.ml) is not None:
+        ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
+        said = f"Maximum likelihood of the final model: {ended}"
+        blocks.append(Texts((said,), bullets=False, shown="verbose"))
+        blocks.append(term_table("model, by maximum likelihood", fit.terms))
     blocks.append(Texts((*fault_texts(result.record), *result.caveats), "Warnings", warning=True))
     return Document(
         title=f"Residual traced: {name}",
         subtitle=tuple(flight_line(flight) for flight in result.flights),
-        conclusion_title=_title(result),
-        conclusion=conclusion(result),
-        decided=result.unexplained is None and result.record.sound,
+        conclusion_title=f"Found: {found or 'nothing'}" if sound else IN_DOUBT,
+        conclusion=" ".join(filter(None, conclusion)),
+        decided=result.unexplained is None and sound,
         blocks=blocks,
     )
-
-
-def _title(result: Trace) -> str:
-    return "Found: " + (", ".join(result.findings) or "nothing") if result.record.sound else IN_DOUBT
-
-
-def conclusion(result: Trace) -> str:
-    """What was found, what is hinted at, and what is left, in a sentence or two."""
-    doubt = "" if result.record.sound else CONTRADICTED.format(reported="found")
-    found = f"Found: {', '.join(result.findings)}." if result.findings else "Nothing was found."
-    hinted = f"Hints, no findings: {', '.join(result.hints)}." if result.hints else ""
-    sentences = (doubt, found, hinted, result.static_stability, _stop_reason(result), result.unexplained)
-    return " ".join(part for part in sentences if part)
-
-
-def _stop_reason(result: Trace) -> str:
-    """Why the loop stopped, where that says something of the flight."""
-    return {
-        "white": "What is left is noise.",
-        "nothing significant": "No effect explains more.",
-        "nothing improves held-out error": "No effect that was tried predicts more.",
-        "limit": "",
-    }[result.stopped]
 
 
 def residual_text(residual: Residual) -> str:
@@ -171,89 +120,71 @@ def residual_text(residual: Residual) -> str:
     white = "white" if residual.white else f"not white (p {p_value(residual.p_value)})"
     where = "" if residual.flight is None else f"flight {residual.flight + 1}: "
     return (
-        f"{where}rms {number(residual.rms)}, {white}, mean square {number(residual.noise_ratio)} of the noise's; "
-        f"worst in {residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
+        f"{where}rms {number(residual.rms)}, {white}, mean square {number(residual.noise_ratio)} times the noise's; "
+        f"largest in {residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
         f"{number(residual.dominant_frequency_hz)} Hz ({residual.dominant_frequency_is})"
     )
 
 
 def _step(step: Step) -> list[Block]:
-    rows = [candidate_row(row) for row in step.candidates]
+    candidates = [
+        {
+            "effect": row.effect,
+            "kind": row.kind,
+            "F-ratio": number(row.f_ratio),
+            "adjusted p": p_value(row.p_value_adjusted),
+            "explains": share(row.explains),
+            "confounded with": ", ".join(row.near_equals),
+        }
+        for row in step.candidates
+    ]
     sentences = [outcome_text(step)]
     if step.look_alikes:
-        sentences.insert(0, f"as good a fit on this flight: {', '.join(step.look_alikes)}")
+        sentences.insert(0, f"fit this flight equally well: {', '.join(step.look_alikes)}")
     if step.taken_out:
-        sentences.append(f"not needed beside it, and taken out: {', '.join(step.taken_out)}")
+        sentences.append(f"removed, as the model no longer needs it: {', '.join(step.taken_out)}")
     correlated = [
-        f"{one.moment} goes with {one.channel}: {number(one.coefficient, 2)} (p {p_value(one.p_value)})"
+        f"{one.moment} correlates with {one.channel}: {number(one.coefficient, 2)} (p {p_value(one.p_value)})"
         for one in step.residual.correlations
     ]
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
+    words = ("effect", "kind", "confounded with")
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
-        Table(CANDIDATE_HEADINGS, rows, marked=marked, most=SHOWN_AT_FIRST),
+        Table(candidates, words=words, marked=marked, most=SHOWN_AT_FIRST),
         Texts(sentences, bullets=False, strong=step.added is not None),
         Texts(correlated, "Correlations", shown="verbose"),
     ]
 
 
-def candidate_row(candidate: TriedCandidate) -> tuple[str, ...]:
-    """Effect, kind, F, adjusted p, the share of the residual that it explains, and its near-equals."""
-    return (
-        candidate.effect,
-        candidate.kind,
-        number(candidate.f_ratio),
-        p_value(candidate.p_value_adjusted),
-        share(candidate.explains),
-        ", ".join(candidate.near_equals),
-    )
-
-
-def _refused_text(step: Step) -> str:
-    """What counted in the fit, and why it was not added."""
-    unnamed = step.refused[-1:] if step.named_in == 0.0 else ()
-    worse = step.refused[: len(step.refused) - len(unnamed)]
-    reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
-    reasons += [f"no repetition names {name}" for name in unnamed]
-    return f" ({'; '.join(reasons)})" if reasons else ""
-
-
 def outcome_text(step: Step) -> str:
     """What was added, and the errors before and after; those of the specific force where an error of the record was."""
-    before = step.error_before
-    if step.added is None or step.error_after is None:
+    before, after = step.error_before, step.error_after
+    if step.added is None or after is None:
+        # what was significant in the fit, and why it was not added; the last of them where no repetition names it
+        unnamed = step.refused[-1:] if step.named_in == 0.0 else ()
+        worse = step.refused[: len(step.refused) - len(unnamed)]
+        reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
+        why = "; ".join([*reasons, *(f"no repetition names {name}" for name in unnamed)])
         errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
-        return f"added nothing{_refused_text(step)}; {errors}"
-    after = step.error_after
+        return f"added nothing{f' ({why})' if why else ''}; {errors}"
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
-    what += f", a {step.standing}, named in {share(step.named_in)} of the repetitions"
     ratio = number(step.error_ratio_held_out)
     if step.error_ratio_std_error is not None:
         ratio += f" ± {number(step.error_ratio_std_error, 2)}"
-    if step.held_out_score is not None:
-        ratio += f"; rates and force held out fall by {number(step.held_out_score, 2)} standard errors"
-    return (
-        f"{what}: error in the fit {number(before.fit)} → {number(after.fit)}, held out "
-        f"{number(before.held_out)} → {number(after.held_out)} (ratio {ratio}){_force_text(step)}{_flight_text(step)}"
+    text = (
+        f"{what}, a {step.standing}, which {share(step.named_in)} of the repetitions name: error in the fit "
+        f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "
+        f"(ratio {ratio})"
     )
-
-
-def _flight_text(step: Step) -> str:
-    if step.flight_left_out is None:
-        return ""
-    return f"; on each flight by the others, ratio {number(step.flight_left_out.ratio)}"
-
-
-def _force_text(step: Step) -> str:
+    if step.held_out_score is not None:
+        fall = number(step.held_out_score, 2)
+        text += f"; the held-out error of rates and force falls by {fall} standard errors"
     kind = next((c.kind for c in step.candidates if c.effect == step.added), None)
-    after = step.force_error_after
-    if kind not in ("instrument", "environment") or after is None:
-        return ""
-    before = step.force_error_before
-    return f"; specific force held out {number(before.held_out)} → {number(after.held_out)} m²/s⁴"
-
-
-def likelihood_text(likelihood: MaximumLikelihood) -> str:
-    """How the refinement of the final model by maximum likelihood ended."""
-    said = f"Maximum likelihood of the final model: {likelihood.status}"
-    return said if likelihood.status == "converged" else f"{said} ({likelihood.message})"
+    if kind in ("instrument", "environment") and (force := step.force_error_after) is not None:
+        text += (
+            f"; specific force held out {number(step.force_error_before.held_out)} → {number(force.held_out)} m²/s⁴"
+        )
+    if step.flight_left_out is not None:
+        text += f"; each flight predicted from the others, ratio {number(step.flight_left_out.ratio)}"
+    return text

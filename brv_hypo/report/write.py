@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 # ---- Charts as picture files for papers, PNG and SVG, by matplotlib (the extra `figures`) ----
 
-
 RESOLUTION = 200
 """Dots per inch of PNG files."""
 
@@ -47,29 +46,19 @@ def require_matplotlib(what: str = "--figures") -> None:
 def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = False) -> tuple[Path, ...]:
     """Every chart as `name.png` and `name.svg` in the folder, which is made where it is missing.
 
-    Raises UsageError where a file exists and is not to be overwritten, or matplotlib is missing.
+    In names of files, what a file name cannot hold is a hyphen. Raises UsageError where a file exists and is not to be
+    overwritten, or matplotlib is missing.
     """
     require_matplotlib()
-    target = Path(folder)
-    wanted = [(chart, path) for chart in charts for path in picture_files(target, chart.name)]
-    check_pictures(target, [chart.name for chart in charts], overwrite=overwrite)
-    if wanted:
-        make_folder(target)
-    for chart, path in wanted:
-        write_whole(path, drawn(chart, path.suffix[1:]))
-    return tuple(path for _, path in wanted)
-
-
-def check_pictures(folder: Path, names: Sequence[str], *, overwrite: bool) -> None:
-    """Raise UsageError where the file of a chart of these names exists and is not to be overwritten."""
-    for path in (path for name in names for path in picture_files(folder, name)):
+    stems = {re.sub(r"[^\w.+-]+", "-", chart.name): chart for chart in charts}
+    wanted = {Path(folder) / f"{stem}.{kind}": chart for stem, chart in stems.items() for kind in ("png", "svg")}
+    for path in wanted:
         check_target(path, overwrite=overwrite)
-
-
-def picture_files(folder: Path, name: str) -> tuple[Path, Path]:
-    """The PNG and SVG file of a chart: its name with nothing in it that a file name cannot hold."""
-    stem = re.sub(r"[^\w.+-]+", "-", name)
-    return folder / f"{stem}.png", folder / f"{stem}.svg"
+    if wanted:
+        make_folder(folder)
+    for path, chart in wanted.items():
+        write_whole(path, drawn(chart, path.suffix[1:]))
+    return tuple(wanted)
 
 
 def drawn(chart: Chart, kind: str) -> bytes:
@@ -87,14 +76,8 @@ def drawn(chart: Chart, kind: str) -> bytes:
 
 # ---- From Python: any result as a page, its charts as picture files, or one of them as a figure ----
 
-
 PRINCIPAL = ("moments", "moments-1", "residuals", "band")
 """The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
-
-_WITHOUT_HISTORIES = (
-    " The others show histories over time, which are no part of its JSON: call compare or trace again, or keep the "
-    "result by pickle, which holds them."
-)
 
 
 @singledispatch
@@ -116,8 +99,8 @@ def write_report(result: Any, path: str | Path, *, overwrite: bool = False) -> N
     """Write the page of a result; raises UsageError where the file exists and is not to be overwritten."""
     check_target(path, overwrite=overwrite)
     document = document_of(result)
-    records = [flight.path for flight in _flights(result)]
-    write_whole(path, page(document, provenance("", None, records)))
+    flights = result.flights if isinstance(result, Comparison) else (result.flight,)
+    write_whole(path, page(document, provenance("", None, [flight.path for flight in flights])))
 
 
 def write_figures(result: Any, folder: str | Path, *, overwrite: bool = False) -> tuple[Path, ...]:
@@ -140,19 +123,11 @@ def plot(result: Any, chart: str = "") -> Figure:
     name = chart or next((each for each in PRINCIPAL if each in charts), next(iter(charts), ""))
     if name not in charts:
         known = ", ".join(charts) or "none"
-        raise UsageError(
-            f"got chart {chart!r}, expected one that this {type(result).__name__} has: {known}."
-            + (_WITHOUT_HISTORIES if _without_histories(result) else "")
-        )
+        message = f"got chart {chart!r}, expected one that this {type(result).__name__} has: {known}."
+        if not result.series if isinstance(result, Comparison) else getattr(result, "picture", result) is None:
+            message += (
+                " The others show histories over time, which are no part of its JSON: call compare or trace again, or "
+                "keep the result by pickle, which holds them."
+            )
+        raise UsageError(message)
     return chart_figure(charts[name])
-
-
-def _without_histories(result: Any) -> bool:
-    """True where a result came back from JSON, which holds no histories to draw."""
-    if isinstance(result, Comparison):
-        return not result.series and bool(result.ranking)
-    return isinstance(result, Trace) and result.picture is None
-
-
-def _flights(result: Any) -> tuple[Any, ...]:
-    return tuple(result.flights) if isinstance(result, Comparison) else (result.flight,)

@@ -15,31 +15,34 @@ Baseline = Literal["scheduled", "constant"]
 
 
 class TraceConfig(BaseModel):
-    """Settings of `trace`.
+    """Settings of `trace`."""
 
-    `start`: what the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism
-    file), or the model of an earlier trace. `baseline`: whether the stiffness that it starts from follows Mach and
-    Reynolds number, or is constant, so that such a change is for the loop to find. `aero`: a table of the slope, which
-    stands in its place, and to which increments within its uncertainty are estimated. `effects`: the effects to try;
-    None tries all that are installed.
-    `method`: of reconstruction, as in `reconstruct`.
-    `discover`: search the dictionary of generic terms too. `blocks`: parts that the record is cut into; every
-    fourth is held out. `max_steps`: effects that may be added. `significance`: adjusted p-value below which an
-    effect counts. `knot_count`, `max_terms`: as in `compare`. `maximum_likelihood`: refine the final model by
-    maximum likelihood.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     start: str | SavedModel = "none"
+    """What the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism file), or
+    the model of an earlier trace."""
     baseline: Baseline = "scheduled"
+    """Whether the stiffness that it starts from follows Mach and Reynolds number ("scheduled"), or is constant, so
+    that such a change is for the loop to find."""
     aero: AeroTable | None = None
+    """A table of the slope, which replaces the baseline's, and to which increments within its uncertainty are
+    estimated."""
     effects: tuple[str, ...] | None = None
+    """The effects to try; None tries all that are installed."""
     discover: bool = True
+    """Whether the dictionary of generic terms is searched too."""
     method: Method = "joint"
+    """Of reconstruction, as in `reconstruct`."""
     blocks: int = Field(default=TRACED_BLOCKS, ge=8, le=200)
+    """Blocks of time that the record is cut into; every fourth is held out."""
     max_steps: int = Field(default=TRACED_STEPS, ge=1, le=30)
+    """Effects that may be added."""
     significance: float = Field(default=TRACED_SIGNIFICANCE, gt=0.0, lt=0.5)
+    """Adjusted p-value below which an effect is significant."""
     knot_count: int = Field(default=TRACED_KNOTS, ge=0, le=40)
+    """As in `compare`."""
     max_terms: int = Field(default=TRACED_TERMS, ge=1, le=20)
+    """As in `compare`."""
     maximum_likelihood: bool = True
+    """Whether the final model is refined by maximum likelihood."""

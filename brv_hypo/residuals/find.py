@@ -101,7 +101,7 @@ def _whiteness(look: Look) -> float:
 def _channels(body: ComplexArray, meridian: FloatArray) -> dict[str, FloatArray]:
     """The residual by pitch and yaw, and in and out of plane."""
     plane = plane_from_body(body, meridian)
-    return {"C_m": body.real, "C_n": body.imag, "C_N'": plane.real, "C_Z'": plane.imag}
+    return {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
 
 
 def _excess(values: FloatArray, sigma: FloatArray) -> float:
@@ -155,7 +155,7 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
     ]
     away, name = min(found)
     near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
-    return name if near else "no multiple of roll or meridian rate"
+    return name if near else "not a multiple of the roll or meridian rate"
 
 
 def _correlations(
@@ -165,7 +165,7 @@ def _correlations(
     others = {name: getattr(motion, name) for name in ("time", "alpha", *SMOOTH)}
     others |= {name: getattr(flight, name) for name in ACCELEROMETERS}
     found = []
-    for moment in ("C_N'", "C_Z'"):
+    for moment in ("C_m,in", "C_n,side"):
         own = channels[moment][usable]
         n = effective_samples([own - own.mean()], max_lag=own.size // 4)
         for name, values in others.items():

@@ -127,9 +127,9 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
     """
     seen, columns = state.seen, state.model.columns
     if len(seen.records) > 1:
-        return _left_out("of several flights, it knows no terms that are of one of them")
+        return _left_out("with several flights, terms of a single flight cannot be fitted")
     if seen.reconstructions[0].status == "degraded":
-        return _left_out("the record limits the reconstruction, where its search seldom ends")
+        return _left_out("the reconstruction is limited by the record, and the search would rarely converge")
     values = state.values
     known_schedule = _course(state)
     if known_schedule is not None:

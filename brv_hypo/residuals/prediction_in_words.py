@@ -16,7 +16,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.residuals.prediction import Band, LocalChange
 
-_NARROW = " Here it errs by more than where it was found: do not take the band for its error."
+_NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
 
 
 @dataclass(frozen=True)
@@ -43,16 +43,19 @@ def reason(
     belong to its own flights; `change` is where this flight differs.
     """
     if shares.flown == 0.0:
-        nowhere = "The model was found at other Mach numbers or angles of attack throughout: it says nothing here."
+        nowhere = (
+            "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts "
+            "nothing about this flight."
+        )
         return nowhere + _held_too_much(shares, remedy)
     beyond = (
         f" {100.0 * (1.0 - shares.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than the "
-        "model was found at, and are left out of these shares."
+        "model was found at, and are not counted in these shares."
     )
     return (
         f"The frozen model {_explains(shares.frozen)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
-        f"{100.0 * band.level:.0f} % band holds {100.0 * band.inside:.1f} % of the samples."
+        f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
         + (_NARROW if band.inside < PREDICTED_HOLDS else "")
         + _of_the_model(band, noise)
         + (beyond if shares.flown < PREDICTED_NEARLY_ALL else "")
@@ -80,8 +83,9 @@ def _of_a_change(change: LocalChange | None) -> str:
         where += f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
     units = "" if change.units == "1" else f" {change.units}"
     return (
-        f" It differs most between {where}: {change.term} is {'more' if change.value > 0.0 else 'less'} there by "
-        f"{abs(change.value):.3g} +- {change.std_error:.2g}{units} than elsewhere (F {change.f_ratio:.0f})."
+        f" This flight differs most from the model between {where}: {change.term} is "
+        f"{'larger' if change.value > 0.0 else 'smaller'} there by {abs(change.value):.3g} ± {change.std_error:.2g}"
+        f"{units} than elsewhere (F {change.f_ratio:.0f})."
     )
 
 
@@ -101,10 +105,10 @@ def _held_too_much(shares: Shares, remedy: str) -> str:
 def _of_other_times(left_out: Sequence[str]) -> str:
     if not left_out:
         return ""
-    belong, are, they = ("belongs", "is", "it") if len(left_out) == 1 else ("belong", "are", "they")
+    act, are, they = ("acts", "is", "it") if len(left_out) == 1 else ("act", "are", "they")
     return (
-        f" {', '.join(left_out)} of the model {belong} to the times of its own flight, and {are} left out; what {they} "
-        "explained there is in the prediction interval."
+        f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left out "
+        f"here; the moment that {they} explained there is included in the prediction interval."
     )
 
 
@@ -113,7 +117,7 @@ def _of_the_model(band: Band, noise: float) -> str:
     if band.model_error**2 < PREDICTED_DISTINCT * noise:
         return ""
     return (
-        f" Where it was found the residual was {band.model_error:.2g} (rms) on held-out blocks, "
-        f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the "
-        "prediction interval is as much wider."
+        f" On held-out blocks of the flights that it was found on its residual was {band.model_error:.2g} (rms), "
+        f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the prediction "
+        "interval includes this residual."
     )

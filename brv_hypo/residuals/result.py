@@ -211,7 +211,7 @@ class Trace(HasCharts, Result):
 
     def conclusion(self) -> str:
         """What is left, where anything is."""
-        return self.unexplained or ("What is left is noise." if self.stopped == "white" else "")
+        return self.unexplained or ("The residual is noise." if self.stopped == "white" else "")
 
     def rows(self) -> Sequence[Row]:
         """One row for each step: what was added, and the errors before and after."""

@@ -96,7 +96,7 @@ def _of_one(slope: StaticSlope, whose: str) -> str:
     runs = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)
     worst = int(doubtful[np.argmax((values / np.maximum(errors, 1e-300))[doubtful])])
     unstable = values[worst] > STABLE_SIGMAS * errors[worst]
-    said = "is unstable for a while" if unstable else "is not significantly stable"
+    said = "is unstable" if unstable else "is not significantly stable"
     return (
         f"At no angle of attack the static moment{whose} {said} {' and '.join(_when(slope, run) for run in runs)}: "
         f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "

@@ -256,14 +256,15 @@ def _unexplained(residual: Residual) -> str | None:
     start, stop = residual.worst_region_s
     first, last = residual.worst_share_region_s
     went = "".join(
-        f"; {c.moment} goes with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
+        f"; {c.moment} correlates with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
     )
     times = _times(float(np.sqrt(residual.noise_ratio)))
     return (
-        f"What is left has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
+        f"The residual has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
         f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
-        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; against the moment "
-        f"that was flown it is largest from {first:.2f} to {last:.2f} s, {_of_rms(residual.worst_share)} its rms there."
+        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; relative to the "
+        f"measured moment it is largest from {first:.2f} to {last:.2f} s, {_of_rms(residual.worst_share)} the moment's "
+        "rms there."
     )
 
 
@@ -293,8 +294,8 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
         attenuation = 1.0 - np.sinc(1.0 / per_cycle)
         found.append(
             f"a cycle of the fastest motion (roll and turn of the meridian together) has {per_cycle:.0f} samples: "
-            f"where samples are means over their interval, it reads {100.0 * attenuation:.1f} % too small, and a delay "
-            "of half a sample may pose as damping or lag"
+            f"if samples are averages over their interval, the motion appears {100.0 * attenuation:.1f} % too small, "
+            "and a delay of half a sample may look like damping or lag"
         )
     drag = _drag_spread(flight)
     if drag is not None and drag < REPORTED_DRAG:

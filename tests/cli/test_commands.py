@@ -167,7 +167,7 @@ class TestCompare:
             "pred. error",
             "R²",
             "bodyfixed",
-            "none",
+            "baseline only",
             "Verdict: ",
         ):
             assert expected in printed

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.thorough
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE_FILES = (
+    *("page.html.j2", "table.html.j2", "manual.html.j2"),
     *("page.css", "page.js", "stretches.js", "manual.css", "manual.js"),
     *("plotly-basic.min.js.gz", "plotly-basic.LICENSE"),
 )

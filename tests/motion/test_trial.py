@@ -150,5 +150,5 @@ def test_a_comparison_is_refused_by_the_flight_that_is_at_fault_and_its_fault(fl
     assert found.verdict.outcome == "record fault"
     assert found.record.faults[0].fault == "sign"
     assert found.verdict.reason.startswith("The record of second.h5 contradicts itself (sign: q;")
-    assert found.verdict.reason.endswith("correct the map. `compare --accept-record` goes on all the same.")
+    assert found.verdict.reason.endswith("correct the map. `compare --accept-record` compares it nevertheless.")
     assert not any("--accept-record" in fault.action for fault in found.record.faults)

@@ -12,6 +12,7 @@ import pytest
 
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
+from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms import Mechanism, Term
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig, Comparison, compare
@@ -43,7 +44,7 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     assert verdict.adequacy is not None
     assert verdict.adequacy.ratio > 1.1
     assert verdict.adequacy.p_value < 1e-3
-    assert f"{comparison.ranking[0].mechanism} fits best" in verdict.reason
+    assert f"{hypothesis(comparison.ranking[0].mechanism)} fits best" in verdict.reason
     assert any("8 Hz" in warning for warning in comparison.reconstruction.warnings)
     assert comparison.flights[0].samples == 1283
 

@@ -29,7 +29,8 @@ def test_each_criterion_is_told_with_what_it_puts_first():
     ranking = [row("lag", 40.0, 4.0, 1.5), row("damping", 90.0, 9.0, 2.0), row("none", None, 50.0, 1.0)]
     (told,) = criteria_disagree(ranking, {"lag": 0.9, "damping": 0.05, "none": 0.05})
     assert told == (
-        "criteria disagree on what comes first: F-ratio: damping; C_p and probability: lag; prediction error: none"
+        "the criteria put different hypotheses first: F-ratio: damping; C_p and probability: lag; "
+        "prediction error: baseline only"
     )
 
 
@@ -100,7 +101,10 @@ def test_a_difference_reads_as_a_sentence():
         mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2
     )
     (told,) = tables.stepwise_texts(SimpleNamespace(stepwise=(difference,)))
-    assert told == "lag, 2 terms: stepwise (Efroymson) would take a, c for a, b, with 20 % more left over"
+    assert told == (
+        "lag, 2 terms: stepwise search (Efroymson) would choose a, c instead of a, b, with a residual sum of squares "
+        "20 % larger"
+    )
 
 
 def test_the_exact_search_stays_the_default():

@@ -51,7 +51,7 @@ def test_a_clear_leader_wins() -> None:
     verdict = said([NULL, LAG], NOISE, 1.0, [Limit("lag", 0.07)])
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == ("lag", "named", ("lag",))
     assert verdict.probability["lag"] > 0.99
-    assert "0.5 of that without it" in verdict.reason
+    assert "its prediction error is 0.5 of that of the baseline only" in verdict.reason
     assert verdict.adequacy is not None
     assert verdict.adequacy.adequate
     assert verdict.limits[0].share_of_moment_95 == 0.07

@@ -11,8 +11,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from brv_hypo.cli.session import RECONSTRUCTION_CHARTS, TRACE_CHARTS, comparison_names
 from brv_hypo.docs import text
+from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.comparison import comparison_charts, comparison_document
 from brv_hypo.report.document import (
@@ -34,10 +34,9 @@ from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import Provenance, page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
-from brv_hypo.report.trace import trace_charts
 from brv_hypo.report.write import draw_into, drawn
 from brv_hypo.simulation import load_config, simulate_batch
-from tests.chains import compared_nominal, reconstructed, traced_trim
+from tests.chains import compared_nominal, reconstructed
 from tests.flights import nominal
 
 
@@ -136,19 +135,11 @@ def test_a_record_is_drawn_as_it_was_measured() -> None:
     np.testing.assert_allclose(drawn["accelerations"].panels[0].layers[0].y, flight.ax)
 
 
-def test_charts_that_are_known_before_the_work_are_drawn(charts) -> None:
-    """By their names a folder that holds them already is refused at once."""
-    assert set(comparison_names(2)) <= set(charts)
-    assert set(comparison_names(1)) <= {chart.name for chart in comparison_charts(compared_nominal())}
-    assert set(TRACE_CHARTS) <= {chart.name for chart in trace_charts(traced_trim())}
-    assert set(RECONSTRUCTION_CHARTS) == {chart.name for chart in reconstruction_charts(reconstructed())}
-
-
 def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
     for chart in (charts["moments-1"], charts["residuals-1"]):
         for panel in chart.panels:
             drawn = [layer.name for layer in panel.layers if isinstance(layer, Line) and not layer.dots]
-            assert drawn == ["none", "bodyfixed"]
+            assert drawn == ["baseline only", "bodyfixed"]
 
 
 def test_coefficients_are_those_of_the_method_that_ranks(comparison) -> None:
@@ -161,7 +152,7 @@ def test_coefficients_are_those_of_the_method_that_ranks(comparison) -> None:
             methods.add(method)
             for flight in ("-1", "-2") if len(one.flights) > 1 else ("",):
                 heading = charts[f"coefficients-{row.mechanism}{flight}"].heading
-                assert heading.startswith(f"Coefficients of {row.mechanism} by {method}")
+                assert heading.startswith(f"Coefficients of {hypothesis(row.mechanism)} by {method}")
     assert methods == {"maximum likelihood", "regression"}
 
 
@@ -178,8 +169,8 @@ def test_what_a_model_does_not_have_is_not_drawn(comparison) -> None:
         update={"coefficients": tuple(s for s in comparison.coefficients if s.mechanism == "none")}
     )
     titles = [panel.title for chart in comparison_charts(alone) for panel in chart.panels]
-    assert "∂C<sub>N</sub>′/∂α, 1/rad" in titles
-    assert "∂C<sub>Z</sub>′/∂α, 1/rad" not in titles
+    assert "∂C<sub>m,in</sub>/∂α, 1/rad" in titles
+    assert "∂C<sub>n,side</sub>/∂α, 1/rad" not in titles
 
 
 def test_a_meridian_is_wrapped_with_a_break_where_it_passes_the_end() -> None:
@@ -263,7 +254,7 @@ class TestPage:
         """A step's sentence, its table and its outcome; a chart and a heading begin anew."""
         chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
         blocks = (
-            Texts(("residual",), "Step 1"), Table(("effect",), [("lag",)]), Texts(("added",)), Picture(chart),
+            Texts(("residual",), "Step 1"), Table([{"effect": "lag"}]), Texts(("added",)), Picture(chart),
             Texts(("loose",)), Texts(("mind",), "Warnings", warning=True),
         )  # fmt: skip
         html = page(Document("t", (), "c", "words", True, blocks), Provenance())
@@ -274,7 +265,7 @@ class TestPage:
         assert 'class="warning"' not in sections[0]
 
     def test_text_is_escaped(self) -> None:
-        table = Table(("term", "value"), [("<b>", "1 & 2")], "a < b")
+        table = Table([{"term": "<b>", "value": "1 & 2"}], "a < b")
         html = page(Document("<t>", ("<s>",), "c", "<c>", True, [table, Texts(("<x>",))]), Provenance("<cmd>"))
         assert not any(tag in html for tag in ("<b>", "<s>", "<c>", "<x>", "<cmd>", "<t>"))
         assert "&lt;b&gt;" in html
@@ -338,6 +329,6 @@ class TestDrawing:
 
 
 def test_a_block_without_content_is_left_out() -> None:
-    empty = (Table(("a",), []), Texts(()), Picture(Chart("c", "h", "x", ())))
+    empty = (Table([]), Texts(()), Picture(Chart("c", "h", "x", ())))
     html = page(Document("t", (), "c", "words", True, empty), Provenance())
     assert "<section" not in html

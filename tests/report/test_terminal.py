@@ -11,7 +11,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from brv_hypo.report.document import Document, Table, Texts
-from brv_hypo.report.tables import RANKING_HEADINGS, ranking_rows, term_rows
+from brv_hypo.report.tables import ranking_table, term_table
 from brv_hypo.report.terminal import Fitted, terminal_view
 from brv_hypo.report.trace import outcome_text
 from brv_hypo.residuals.result import Errors, Step
@@ -32,8 +32,8 @@ def printed(renderable, width: int) -> str:
 def tables(draw) -> Table:
     count = draw(st.integers(2, 9))
     headings = draw(st.permutations([*WORDS, *(f"n{i}" for i in range(7))]))[:count]
-    rows = [[draw(WORD if h in WORDS else NUMBER) for h in headings] for _ in range(draw(st.integers(1, 4)))]
-    return Table(headings, rows)
+    rows = [{h: draw(WORD if h in WORDS else NUMBER) for h in headings} for _ in range(draw(st.integers(1, 4)))]
+    return Table(rows, words=WORDS)
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow])  # drawing rows is slow on a busy machine
@@ -43,10 +43,10 @@ def test_a_table_fits_and_holds_every_character(table, width) -> None:
     assert max(cell_len(line) for line in text.splitlines()) <= width
     assert "…" not in text
     for row in table.rows:
-        for heading, cell in zip(table.headings, row, strict=True):
+        for heading, cell in row.items():
             if heading not in WORDS:
                 assert cell in text
-    letters = sum(len(cell) for row in table.rows for h, cell in zip(table.headings, row, strict=True) if h in WORDS)
+    letters = sum(len(cell) for row in table.rows for h, cell in row.items() if h in WORDS)
     body = "".join(line for line in text.splitlines() if not any(name in line for name in (*WORDS, "─")))
     if table.headings[0] not in WORDS:  # a first column of words is repeated where the table goes on below itself
         assert sum(body.count(letter) for letter in "abc_") == letters
@@ -54,7 +54,8 @@ def test_a_table_fits_and_holds_every_character(table, width) -> None:
 
 def test_names_are_not_folded_where_closer_columns_do() -> None:
     headings = ("rank", "mechanism", *(f"n{i}" for i in range(6)))
-    table = Table(headings, [("1", "uneven_ablation", *["1.2345e+06"] * 6)])
+    row = dict(zip(headings, ("1", "uneven_ablation", *["1.2345e+06"] * 6), strict=True))
+    table = Table([row], words=WORDS)
     text = printed(Fitted(table), 4 + 1 + 15 + 6 * 11)
     assert "uneven_ablation" in text
     assert len(text.splitlines()) == 3
@@ -63,7 +64,7 @@ def test_names_are_not_folded_where_closer_columns_do() -> None:
 def test_a_ranking_of_long_names_fits_80_columns_unfolded() -> None:
     comparison = compared_nominal()
     row = comparison.ranking[0].model_copy(update={"mechanism": "ablation_by_file", "f_ratio": 1.07e6, "cp": 1.07e6})
-    table = Table(RANKING_HEADINGS, ranking_rows(comparison.model_copy(update={"ranking": (row,)})))
+    table = ranking_table(comparison.model_copy(update={"ranking": (row,)}))
     lines = printed(Fitted(table), 80).splitlines()
     assert len(lines) == 3
     assert "ablation_by_file" in lines[2]
@@ -71,13 +72,13 @@ def test_a_ranking_of_long_names_fits_80_columns_unfolded() -> None:
 
 def test_names_of_what_was_discovered_are_told_at_four_digits() -> None:
     term = compared_nominal().baseline.terms[0].model_copy(update={"name": "turns at -0.316672539482 rad/s, body_y"})
-    ((name, *_),) = term_rows([term])
-    assert name == "turns at -0.3167 rad/s, body_y"
+    (row,) = term_table("", [term]).rows
+    assert row["term"] == "turns at -0.3167 rad/s, body_y"
 
 
 @pytest.mark.parametrize(("verbose", "rows"), [(False, 2), (True, 5)])
 def test_details_are_shown_with_verbose_alone(verbose, rows) -> None:
-    table = Table(("n1",), [(f"row {i}",) for i in range(5)], most=2)
+    table = Table([{"n1": f"row {i}"} for i in range(5)], most=2)
     blocks = (table, Texts(("every detail",), shown="verbose"), Texts(("for the page",), shown="page"))
     text = printed(terminal_view(Document("t", ("record",), "Verdict", "words", True, blocks), verbose=verbose), 80)
     assert text.count("row ") == rows

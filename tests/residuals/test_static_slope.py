@@ -54,7 +54,7 @@ def test_a_stable_vehicle_needs_no_words() -> None:
 
 def test_where_it_is_unstable_is_told_with_its_size() -> None:
     said = stability_in_words([sloped([-0.1, -0.01, 0.03, 0.01, -0.1, -0.1])])
-    assert "is unstable for a while from 10 to 30 s (Mach 19 to 17): 0.03 ± 0.01 per rad at 20 s" in said
+    assert "is unstable from 10 to 30 s (Mach 19 to 17): 0.03 ± 0.01 per rad at 20 s" in said
     assert "-0.1 ± 0.02 at the 2.9 deg flown there" in said
 
 
