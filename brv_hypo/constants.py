@@ -13,7 +13,7 @@ numerics of `brv_hypo.subset` and `brv_hypo.likelihood`, which know nothing of f
 from __future__ import annotations
 
 # ---- Foreign records: clocks, pad, phases, ascent, rate ----
-# Judgement; held by tests/flight/test_rocket_log.py, which makes logs of known flights, and test_launch12.py, which
+# Judgement; held by tests/importing/test_rocket_log.py, which makes logs of known flights, and test_launch12.py, which
 # reads the measured log of L-12.
 
 

@@ -26,9 +26,9 @@ from brv_hypo.importing.rocket_log import (
     needed_rate,
     take_out_biases,
 )
-from tests.flight import rockets
 from tests.flight.records import UNITS, VEHICLE
-from tests.flight.test_foreign import write_csv, write_map
+from tests.importing import rockets
+from tests.importing.test_foreign import write_csv, write_map
 
 VEHICLE_MAP = {
     name: {"value": np.asarray(getattr(VEHICLE, name)).tolist(), "units": UNITS[name]}

@@ -14,9 +14,9 @@ from brv_hypo.errors import UsageError
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.guess import guess_map
 from brv_hypo.importing.guess_rules import by_name, turning_units
-from tests.flight import rockets
 from tests.flight.records import UNITS, VEHICLE
-from tests.flight.test_foreign import write_csv, write_mat, write_parquet
+from tests.importing import rockets
+from tests.importing.test_foreign import write_csv, write_mat, write_parquet
 from tests.shared_data import shared_file
 
 DEGREE, FOOT = np.pi / 180.0, 0.3048
