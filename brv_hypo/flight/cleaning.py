@@ -30,6 +30,7 @@ from brv_hypo.flight.record import (
     CHANNELS,
     INERTIAL_CHANNELS,
     OPTIONAL_CHANNELS,
+    Channels,
     Flight,
     RecordFault,
 )
@@ -319,8 +320,6 @@ def _cubic_weights(length: int) -> FloatArray:
 STOP_AT_ZERO = ("velocity", "dynamic_pressure")
 TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
 MOST_NAMED = 5
-
-Channels = dict[str, FloatArray]
 
 
 def mask_faults(

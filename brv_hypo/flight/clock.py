@@ -21,7 +21,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
-from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
 from brv_hypo.io.text import refusal
 from brv_hypo.thresholds import (
     BRIDGED_CYCLES,
@@ -53,9 +53,6 @@ CROSSED_ORDER = 5  # of the polynomial
 
 
 # ---- Uniform time without gaps: the rules by which a record is resampled, bridged or cut ----
-
-
-Channels = dict[str, FloatArray]
 
 
 def regularise(

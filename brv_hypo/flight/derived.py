@@ -18,7 +18,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import dominant_frequency
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
+from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Channels, Flight
 from brv_hypo.thresholds import PRESSURE_CONSISTENT
 
 # A record that is far more finely sampled than its motion needs is analysed as means: samples left to a cycle of the
@@ -37,9 +37,6 @@ HIGHEST_ALTITUDE = 81000.0
 # Where the temperature's gradient changes, m of geopotential altitude, and the radius that makes them geometric (ICAO).
 _LAYERS = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3])
 _EARTH_RADIUS = 6356766.0
-
-Channels = dict[str, FloatArray]
-
 
 def derive(
     channels: Mapping[str, FloatArray], planet: str, reference_length: float

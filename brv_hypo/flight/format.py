@@ -30,12 +30,14 @@ from brv_hypo.flight.record import (
     INERTIAL_CHANNELS,
     OPTIONAL_CHANNELS,
     VEHICLE_DIMENSIONS,
+    Channels,
     Flight,
     Header,
     Record,
     RecordFault,
-    VehicleRecord,
+    Vehicle,
     check_present,
+    checked_vehicle,
     validated,
 )
 from brv_hypo.flight.tolerances import (
@@ -55,7 +57,6 @@ from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 # ---- From a `Record`, as flown, to a `Flight`, ready to analyse, and back ----
 
 
-Channels = dict[str, FloatArray]
 Segments = tuple[tuple[int, int], ...]
 
 MOST_CUTS_NAMED = 10
@@ -81,7 +82,7 @@ def assemble(record: Record) -> Flight:
     return Flight(
         time=time[first:last],
         **{name: values[first:last] for name, values in whole.items()},
-        vehicle=record.vehicle.vehicle(),
+        vehicle=record.vehicle,
         instruments=record.instruments,
         segments=tuple((start - first, stop - first) for start, stop in segments),
         planet=record.planet,
@@ -134,7 +135,7 @@ def unassemble(flight: Flight) -> Record:
             "channels": {
                 name: _masked(values, usable) for name, values in present.items() if values is not None
             },
-            "vehicle": validated(VehicleRecord, vars(flight.vehicle), group="vehicle"),
+            "vehicle": checked_vehicle(vars(flight.vehicle)),
             "instruments": flight.instruments,
             "planet": flight.planet,
             "title": flight.title,
@@ -295,7 +296,7 @@ def save_flight(
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
     channels = {"time": record.time, **record.channels}
     groups = {
-        "vehicle": Tree(datasets=_with_units(record.vehicle.model_dump(), VEHICLE_DIMENSIONS)),
+        "vehicle": Tree(datasets=_with_units(vars(record.vehicle), VEHICLE_DIMENSIONS)),
         "instruments": _instruments_tree(record.instruments),
     }
     if truth is not None:
@@ -375,7 +376,7 @@ def _header(attributes: Mapping[str, Any]) -> Header:
     return validated(Header, attributes, group="/ (root attributes)")
 
 
-def _vehicle(group: Tree | None) -> VehicleRecord:
+def _vehicle(group: Tree | None) -> Vehicle:
     if group is None:
         raise refusal(
             "vehicle",
@@ -389,7 +390,7 @@ def _vehicle(group: Tree | None) -> VehicleRecord:
         if name in group.datasets:
             shape = (3,) if name == "accelerometer_position" else ()
             values[name] = _vehicle_value(group.datasets[name], dimension, f"vehicle/{name}", shape)
-    return validated(VehicleRecord, values, group="vehicle")
+    return checked_vehicle(values)
 
 
 def _vehicle_value(dataset: Dataset, dimension: Dimension, name: str, shape: tuple[int, ...]) -> Any:

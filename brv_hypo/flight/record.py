@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from pydantic import (
     ConfigDict,
     Field,
     SkipValidation,
+    TypeAdapter,
     ValidationError,
     model_validator,
 )
@@ -40,21 +42,37 @@ INERTIAL_CHANNELS = (*GYROS, *ACCELEROMETERS)
 CHANNELS = (*INERTIAL_CHANNELS, "velocity", "dynamic_pressure")
 OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 
+Channels = dict[str, FloatArray]
+
+
+def _of_a_vehicle(value: float) -> float:
+    if value < 1.0 / LARGEST_PROPERTY:
+        raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
+    return value
+
+
+Positive = Annotated[
+    float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)
+]
+Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
+
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Mass properties and reference quantities, SI.
+    """Mass properties and reference quantities, SI."""
 
-    `mass` kg; `ixx`, `iyy` kg m^2 (spin axis; transverse, about the c.g.); `reference_length` m, one for all
-    three moments; `reference_area` m^2; `accelerometer_position` (3,) m from the c.g. in body axes.
-    """
-
-    mass: float
-    ixx: float
-    iyy: float
-    reference_length: float
-    reference_area: float
-    accelerometer_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mass: Positive
+    """kg"""
+    ixx: Positive
+    """kg m^2, about the spin axis"""
+    iyy: Positive
+    """kg m^2, about a transverse axis through the centre of gravity"""
+    reference_length: Positive
+    """m, one for all three moments"""
+    reference_area: Positive
+    """m^2"""
+    accelerometer_position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """m from the centre of gravity, in body axes"""
 
     @property
     def inertia_ratio(self) -> float:
@@ -240,19 +258,7 @@ LARGEST: dict[Dimension, float] = {
     "dimensionless": 1e13,
 }
 
-Model = TypeVar("Model", bound=BaseModel)
-
-
-def _of_a_vehicle(value: float) -> float:
-    if value < 1.0 / LARGEST_PROPERTY:
-        raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
-    return value
-
-
-Positive = Annotated[
-    float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)
-]
-Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
+Model = TypeVar("Model")
 
 
 class Header(BaseModel):
@@ -268,34 +274,19 @@ class Header(BaseModel):
     history: str = ""
 
 
-class VehicleRecord(BaseModel):
-    """The group `vehicle`, SI; see `Vehicle` for the fields."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    mass: Positive
-    ixx: Positive
-    iyy: Positive
-    reference_length: Positive
-    reference_area: Positive
-    accelerometer_position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-
-    @model_validator(mode="after")
-    def _inertia_of_a_real_body(self) -> VehicleRecord:
-        """Ixx <= Iyy + Izz holds for any mass distribution, and Izz = Iyy here."""
-        if self.ixx > 2.0 * self.iyy * (1.0 + 1e-9):
-            raise refusal(
-                "vehicle/ixx",
-                f"{self.ixx:g} kg m^2 with iyy = {self.iyy:g} kg m^2",
-                "ixx <= 2 iyy, which every rigid body obeys",
-                "ixx and iyy in different units, or iyy about another point",
-                "give both about the centre of gravity and check their 'units'",
-            )
-        return self
-
-    def vehicle(self) -> Vehicle:
-        """The plain dataclass that the rest of the library uses."""
-        return Vehicle(**self.model_dump())
+def checked_vehicle(values: Mapping[str, Any]) -> Vehicle:
+    """The vehicle of the group `vehicle`, SI. Raises FlightRecordError for what no vehicle has."""
+    vehicle = validated(Vehicle, values, group="vehicle")
+    # Ixx <= Iyy + Izz holds for any mass distribution, and Izz = Iyy here.
+    if vehicle.ixx > 2.0 * vehicle.iyy * (1.0 + 1e-9):
+        raise refusal(
+            "vehicle/ixx",
+            f"{vehicle.ixx:g} kg m^2 with iyy = {vehicle.iyy:g} kg m^2",
+            "ixx <= 2 iyy, which every rigid body obeys",
+            "ixx and iyy in different units, or iyy about another point",
+            "give both about the centre of gravity and check their 'units'",
+        )
+    return vehicle
 
 
 class Record(BaseModel):
@@ -305,7 +296,7 @@ class Record(BaseModel):
 
     time: SkipValidation[FloatArray]
     channels: SkipValidation[Mapping[str, FloatArray]]
-    vehicle: VehicleRecord
+    vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
     planet: str = "earth"
     title: str = ""
@@ -451,10 +442,15 @@ def _check_size(name: str, values: FloatArray) -> None:
         )
 
 
+@cache
+def _adapter(model: type[Model]) -> TypeAdapter[Model]:
+    return TypeAdapter(model)
+
+
 def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -> Model:
     """`model` built from `data`; pydantic's complaints become one FlightRecordError naming each dataset."""
     try:
-        return model.model_validate(dict(data))
+        return _adapter(model).validate_python(dict(data))
     except ValidationError as error:
         raise FlightRecordError(complaints(error, group, "the format 1 description")) from error
 
