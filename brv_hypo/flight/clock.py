@@ -19,27 +19,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from brv_hypo import thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
 from brv_hypo.io.text import refusal
-from brv_hypo.thresholds import (
-    BRIDGED_CYCLES,
-    BRIDGED_SAMPLES,
-    CLOCK_FAR_BETTER,
-    CLOCK_FEWEST_MOVED,
-    CLOCK_MOST_STEPS,
-    CLOCK_MOVED_SIGMAS,
-    CLOCK_RUNS_ON,
-    CLOCK_SLOPE_SIGMAS,
-    CLOCK_WORST_CHANNEL,
-    GAP_BEYOND_MEDIANS,
-    JUMP_SIGMAS,
-    JUMP_TIMES_AROUND,
-    LARGEST_GROWTH,
-    MISSING_BEYOND_STEPS,
-    UNIFORM_WITHIN,
-)
 
 CLOCK_FLANK = 6  # samples on either side of an odd interval
 # A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
@@ -64,7 +48,7 @@ def regularise(
     """
     step = float(np.median(np.diff(time)))
     index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
-    if max(index[-1] + 1, (time[-1] - time[0]) / step) > LARGEST_GROWTH * time.size:
+    if max(index[-1] + 1, (time[-1] - time[0]) / step) > limits.LARGEST_GROWTH * time.size:
         raise refusal(
             "time",
             f"a span of {time[-1] - time[0]:.6g} s with {time.size} samples {step:.6g} s apart",
@@ -74,7 +58,7 @@ def regularise(
         )
     slope, offset = np.polyfit(index, time - time[0], 1)
     deviation = float(np.max(np.abs(time - time[0] - offset - slope * index)) / slope)
-    if deviation > UNIFORM_WITHIN:
+    if deviation > limits.UNIFORM_WITHIN:
         return _resampled(time, channels, deviation)
     if index[-1] + 1 == time.size:
         return time, dict(channels), ()
@@ -86,7 +70,7 @@ def regularise(
 def places_with_gaps(time: FloatArray, longest: int) -> IntArray:
     """Where each sample (n,) lies on an axis that has a place for what its gaps miss, `longest` at most in each."""
     steps = np.diff(time) / float(np.median(np.diff(time)))
-    missing = np.where(steps > MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, longest), 0.0)
+    missing = np.where(steps > limits.MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, longest), 0.0)
     return np.concatenate(([0], np.cumsum(1 + missing.astype(np.int64))))
 
 
@@ -108,7 +92,7 @@ def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
 
 def longest_gap(step: float, q: FloatArray, r: FloatArray) -> int:
     """The longest gap, in samples and at least 1, that may be bridged in the gyros and accelerometers."""
-    return int(np.clip(BRIDGED_CYCLES * _cycle(step, q, r), 1, BRIDGED_SAMPLES))
+    return int(np.clip(limits.BRIDGED_CYCLES * _cycle(step, q, r), 1, limits.BRIDGED_SAMPLES))
 
 
 def longest_crossed(step: float, q: FloatArray, r: FloatArray) -> int:
@@ -158,7 +142,7 @@ def _resampled(
     time: FloatArray, channels: Mapping[str, FloatArray], deviation: float
 ) -> tuple[FloatArray, Channels, tuple[str, ...]]:
     intervals = np.diff(time)
-    step = float(np.mean(intervals[intervals <= GAP_BEYOND_MEDIANS * np.median(intervals)]))
+    step = float(np.mean(intervals[intervals <= limits.GAP_BEYOND_MEDIANS * np.median(intervals)]))
     grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1.0 + 1e-12)) + 1)
     note = (
         f"time is not uniform (a stamp is {100.0 * deviation:.2g} % of the step off): resampled to "
@@ -175,7 +159,7 @@ def _interpolated(time: FloatArray, values: FloatArray, grid: FloatArray, step: 
     if known.size < 4:
         return np.full(grid.size, np.nan)
     after = np.clip(np.searchsorted(time, grid), 1, time.size - 1)
-    apart = time[after] - time[after - 1] > MISSING_BEYOND_STEPS * step
+    apart = time[after] - time[after - 1] > limits.MISSING_BEYOND_STEPS * step
     beside = np.isnan(values[after]) | np.isnan(values[after - 1])
     result: FloatArray = CubicSpline(time[known], values[known])(grid)
     result[apart | beside] = np.nan
@@ -214,13 +198,13 @@ def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple
     """
     intervals = np.diff(time)
     step = float(np.median(intervals))
-    odd = np.flatnonzero(np.abs(intervals - step) > UNIFORM_WITHIN * step)
-    if not 0 < odd.size <= CLOCK_MOST_STEPS:
+    odd = np.flatnonzero(np.abs(intervals - step) > limits.UNIFORM_WITHIN * step)
+    if not 0 < odd.size <= limits.CLOCK_MOST_STEPS:
         return ()
     found = []
     for place in odd:
         excess = float(intervals[place] - step)
-        if intervals[place] > MISSING_BEYOND_STEPS * step and _runs_on(
+        if intervals[place] > limits.MISSING_BEYOND_STEPS * step and _runs_on(
             time, channels, int(place) + 1, excess
         ):
             found.append((int(place) + 1, excess))
@@ -241,18 +225,18 @@ def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, exce
             misfits.append(_misfit(closed, values, sigma))
             stamped.append(_misfit(time[part], values, sigma))
             moved += _would_move(closed, values, sigma, excess)
-    if moved < CLOCK_FEWEST_MOVED:
+    if moved < limits.CLOCK_FEWEST_MOVED:
         return False
-    most = max(CLOCK_RUNS_ON, CLOCK_FAR_BETTER * float(np.mean(stamped)))
-    return float(np.mean(misfits)) < most and max(misfits) < CLOCK_WORST_CHANNEL * most
+    most = max(limits.CLOCK_RUNS_ON, limits.CLOCK_FAR_BETTER * float(np.mean(stamped)))
+    return float(np.mean(misfits)) < most and max(misfits) < limits.CLOCK_WORST_CHANNEL * most
 
 
 def _would_move(time: FloatArray, values: FloatArray, sigma: float, excess: float) -> bool:
     """Whether the trend of a channel would carry it, in `excess` s, well beyond its noise."""
     centred = time - time.mean()
     slope = abs(float(centred @ values)) / float(centred @ centred)
-    known = slope > CLOCK_SLOPE_SIGMAS * sigma / float(np.linalg.norm(centred))
-    return known and slope * excess > CLOCK_MOVED_SIGMAS * sigma
+    known = slope > limits.CLOCK_SLOPE_SIGMAS * sigma / float(np.linalg.norm(centred))
+    return known and slope * excess > limits.CLOCK_MOVED_SIGMAS * sigma
 
 
 def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
@@ -271,15 +255,15 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
     accelerometers = _jumping([channels[name] for name in ACCELEROMETERS if name in channels])
     both = np.minimum(gyros, accelerometers)
     left, found = both.copy(), list[int]()
-    while left.size and float(left.max()) > JUMP_SIGMAS and len(found) <= CLOCK_MOST_STEPS:
+    while left.size and float(left.max()) > limits.JUMP_SIGMAS and len(found) <= limits.CLOCK_MOST_STEPS:
         at = int(np.argmax(left))
         left[max(0, at - JUMP_FLANK) : at + JUMP_FLANK + 1] = 0.0
         before = both[max(0, at - JUMP_AROUND * JUMP_FLANK) : max(0, at - JUMP_FLANK)]
         after = both[at + JUMP_FLANK + 1 : at + JUMP_AROUND * JUMP_FLANK]
         around = max(float(part.max(initial=0.0)) for part in (before, after))
-        if min(before.size, after.size) > JUMP_FLANK and both[at] > JUMP_TIMES_AROUND * around:
+        if min(before.size, after.size) > JUMP_FLANK and both[at] > limits.JUMP_TIMES_AROUND * around:
             found.append(at)
-    return tuple(sorted(found)) if len(found) <= CLOCK_MOST_STEPS else ()
+    return tuple(sorted(found)) if len(found) <= limits.CLOCK_MOST_STEPS else ()
 
 
 def _jumping(channels: Sequence[FloatArray]) -> FloatArray:

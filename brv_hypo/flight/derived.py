@@ -49,10 +49,11 @@ def derive(
     notes = list(_inconsistent(known))
     earth = planet == "earth"
     if "density" not in known and "dynamic_pressure" in known:
-        known["density"] = _density(known["dynamic_pressure"], known["velocity"])
+        moving = np.where(known["velocity"] > 0.0, known["velocity"], np.nan)
+        known["density"] = np.asarray(2.0 * known["dynamic_pressure"] / moving**2)
         notes.append("density derived from dynamic pressure and velocity")
     if earth and "density" not in known and "altitude" in known:
-        known["density"] = _atmosphere(known["altitude"], "density")
+        known["density"] = atmosphere(known["altitude"], "density")
         notes.append(
             f"density derived from altitude by the Earth standard atmosphere{_beyond(known['altitude'])}"
         )
@@ -80,23 +81,17 @@ def _derive_from_atmosphere(known: Channels, wanted: list[str], reference_length
     end = np.clip(known["altitude"], LOWEST_ALTITUDE, HIGHEST_ALTITUDE)
     outside = _beyond(known["altitude"]) and ", with the temperature of its end where the flight is beyond it"
     if "mach" in wanted:
-        known["mach"] = known["velocity"] / _atmosphere(end, "speed_of_sound")
+        known["mach"] = known["velocity"] / atmosphere(end, "speed_of_sound")
         notes.append(f"Mach number derived with the speed of sound of the Earth standard atmosphere{outside}")
     if "reynolds" in wanted:
-        viscosity = _atmosphere(end, "dynamic_viscosity")
+        viscosity = atmosphere(end, "dynamic_viscosity")
         known["reynolds"] = known["density"] * known["velocity"] * reference_length / viscosity
         notes.append(f"Reynolds number derived with the viscosity of the Earth standard atmosphere{outside}")
     return notes
 
 
-def _density(dynamic_pressure: FloatArray, velocity: FloatArray) -> FloatArray:
-    """2 q_inf / V^2, NaN where the vehicle is at rest."""
-    moving = np.where(velocity > 0.0, velocity, np.nan)
-    return np.asarray(2.0 * dynamic_pressure / moving**2)
-
-
-def _atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
-    """An attribute of the standard atmosphere at `altitude` (n,) m; NaN beyond its ends."""
+def atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
+    """`quantity`, such as "density", of the Earth standard atmosphere at `altitude` (n,) m, SI; NaN beyond its ends."""
     from ambiance import Atmosphere
 
     result = np.full(altitude.shape, np.nan)
@@ -106,11 +101,6 @@ def _atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
     return result
 
 
-def standard_density(altitude: FloatArray) -> FloatArray:
-    """Density (n,) kg/m^3 of the Earth standard atmosphere at `altitude` (n,) m; NaN beyond its ends."""
-    return _atmosphere(altitude, "density")
-
-
 def _altitude_of_density(density: FloatArray) -> FloatArray:
     """The altitude (n,) m at which the standard atmosphere has `density`; its ends beyond them.
 
@@ -118,7 +108,7 @@ def _altitude_of_density(density: FloatArray) -> FloatArray:
     """
     bends = _EARTH_RADIUS * _LAYERS / (_EARTH_RADIUS - _LAYERS)
     grid = np.union1d(np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0), bends)
-    fall = -np.log(_atmosphere(grid, "density"))
+    fall = -np.log(atmosphere(grid, "density"))
     with np.errstate(divide="ignore"):
         return np.asarray(np.interp(-np.log(density), fall, grid))
 

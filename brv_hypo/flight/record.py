@@ -29,7 +29,7 @@ from pydantic import (
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.tolerances import Instruments, of_grade
-from brv_hypo.flight.units import Dimension
+from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.io.text import one_line, refusal
 from brv_hypo.results import Histories
 from brv_hypo.thresholds import LARGEST_PROPERTY, MINIMUM_SAMPLES, SHORTEST_STEP, SLOWEST
@@ -87,18 +87,18 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class RecordFault:
-    """One fault: `channel` (several joined by commas), the kind of `fault`, from `start_s` to `stop_s`.
-
-    `action` says in words what was done, or what the user should do. `decisive`: the record contradicts itself,
-    and nothing that is fitted to it can be trusted.
-    """
+    """One fault of a record."""
 
     channel: str
+    """The channel, or several joined by commas."""
     fault: str
+    """Its kind."""
     start_s: float
     stop_s: float
     action: str
+    """What was done, or what the user should do, in words."""
     decisive: bool
+    """True where the record contradicts itself, and nothing that is fitted to it can be trusted."""
 
 
 @dataclass(frozen=True)
@@ -113,39 +113,47 @@ class RecordTrial:
 class Flight(Histories):
     """One flight, format 1, in SI units; every channel is (n,) over a uniform `time` (n,), without NaN.
 
-    Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment.
-    `segments` are the index ranges [start, stop) that are contiguous and usable.
-    `wind` (n, 3) m/s is what is known of the wind, in body axes of the first sample; None where nothing is.
-    `instruments` are the tolerances to which record, vehicle and air are known.
-    `notes` say what was derived, resampled, bridged or cut; `faults` what was masked, or should stop an analysis
-    (`brv_hypo.motion.try_record`). The `truth` of a simulated flight is not here:
-    nothing that analyses a flight may see it.
+    Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment. The `truth` of a
+    simulated flight is not here: nothing that analyses a flight may see it.
     """
 
     time: FloatArray
+    """s"""
     p: FloatArray
+    """Roll rate, rad/s; `q` and `r` are the rates of pitch and yaw."""
     q: FloatArray
     r: FloatArray
     ax: FloatArray
+    """Specific force along the body axes at the accelerometer, m/s^2."""
     ay: FloatArray
     az: FloatArray
     velocity: FloatArray
+    """Speed through the air, m/s."""
     dynamic_pressure: FloatArray
+    """Pa"""
     vehicle: Vehicle
     altitude: FloatArray | None = None
+    """m"""
     density: FloatArray | None = None
+    """kg/m^3"""
     mach: FloatArray | None = None
     reynolds: FloatArray | None = None
     roll_rate_mag: FloatArray | None = None
+    """Roll rate as a magnetometer has it, rad/s."""
     wind: FloatArray | None = None
+    """(n, 3) m/s, what is known of the wind, in body axes of the first sample."""
     instruments: Instruments = field(default_factory=of_grade)
+    """The tolerances to which record, vehicle and air are known."""
     segments: tuple[tuple[int, int], ...] = ()
+    """Index ranges [start, stop) that are contiguous and usable."""
     planet: str = "earth"
     title: str = ""
     source: str = ""
     path: str = ""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    """What was derived, resampled, bridged or cut."""
     faults: tuple[RecordFault, ...] = ()
+    """What was masked, or should stop an analysis (`brv_hypo.motion.try_record`)."""
 
     def __post_init__(self) -> None:
         """A record without gaps is one segment."""
@@ -157,10 +165,8 @@ class Flight(Histories):
 
     def headline(self) -> str:
         """Title or path, length and rate."""
-        name = self.title or self.path or "flight"
-        return (
-            f"{name}: {self.samples} samples, {self.time[0]:.2f} to {self.time[-1]:.2f} s, {self.sample_rate:.4g} Hz"
-        )
+        span = f"{self.time[0]:.2f} to {self.time[-1]:.2f} s, {self.sample_rate:.4g} Hz"
+        return f"{self.title or self.path or 'flight'}: {self.samples} samples, {span}"
 
     def columns(self) -> Mapping[str, Any]:
         """Time (s) and every channel that the record has, SI."""
@@ -169,9 +175,6 @@ class Flight(Histories):
 
     def units(self) -> Mapping[str, str]:
         """SI units of the columns."""
-
-        from brv_hypo.flight.units import SI
-
         return {name: SI[CHANNEL_DIMENSIONS[name]] for name in self.columns()}
 
     @property
@@ -220,12 +223,8 @@ FORMAT_VERSION = 1
 
 CHANNEL_DIMENSIONS: dict[str, Dimension] = {
     "time": "time",
-    "p": "angular rate",
-    "q": "angular rate",
-    "r": "angular rate",
-    "ax": "acceleration",
-    "ay": "acceleration",
-    "az": "acceleration",
+    **dict.fromkeys(GYROS, "angular rate"),
+    **dict.fromkeys(ACCELEROMETERS, "acceleration"),
     "velocity": "speed",
     "dynamic_pressure": "pressure",
     "altitude": "length",
@@ -443,16 +442,17 @@ def _check_size(name: str, values: FloatArray) -> None:
 
 
 @cache
-def _adapter(model: type[Model]) -> TypeAdapter[Model]:
+def _adapter(model: Any) -> TypeAdapter[Any]:
     return TypeAdapter(model)
 
 
 def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -> Model:
     """`model` built from `data`; pydantic's complaints become one FlightRecordError naming each dataset."""
     try:
-        return _adapter(model).validate_python(dict(data))
+        checked: Model = _adapter(model).validate_python(dict(data))
     except ValidationError as error:
         raise FlightRecordError(complaints(error, group, "the format 1 description")) from error
+    return checked
 
 
 def complaints(error: ValidationError, group: str, guide: str) -> str:

@@ -23,7 +23,7 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import BrvHypoError
-from brv_hypo.flight.derived import standard_density
+from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, to_si
@@ -199,7 +199,7 @@ def turning_units(
     turned = -(bearing - bearing[0])
     if not np.all(np.isfinite(turned)) or np.ptp(turned) < 4.0 * np.pi:
         return None
-    angle = cumulative_trapezoid(rate, time, initial=0.0)
+    angle = cumulative_trapezoid(rate, time, initial=0)
     factor = _slope(angle, turned)
     units = _units_of_factor(abs(factor), "angular rate")
     return None if units is None else (units, float(np.sign(factor)))
@@ -211,7 +211,7 @@ def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[
     What the accelerometer senses differs from the change of speed by gravity, or a part of it: a constant. Empty where
     the one does not follow from the other.
     """
-    gained = cumulative_trapezoid(push, time, initial=0.0)
+    gained = cumulative_trapezoid(push, time, initial=0)
     columns = np.stack([gained, time - time[0], np.ones_like(time)], axis=1)
     known = np.all(np.isfinite(columns), axis=1) & np.isfinite(speed)
     found, *_ = np.linalg.lstsq(columns[known], speed[known], rcond=None)
@@ -228,7 +228,7 @@ def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[
 
 def climb_factor(time: FloatArray, altitude: FloatArray, speed: FloatArray) -> float:
     """Change of an altitude over the path that a speed makes: 1 on a vertical climb in like units."""
-    return abs(_slope(cumulative_trapezoid(speed, time, initial=0.0), altitude))
+    return abs(_slope(cumulative_trapezoid(speed, time, initial=0), altitude))
 
 
 def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray) -> str | None:
@@ -241,7 +241,7 @@ def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray)
 
 def density_share(altitude: FloatArray, density: FloatArray) -> float | None:
     """Median ratio of a density (n,) kg/m^3 to the Earth's at `altitude` (n,) m; None where no model reaches."""
-    share = density / standard_density(altitude)
+    share = density / atmosphere(altitude, "density")
     known = np.isfinite(share)
     return float(np.median(share[known])) if np.any(known) else None
 

@@ -311,7 +311,8 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     """
     source, mapping = Path(data), read_map(map_path)
     folders = (Path(map_path).parent, source.parent)
-    files = {None: source, **{name: found_file(each.file, folders) for name, each in mapping.recorders.items()}}
+    files: dict[str | None, Path] = {None: source}
+    files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
     raw = {name: _raw_table(path, mapping, name) for name, path in files.items()}
     with naming(source):
         record, faults, phases = _record(raw, mapping, source, folders)

@@ -172,7 +172,7 @@ def ascent(
     grid = np.arange(first, last, 1.0 / ASCENT_RATE)
     known = np.isfinite(ax)
     # Mean acceleration over the interval of the grid that ends at each of its points.
-    gained = np.interp(grid, time[known], cumulative_trapezoid(ax[known], time[known], initial=0.0))
+    gained = np.interp(grid, time[known], cumulative_trapezoid(ax[known], time[known], initial=0))
     pushed = np.diff(gained, prepend=0.0) * ASCENT_RATE - GRAVITY
     heights = np.interp(grid, time[both], altitude[both])
     weights = np.ones(grid.size)

@@ -114,7 +114,7 @@ class SimulatedFlight(Histories):
         raw = Flight(
             time=record.time,
             **channels,
-            vehicle=record.vehicle.vehicle(),
+            vehicle=record.vehicle,
             instruments=record.instruments,
             planet=record.planet,
             title=record.title,
