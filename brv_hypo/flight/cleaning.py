@@ -100,12 +100,6 @@ def flat_tops(values: FloatArray) -> BoolArray:
     return found
 
 
-def is_constant(values: FloatArray) -> bool:
-    """Whether a channel (n,) has one value throughout."""
-    known = values[np.isfinite(values)]
-    return bool(known.size and known.min() == known.max())
-
-
 def _shares(equal: BoolArray) -> FloatArray:
     """Share of repeated samples in each of some blocks."""
     return np.array([float(np.mean(block)) for block in np.array_split(equal, STUCK_BLOCKS)])
@@ -341,7 +335,7 @@ def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArra
 
 def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, RecordFault]:
     """Channels that never change where others show that they must."""
-    constant = [name for name, values in channels.items() if is_constant(values)]
+    constant = [name for name, values in channels.items() if np.nanmin(values) == np.nanmax(values)]
     noisy = [
         name
         for name in INERTIAL_CHANNELS

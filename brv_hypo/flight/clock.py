@@ -64,7 +64,11 @@ def regularise(
         return time, dict(channels), ()
     grid = time[0] + offset + slope * np.arange(index[-1] + 1)
     note = f"{grid.size - time.size} rows are missing from the uniform time axis and count as missing samples"
-    return grid, {name: _placed(values, index, grid.size) for name, values in channels.items()}, (note,)
+    placed = {}
+    for name, values in channels.items():
+        placed[name] = np.full(grid.size, np.nan)
+        placed[name][index] = values
+    return grid, placed, (note,)
 
 
 def places_with_gaps(time: FloatArray, longest: int) -> IntArray:
@@ -102,7 +106,7 @@ def longest_crossed(step: float, q: FloatArray, r: FloatArray) -> int:
 
 def _cycle(step: float, q: FloatArray, r: FloatArray) -> float:
     """Samples of a cycle of the transverse motion."""
-    frequency = max(dominant_frequency(q, step), dominant_frequency(r, step))
+    frequency = transverse_frequency(q, r, step)
     return np.inf if frequency == 0.0 else 1.0 / (frequency * step)
 
 
@@ -141,44 +145,37 @@ def crossed(values: FloatArray, longest: int) -> FloatArray:
 def _resampled(
     time: FloatArray, channels: Mapping[str, FloatArray], deviation: float
 ) -> tuple[FloatArray, Channels, tuple[str, ...]]:
+    """As of `regularise`, by splines: NaN wherever the record has no sample close by on either side."""
+    from scipy.interpolate import CubicSpline
+
     intervals = np.diff(time)
     step = float(np.mean(intervals[intervals <= limits.GAP_BEYOND_MEDIANS * np.median(intervals)]))
     grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1.0 + 1e-12)) + 1)
+    after = np.clip(np.searchsorted(time, grid), 1, time.size - 1)
+    apart = time[after] - time[after - 1] > limits.MISSING_BEYOND_STEPS * step
+    resampled = {}
+    for name, values in channels.items():
+        known = np.isfinite(values)
+        resampled[name] = np.full(grid.size, np.nan)
+        if np.count_nonzero(known) >= 4:
+            near = ~(apart | np.isnan(values[after]) | np.isnan(values[after - 1]))
+            resampled[name][near] = CubicSpline(time[known], values[known])(grid)[near]
     note = (
         f"time is not uniform (a stamp is {100.0 * deviation:.2g} % of the step off): resampled to "
         f"{1.0 / step:.6g} Hz, the mean rate, by a cubic spline"
     )
-    return grid, {name: _interpolated(time, values, grid, step) for name, values in channels.items()}, (note,)
+    return grid, resampled, (note,)
 
 
-def _interpolated(time: FloatArray, values: FloatArray, grid: FloatArray, step: float) -> FloatArray:
-    """Spline values on the grid, NaN wherever the record has no sample close by on either side."""
-    from scipy.interpolate import CubicSpline
-
-    known = np.flatnonzero(np.isfinite(values))
-    if known.size < 4:
-        return np.full(grid.size, np.nan)
-    after = np.clip(np.searchsorted(time, grid), 1, time.size - 1)
-    apart = time[after] - time[after - 1] > limits.MISSING_BEYOND_STEPS * step
-    beside = np.isnan(values[after]) | np.isnan(values[after - 1])
-    result: FloatArray = CubicSpline(time[known], values[known])(grid)
-    result[apart | beside] = np.nan
-    return result
-
-
-def _placed(values: FloatArray, index: np.typing.NDArray[np.int64], size: int) -> FloatArray:
-    grid = np.full(size, np.nan)
-    grid[index] = values
-    return grid
+def transverse_frequency(q: FloatArray, r: FloatArray, step: float) -> float:
+    """Frequency of the strongest transverse motion, Hz, of `q` and `r` (n,) at `step` s; 0 where nothing varies."""
+    return max(dominant_frequency(rate, step) for rate in (q, r))
 
 
 def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Sequence[tuple[int, int]]) -> float:
-    """Frequency of the strongest transverse motion, Hz, over the longest of `segments`; 0 where nothing varies.
-
-    `q` and `r` (n,), `step` in s.
-    """
+    """`transverse_frequency` over the longest of `segments`."""
     start, stop = max(segments, key=lambda segment: segment[1] - segment[0])
-    return max(dominant_frequency(rate[start:stop], step) for rate in (q, r))
+    return transverse_frequency(q[start:stop], r[start:stop], step)
 
 
 def dominant_frequency(values: FloatArray, step: float) -> float:
@@ -201,14 +198,9 @@ def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple
     odd = np.flatnonzero(np.abs(intervals - step) > limits.UNIFORM_WITHIN * step)
     if not 0 < odd.size <= limits.CLOCK_MOST_STEPS:
         return ()
-    found = []
-    for place in odd:
-        excess = float(intervals[place] - step)
-        if intervals[place] > limits.MISSING_BEYOND_STEPS * step and _runs_on(
-            time, channels, int(place) + 1, excess
-        ):
-            found.append((int(place) + 1, excess))
-    return tuple(found)
+    places = [int(place) for place in odd if intervals[place] > limits.MISSING_BEYOND_STEPS * step]
+    steps = [(place + 1, float(intervals[place] - step)) for place in places]
+    return tuple((at, excess) for at, excess in steps if _runs_on(time, channels, at, excess))
 
 
 def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, excess: float) -> bool:

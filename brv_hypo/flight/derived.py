@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.clock import dominant_frequency
+from brv_hypo.flight.clock import transverse_frequency
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Channels, Flight
 from brv_hypo.thresholds import PRESSURE_CONSISTENT
 
@@ -66,14 +66,8 @@ def derive(
             f"{', '.join(wanted)} missing and not derived: the planet is {planet}, and the only atmosphere "
             "model is Earth's"
         )
-    if wanted and earth and "density" in known:
-        notes += _derive_from_atmosphere(known, wanted, reference_length)
-    return known, notes
-
-
-def _derive_from_atmosphere(known: Channels, wanted: list[str], reference_length: float) -> list[str]:
-    """Fill `wanted` in `known`; the notes on how."""
-    notes = []
+    if not (wanted and earth and "density" in known):
+        return known, notes
     if "altitude" in wanted:
         known["altitude"] = _altitude_of_density(known["density"])
         beyond = _beyond(known["altitude"])
@@ -87,7 +81,7 @@ def _derive_from_atmosphere(known: Channels, wanted: list[str], reference_length
         viscosity = atmosphere(end, "dynamic_viscosity")
         known["reynolds"] = known["density"] * known["velocity"] * reference_length / viscosity
         notes.append(f"Reynolds number derived with the viscosity of the Earth standard atmosphere{outside}")
-    return notes
+    return known, notes
 
 
 def atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
@@ -141,12 +135,15 @@ def averaged(flight: Flight) -> Flight:
 
     Samples that a segment's ends leave over belong to no mean.
     """
-    every = min(_to_spare(flight), flight.samples // AVERAGED_LEFT)
+    # Of the fastest motion in body axes, coning or spin, a cycle keeps enough.
+    coning, spin = transverse_frequency(flight.q, flight.r, flight.step), np.max(np.abs(flight.p)) / (2.0 * np.pi)
+    fastest = max(coning, float(spin))
+    spare = int(flight.sample_rate / (AVERAGED_PER_CYCLE * fastest)) if fastest > 0.0 else 1
+    every = min(spare, flight.samples // AVERAGED_LEFT)
     if flight.samples <= AVERAGED_BEYOND or every < 2:
         return flight
-    segments = tuple(
-        (first, last) for a, b in flight.segments if (first := -(-a // every)) < (last := b // every)
-    )
+    ranges = ((-(-a // every), b // every) for a, b in flight.segments)
+    segments = tuple((first, last) for first, last in ranges if first < last)
     if not segments:
         return flight
     arrays: dict[str, Any] = {
@@ -156,14 +153,6 @@ def averaged(flight: Flight) -> Flight:
     rate = flight.sample_rate / every
     note = f"analysed as means of {every} samples each, at {rate:.6g} Hz: the motion needs no more"
     return replace(flight, segments=segments, notes=(*flight.notes, note), **arrays)
-
-
-def _to_spare(flight: Flight) -> int:
-    """Samples that may be averaged: of the fastest motion in body axes, coning or spin, a cycle keeps enough."""
-    coning = max(dominant_frequency(rate, flight.step) for rate in (flight.q, flight.r))
-    spin = float(np.max(np.abs(flight.p))) / (2.0 * np.pi)
-    fastest = max(coning, spin)
-    return int(flight.sample_rate / (AVERAGED_PER_CYCLE * fastest)) if fastest > 0.0 else 1
 
 
 def _means(values: FloatArray, every: int) -> FloatArray:

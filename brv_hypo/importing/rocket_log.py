@@ -21,7 +21,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import find_spikes, mask_faults, spike_note, without_spikes
-from brv_hypo.flight.clock import dominant_frequency, regularise
+from brv_hypo.flight.clock import regularise, transverse_frequency
 from brv_hypo.flight.inspection import AT_REST, GRAVITY
 from brv_hypo.flight.noise import MAD_TO_SIGMA
 from brv_hypo.flight.record import GYROS, Channels, Record, RecordFault
@@ -237,8 +237,7 @@ def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float |
     if before > DECIMATED_LEAST_GAIN * VIBRATION / DECIMATED_PASS_END:
         every = int(before * DECIMATED_PASS_END / VIBRATION)
         thinned = [_filtered(values, low_pass(before, before / every))[::every] for values in thinned]
-    frequency = max(dominant_frequency(values, every / before) for values in thinned)
-    rate = DECIMATED_PER_CYCLE * frequency
+    rate = DECIMATED_PER_CYCLE * transverse_frequency(thinned[0], thinned[1], every / before)
     return float(np.ceil(rate)) if 0.0 < DECIMATED_LEAST_GAIN * rate <= before else None
 
 

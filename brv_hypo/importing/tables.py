@@ -1,8 +1,8 @@
 """Columns of foreign tables by name: csv, parquet and mat, and what an entry point adds.
 
 `FORMATS` holds the reader of each format by the ending of its files: a function of the path, the names of the columns
-to read and the delimiter of the map, which returns a `Table`. A package adds a format by an entry point in the group
-`brv_hypo.table_formats`, named as the ending without its point. Entrances: `read_columns`, `column_names`.
+to read and the delimiter of the map, which returns a `ColumnTable`. A package adds a format by an entry point in the
+group `brv_hypo.table_formats`, named as the ending without its point. Entrances: `read_columns`, `column_names`.
 
 A csv is read line by line within a budget: one header row, lines that start with # left out. Parquet and MATLAB
 files are read in the sandbox.
@@ -25,7 +25,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.io.reading import check_regular
 from brv_hypo.io.sandbox import READ_BUDGET, read_in_sandbox
-from brv_hypo.io.tables import Table, mat_table, parquet_table
+from brv_hypo.io.tables import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.text import one_line, refusal
 
 MISSING_TEXT = frozenset({"", "na", "n/a", "nan", "null", "none", "-"})
@@ -34,7 +34,7 @@ MOST_NAMED = 40  # columns named where one is missing
 ENTRY_POINTS = "brv_hypo.table_formats"
 
 Columns = Mapping[str, FloatArray]
-TableReader = Callable[[Path, tuple[str, ...], str], Table]
+TableReader = Callable[[Path, tuple[str, ...], str], ColumnTable]
 
 
 def read_columns(path: Path, names: tuple[str, ...], delimiter: str = ",") -> Columns:
@@ -53,14 +53,14 @@ def column_names(path: Path, delimiter: str = ",") -> tuple[str, ...]:
 
 
 def _reader(path: Path) -> TableReader:
-    """The reader of a file's format, by its ending."""
+    """The reader of a file's format, by its suffix."""
     check_regular(path, "a record to import", FlightRecordError)
-    ending = path.suffix.lower()
-    if ending in FORMATS:
-        return FORMATS[ending]
+    suffix = path.suffix.lower()
+    if suffix in FORMATS:
+        return FORMATS[suffix]
     added = {f".{entry.name}": entry for entry in entry_points(group=ENTRY_POINTS)}
-    if ending in added:
-        reader: TableReader = added[ending].load()
+    if suffix in added:
+        reader: TableReader = added[suffix].load()
         return reader
     raise UsageError(
         f"{path}: found a file of type '{path.suffix}', expected {', '.join((*FORMATS, *added))}. "
@@ -102,7 +102,7 @@ def found_file(file: str, folders: tuple[Path, ...]) -> Path:
 # ---- csv: the wanted columns, read line by line within a budget ----
 
 
-def _read_csv(path: Path, names: tuple[str, ...], delimiter: str) -> Table:
+def _read_csv(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = csv.reader(_lines(stream, path), delimiter=delimiter)
@@ -119,7 +119,7 @@ def _read_csv(path: Path, names: tuple[str, ...], delimiter: str) -> Table:
         ) from error
     except (TypeError, ValueError) as error:  # what csv says of a delimiter that cannot be one
         raise UsageError(f"the delimiter {delimiter!r} cannot be used ({error}). Give another.") from error
-    return Table({name: np.array(values) for name, values in columns.items()}, tuple(header))
+    return ColumnTable({name: np.array(values) for name, values in columns.items()}, tuple(header))
 
 
 def _lines(stream: TextIO, path: Path) -> Iterator[str]:
@@ -158,7 +158,7 @@ def _number(row: list[str], index: int, name: str) -> float:
 # ---- Parquet and MATLAB, in the sandbox ----
 
 
-def _read_parquet(path: Path, names: tuple[str, ...], delimiter: str) -> Table:
+def _read_parquet(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
     if find_spec("pyarrow") is None:
         raise UsageError(
             f"{path}: reading parquet needs pyarrow. Install the extra: pip install 'brv-hypo[tables]'."
@@ -166,7 +166,7 @@ def _read_parquet(path: Path, names: tuple[str, ...], delimiter: str) -> Table:
     return read_in_sandbox("Parquet", parquet_table, path, names)
 
 
-def _read_mat(path: Path, names: tuple[str, ...], delimiter: str) -> Table:
+def _read_mat(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
     return read_in_sandbox("MATLAB", mat_table, path, names)
 
 

@@ -18,14 +18,14 @@ MOST_COLUMNS = 10_000  # whose names are kept
 
 
 @dataclass(frozen=True)
-class Table:
+class ColumnTable:
     """The columns that were requested, as far as the file has them, and the `names` of all that it has."""
 
     columns: Mapping[str, NDArray[Any]]
     names: tuple[str, ...]
 
 
-def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> Table:
+def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
     """The columns `names` of a Parquet file."""
     import pyarrow as pa
     from pyarrow import parquet, types
@@ -44,10 +44,10 @@ def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> Table:
             raise _not_numbers(name, str(column.type))
         values = column.cast(kind).cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
         columns[name] = np.asarray(values, dtype=np.float64)
-    return Table(columns, available[:MOST_COLUMNS])
+    return ColumnTable(columns, available[:MOST_COLUMNS])
 
 
-def mat_table(path: str, budget: Budget, names: tuple[str, ...]) -> Table:
+def mat_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
     """The columns `names` of a MATLAB file, those in a struct as struct.field; v7.3 is read as the HDF5 that it is."""
     from scipy.io import loadmat, whosmat
 
@@ -70,10 +70,10 @@ def mat_table(path: str, budget: Budget, names: tuple[str, ...]) -> Table:
             except (TypeError, ValueError):
                 raise _not_numbers(name, type(flat[name]).__name__) from None
             budget.take(columns[name].nbytes, f"dataset '{name}'")
-    return Table(columns, (*flat, *(name for name in kinds if name not in variables))[:MOST_COLUMNS])
+    return ColumnTable(columns, (*flat, *(name for name in kinds if name not in variables))[:MOST_COLUMNS])
 
 
-def _mat_of_hdf5(path: str, budget: Budget, names: tuple[str, ...]) -> Table:
+def _mat_of_hdf5(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
     selection: dict[str, list[str] | None] = {} if names else {"": None}
     for name in names:
         group, _, last = name.rpartition(".")
@@ -81,7 +81,7 @@ def _mat_of_hdf5(path: str, budget: Budget, names: tuple[str, ...]) -> Table:
     tree = tree_of(path, budget, selection)
     held = dict(_dotted(tree, ""))
     available = held if names else [name for name, values in held.items() if values.dtype.kind in "fiu"]
-    return Table({name: held[name] for name in names if name in held}, (*available, *tree.unread))
+    return ColumnTable({name: held[name] for name in names if name in held}, (*available, *tree.unread))
 
 
 def _dotted(tree: Tree, prefix: str) -> Iterator[tuple[str, Any]]:

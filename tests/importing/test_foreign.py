@@ -221,11 +221,12 @@ def test_parquet_without_its_extra_says_what_to_install(tmp_path: Path, monkeypa
 
 FIXED_WIDTH = """
 import numpy as np
-from brv_hypo.io.tables import Table
+from brv_hypo.io.tables import ColumnTable
 
 def read(path, names, delimiter):
     header, *rows = [line.split() for line in path.read_text().splitlines()]
-    return Table({name: np.array([float(row[header.index(name)]) for row in rows]) for name in names}, tuple(header))
+    columns = {name: np.array([float(row[header.index(name)]) for row in rows]) for name in names}
+    return ColumnTable(columns, tuple(header))
 """
 
 
