@@ -17,9 +17,7 @@ What is masked becomes NaN, and is bridged or cut by the rules of clock.py; a de
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -28,11 +26,8 @@ from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.clock import JUMP_FLANK, bridge, joint_jumps, places_with_gaps, runs, stamped_steps
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
 from brv_hypo.flight.record import (
-    CHANNELS,
     INERTIAL_CHANNELS,
-    OPTIONAL_CHANNELS,
     Channels,
-    Flight,
     RecordFault,
 )
 from brv_hypo.io.text import counted
@@ -201,21 +196,6 @@ def find_spikes(values: FloatArray) -> BoolArray:
         cleaned[fresh] = np.nan
         cleaned = np.where(found, bridge(index, cleaned, limits.SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
     return found if np.count_nonzero(found) <= limits.SPIKE_LARGEST_FRACTION * values.size else np.zeros_like(found)
-
-
-def despiked(flight: Flight) -> Flight:
-    """The flight with isolated spikes replaced by a cubic spline, and notes with channels and counts."""
-    cleaned: dict[str, Any] = {}
-    notes = []
-    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
-        values = getattr(flight, name)
-        if values is None:
-            continue
-        spikes = find_spikes(values)
-        if np.any(spikes):
-            cleaned[name] = without_spikes(flight.time, values, spikes)
-            notes.append(spike_note(name, spikes, flight.time))
-    return replace(flight, notes=(*flight.notes, *notes), **cleaned) if cleaned else flight
 
 
 def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> FloatArray:

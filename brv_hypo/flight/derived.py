@@ -38,6 +38,7 @@ HIGHEST_ALTITUDE = 81000.0
 _LAYERS = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3])
 _EARTH_RADIUS = 6356766.0
 
+
 def derive(
     channels: Mapping[str, FloatArray], planet: str, reference_length: float
 ) -> tuple[Channels, list[str]]:
@@ -54,9 +55,8 @@ def derive(
         notes.append("density derived from dynamic pressure and velocity")
     if earth and "density" not in known and "altitude" in known:
         known["density"] = atmosphere(known["altitude"], "density")
-        notes.append(
-            f"density derived from altitude by the Earth standard atmosphere{_beyond(known['altitude'])}"
-        )
+        beyond = _beyond(known["altitude"])
+        notes.append(f"density derived from altitude by the Earth standard atmosphere{beyond}")
     if "dynamic_pressure" not in known and "density" in known:
         known["dynamic_pressure"] = 0.5 * known["density"] * known["velocity"] ** 2
         notes.append("dynamic pressure derived from density and velocity")

@@ -11,7 +11,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
@@ -441,18 +440,12 @@ def _check_size(name: str, values: FloatArray) -> None:
         )
 
 
-@cache
-def _adapter(model: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(model)
-
-
 def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -> Model:
     """`model` built from `data`; pydantic's complaints become one FlightRecordError naming each dataset."""
     try:
-        checked: Model = _adapter(model).validate_python(dict(data))
+        return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
         raise FlightRecordError(complaints(error, group, "the format 1 description")) from error
-    return checked
 
 
 def complaints(error: ValidationError, group: str, guide: str) -> str:

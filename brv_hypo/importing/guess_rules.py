@@ -52,9 +52,7 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "reynolds": (("reynolds",), ("re",)),
 }  # fmt: skip
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
-    GYROS: frozenset(
-        ("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")
-    ),
+    GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
     ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
     MAGNETOMETER: frozenset(("m", "mag", "magn", "magnetometer", "b")),
 }

@@ -30,7 +30,7 @@ vehicle and its tolerances over it; faults masked on the way to the rate that th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -175,13 +175,29 @@ def read_map(path: str | Path) -> RecordMap:
 
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")
-    _check_filled_in(content, file)
+    # A guessed map has null for what no table gives.
+    vehicle = content.get("vehicle")
+    entries = vehicle.items() if isinstance(vehicle, dict) else ()
+    empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
+    if empty:
+        raise UsageError(
+            f"the map {file} has no value yet for vehicle/{', vehicle/'.join(empty)}: fill in what is null. The shape "
+            "of the moments needs the ratio of the inertias alone; their size needs all of them."
+        )
     try:
         mapping = RecordMap.model_validate(content)
     except ValidationError as error:
         raise UsageError(f"the map {file}: {complaints(error, '', 'the description of the map')}") from error
-    _check_names(mapping.channels, CHANNEL_DIMENSIONS, "channels", file)
-    _check_names(mapping.vehicle, VEHICLE_DIMENSIONS, "vehicle", file)
+    for group, names, known in (
+        ("channels", mapping.channels, CHANNEL_DIMENSIONS),
+        ("vehicle", mapping.vehicle, VEHICLE_DIMENSIONS),
+    ):
+        for name in names:
+            if name not in known:
+                raise UsageError(
+                    f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
+                    f"It has {', '.join(known)}."
+                )
     if "time" not in mapping.channels:
         raise UsageError(f"the map {file} has no channels/time. Map the column that holds the sample times.")
     for name, entry in mapping.channels.items():
@@ -191,27 +207,6 @@ def read_map(path: str | Path) -> RecordMap:
                 f"not describe{nearest(entry.recorder, mapping.recorders)}. Give its file and its time."
             )
     return mapping
-
-
-def _check_filled_in(content: dict[str, Any], file: Path) -> None:
-    """A guessed map has null for what no table gives."""
-    vehicle = content.get("vehicle")
-    entries = vehicle.items() if isinstance(vehicle, dict) else ()
-    empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
-    if empty:
-        raise UsageError(
-            f"the map {file} has no value yet for vehicle/{', vehicle/'.join(empty)}: fill in what is null. The shape "
-            "of the moments needs the ratio of the inertias alone; their size needs all of them."
-        )
-
-
-def _check_names(names: Iterable[str], known: Iterable[str], group: str, file: Path) -> None:
-    for name in names:
-        if name not in set(known):
-            raise UsageError(
-                f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
-                f"It has {', '.join(known)}."
-            )
 
 
 # ---- The vehicle of a foreign record, from its map or a table over time, and how well all of it is known ----
