@@ -124,10 +124,16 @@ def find_bursts(values: FloatArray) -> BoolArray:
     found = np.zeros(values.size, dtype=np.bool_)
     if values.size < 4 * BURST_FLANK:
         return found
-    third = _third_difference(values)
+    # At each sample, the jump from the one before less that of its neighbours; NaN at the ends.
+    jumps = np.diff(values, prepend=np.nan)
+    around = 0.5 * (np.roll(jumps, 1) + np.roll(jumps, -1))
+    around[:2] = around[-1:] = np.nan
+    third = jumps - around
     finite = third[np.isfinite(third)]
     scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
-    edges = _edges(third, scale)
+    size = np.nan_to_num(np.abs(third))
+    peaks = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
+    edges = np.flatnonzero(peaks & (size > limits.BURST_SIGMAS * scale))
     if scale == 0.0 or edges.size > limits.BURST_MOST_EDGES:
         return found
     sigma = sigma_of_differences([values])
@@ -139,21 +145,6 @@ def find_bursts(values: FloatArray) -> BoolArray:
                 found[start:stop] = True
                 break
     return found if np.count_nonzero(found) <= limits.BURST_LARGEST_FRACTION * values.size else np.zeros_like(found)
-
-
-def _third_difference(values: FloatArray) -> FloatArray:
-    """At each sample, the jump from the one before less that of its neighbours; NaN at the ends."""
-    jumps = np.diff(values, prepend=np.nan)
-    around = 0.5 * (np.roll(jumps, 1) + np.roll(jumps, -1))
-    around[:2] = around[-1:] = np.nan
-    return np.asarray(jumps - around)
-
-
-def _edges(third: FloatArray, scale: float) -> IntArray:
-    """Where the third difference stands out, at the peaks of it."""
-    size = np.nan_to_num(np.abs(third))
-    peak = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
-    return np.flatnonzero(peak & (size > limits.BURST_SIGMAS * scale)).astype(np.int64)
 
 
 def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigma: float) -> bool:
@@ -189,7 +180,12 @@ def find_spikes(values: FloatArray) -> BoolArray:
     index = np.arange(values.size, dtype=np.float64)
     cleaned = values.copy()
     for _ in range(SPIKE_PASSES):
-        fresh = _one_pass(cleaned)
+        # Those that stand out now, the largest first where candidates overlap.
+        fresh = np.zeros_like(found)
+        for length in range(1, limits.SPIKE_LONGEST + 1):
+            for start in _candidates(cleaned, length):
+                if not np.any(fresh[max(0, start - 2) : start + length + 2]):
+                    fresh[start : start + length] = True
         if not np.any(fresh):
             break
         found |= fresh
@@ -207,16 +203,6 @@ def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
     """What to say of spikes that were replaced in a channel."""
     at = np.flatnonzero(spikes)
     return f"{name}: {counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
-
-
-def _one_pass(values: FloatArray) -> BoolArray:
-    """The spikes that stand out now, longest-standing first where candidates overlap."""
-    spikes = np.zeros(values.size, dtype=np.bool_)
-    for length in range(1, limits.SPIKE_LONGEST + 1):
-        for start in _candidates(values, length):
-            if not np.any(spikes[max(0, start - 2) : start + length + 2]):
-                spikes[start : start + length] = True
-    return spikes
 
 
 def _candidates(values: FloatArray, length: int) -> IntArray:
@@ -376,22 +362,18 @@ def _mask_channel(
                 "which it does not (--start, --stop)"
             )
             faults.append(fault_over(name, kind, time, found, action, decisive=True))
+            continue
+        masked = np.where(found, np.nan, masked)
+        stretches = runs(found)
+        if len(stretches) > MOST_NAMED:
+            action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
+            faults.append(fault_over(name, kind, time, found, action))
         else:
-            masked = np.where(found, np.nan, masked)
-            faults += _masked(name, kind, time, found)
+            faults += [
+                RecordFault(name, kind, float(time[a]), float(time[b - 1]), f"masked ({b - a} samples)", False)
+                for a, b in stretches
+            ]
     return masked, faults
-
-
-def _masked(name: str, kind: str, time: FloatArray, found: BoolArray) -> list[RecordFault]:
-    """A fault for each stretch; one for all where they are many."""
-    stretches = runs(found)
-    if len(stretches) > MOST_NAMED:
-        action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
-        return [fault_over(name, kind, time, found, action)]
-    return [
-        RecordFault(name, kind, float(time[a]), float(time[b - 1]), f"masked ({b - a} samples)", False)
-        for a, b in stretches
-    ]
 
 
 def fault_over(

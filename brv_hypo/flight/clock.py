@@ -261,7 +261,9 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
 def _jumping(channels: Sequence[FloatArray]) -> FloatArray:
     """The largest jump (n,) of some channels before each sample, in robust standard deviations."""
     largest = np.zeros(channels[0].size if channels else 0)
-    slopes, weights = _weights()
+    # Of the samples about a place, half a step away: slope and value of the parabola after it less that before.
+    _, slope, value = np.linalg.pinv(np.vander(np.arange(JUMP_FLANK) + 0.5, 3))
+    slopes, weights = np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])
     for values in channels:
         if values.size < 4 * JUMP_FLANK:
             continue
@@ -276,10 +278,3 @@ def _jumping(channels: Sequence[FloatArray]) -> FloatArray:
             jump[inside][np.abs(jump[inside]) < kink] = 0.0
             largest = np.maximum(largest, np.nan_to_num(np.abs(jump)) / scale)
     return largest
-
-
-def _weights() -> tuple[FloatArray, FloatArray]:
-    """Of the samples about a place, half a step away: slope and value of the parabola after it less that before."""
-    columns = np.vander(np.arange(JUMP_FLANK) + 0.5, 3)
-    _, slope, value = np.linalg.pinv(columns)
-    return np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])

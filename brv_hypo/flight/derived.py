@@ -47,7 +47,15 @@ def derive(
     `reference_length` in m. What cannot be derived stays absent; a note says why.
     """
     known = dict(channels)
-    notes = list(_inconsistent(known))
+    notes = []
+    if {"dynamic_pressure", "density", "velocity"} <= set(known):
+        computed = 0.5 * known["density"] * known["velocity"] ** 2
+        usable = computed > 0.0
+        ratios = known["dynamic_pressure"][usable] / computed[usable]
+        ratio = float(np.nanmedian(ratios)) if ratios.size else 1.0
+        if abs(ratio - 1.0) > PRESSURE_CONSISTENT:  # units, or different sources
+            said = f"recorded dynamic pressure is {ratio:.4g} times density * velocity^2 / 2"
+            notes.append(f"{said}: check their units")
     earth = planet == "earth"
     if "density" not in known and "dynamic_pressure" in known:
         moving = np.where(known["velocity"] > 0.0, known["velocity"], np.nan)
@@ -111,20 +119,6 @@ def _beyond(altitude: FloatArray) -> str:
     """What to say of samples beyond the ends of the standard atmosphere; empty where there are none."""
     outside = int(np.count_nonzero((altitude <= LOWEST_ALTITUDE) | (altitude >= HIGHEST_ALTITUDE)))
     return f" ({outside} samples lie beyond its range of -5 to 81 km)" if outside else ""
-
-
-def _inconsistent(known: Mapping[str, FloatArray]) -> list[str]:
-    """A note where the recorded dynamic pressure is not rho V^2 / 2: units, or different sources."""
-    if not {"dynamic_pressure", "density", "velocity"} <= set(known):
-        return []
-    computed = 0.5 * known["density"] * known["velocity"] ** 2
-    usable = computed > 0.0
-    if not np.any(usable):
-        return []
-    ratio = float(np.nanmedian(known["dynamic_pressure"][usable] / computed[usable]))
-    if abs(ratio - 1.0) <= PRESSURE_CONSISTENT:
-        return []
-    return [f"recorded dynamic pressure is {ratio:.4g} times density * velocity^2 / 2: check their units"]
 
 
 # ---- A record that is sampled far more finely than its motion needs, as means of neighbouring samples ----

@@ -61,6 +61,7 @@ from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 Segments = tuple[tuple[int, int], ...]
 
 MOST_CUTS_NAMED = 10
+_ABOUT = ("instruments", "planet", "title", "source", "path")  # what a record and its flight share as it is
 
 
 def assemble(record: Record) -> Flight:
@@ -89,12 +90,8 @@ def assemble(record: Record) -> Flight:
         time=time[first:last],
         **{name: values[first:last] for name, values in whole.items()},
         vehicle=record.vehicle,
-        instruments=record.instruments,
+        **{name: getattr(record, name) for name in _ABOUT},
         segments=tuple((start - first, stop - first) for start, stop in segments),
-        planet=record.planet,
-        title=record.title,
-        source=record.source,
-        path=record.path,
         notes=(*notes, *resampled, *gap_notes, *derived, *cut_notes, *filled),
         faults=(*faults, *spike_faults),
     )
@@ -135,11 +132,7 @@ def unassemble(flight: Flight) -> Record:
             "time": flight.time,
             "channels": channels,
             "vehicle": checked_vehicle(vars(flight.vehicle)),
-            "instruments": flight.instruments,
-            "planet": flight.planet,
-            "title": flight.title,
-            "source": flight.source,
-            "path": flight.path,
+            **{name: getattr(flight, name) for name in _ABOUT},
             "notes": flight.notes,
         },
     )
@@ -176,10 +169,8 @@ def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Seg
             "a channel recorded at a much lower rate than the others, or a dropout throughout",
             "interpolate slow channels to the samples of 'time' before import, or give a longer record",
         )
-    kept = np.zeros_like(usable)
-    for start, stop in segments:
-        kept[start:stop] = True
-    cuts = runs(~kept)
+    bounds = (0, *(edge for segment in segments for edge in segment), time.size)
+    cuts = [(a, b) for a, b in zip(bounds[::2], bounds[1::2], strict=True) if a < b]
     notes = [_cut_note(time, start, stop, known) for start, stop in cuts[:MOST_CUTS_NAMED]]
     if len(cuts) > MOST_CUTS_NAMED:
         samples = sum(stop - start for start, stop in cuts[MOST_CUTS_NAMED:])

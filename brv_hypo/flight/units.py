@@ -108,6 +108,8 @@ def is_unit(units: str) -> bool:
 
 def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> float:
     """SI units in one of `spelling`, which must be a plain multiple of the SI unit."""
+    from pint.util import to_units_container
+
     unit = _parsed(spelling, units, dimension, dataset_name)
     target = _registry().parse_units(SI[dimension])
     if not unit.is_compatible_with(target):
@@ -118,7 +120,8 @@ def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             "the units of another channel, or a missing power or per-second",
             f"correct the units of '{dataset_name}'",
         )
-    if dimension == "angular rate" and not _holds_angle(unit):
+    # To pint an angle has no dimension, and Hz is rad/s: radians must be left in the root units.
+    if dimension == "angular rate" and "radian" not in to_units_container(_registry().get_root_units(unit)[1]):
         raise refusal(
             dataset_name,
             f"units '{units}', which hold no angle",
@@ -127,13 +130,6 @@ def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             "say which: 'rad/s', 'deg/s', 'rpm' or 'revolution/s'",
         )
     return float(_registry().Quantity(1.0, unit).to(target).magnitude)
-
-
-def _holds_angle(unit: pint.Unit) -> bool:
-    """Whether radians are left in the root units; to pint an angle has no dimension, and Hz is rad/s."""
-    from pint.util import to_units_container
-
-    return "radian" in to_units_container(_registry().get_root_units(unit)[1])
 
 
 def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> pint.Unit:

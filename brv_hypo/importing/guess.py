@@ -14,9 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
@@ -108,7 +110,8 @@ def _nowhere_said(column: str, units: str) -> str:
 
 def _find_time(table: ForeignTable) -> None:
     """The column of time, and its units by the rate that they make."""
-    rising = [name for name, values in table.columns.items() if rules.increasing(values)]
+    finite = {name: values for name, values in table.columns.items() if np.all(np.isfinite(values))}
+    rising = [name for name, values in finite.items() if values.size > 1 and np.all(np.diff(values) > 0.0)]
     entry = table.entries.get("time")
     if entry is None or entry.column not in rising:
         if not rising:
@@ -235,8 +238,9 @@ def _units_of_air(table: ForeignTable) -> None:
         if units is not None:
             table.sure("dynamic_pressure", units, f"in {units} it is half of density times speed squared")
     if {"density", "altitude"} <= have and table.entries["density"].units == SI["density"]:
-        share = rules.density_share(table.in_si("altitude"), table.values("density"))
-        if share is not None and not 1.0 / NOT_EARTHS < share < NOT_EARTHS:
+        ratios = table.values("density") / atmosphere(table.in_si("altitude"), "density")
+        share = float(np.median(ratios[np.isfinite(ratios)])) if np.any(np.isfinite(ratios)) else 1.0
+        if not 1.0 / NOT_EARTHS < share < NOT_EARTHS:
             table.unsure.append(f"the planet: the density is {share:.2g} of the Earth's at its altitudes")
 
 
@@ -260,8 +264,8 @@ def _speed_like_push(table: ForeignTable) -> None:
             table.sure(name, pushes, f"as ax, in {pushes}")
     length = speeds.split("/")[0]
     if "altitude" in table.entries and length in ("m", "ft", "km"):
-        factor = rules.climb_factor(time, table.values("altitude"), table.values("velocity"))
-        if 0.8 < factor < 1.1:
+        path = cumulative_trapezoid(table.values("velocity"), time, initial=0)
+        if 0.8 < abs(rules.slope(path, table.values("altitude"))) < 1.1:
             table.sure("altitude", length, f"it rises by the path of the speed, in {length}")
 
 

@@ -23,7 +23,6 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import BrvHypoError
-from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, to_si
@@ -149,11 +148,6 @@ def sizes(dimension: Dimension) -> Mapping[str, float]:
     return {unit: float(to_si(1.0, unit, dimension, "units")) for unit in RECORDED[dimension]}
 
 
-def increasing(values: FloatArray) -> bool:
-    """Whether a column could be time."""
-    return values.size > 1 and bool(np.all(np.isfinite(values)) and np.all(np.diff(values) > 0.0))
-
-
 def time_units(time: FloatArray) -> tuple[str, ...]:
     """Units in which the stamps make a rate that recorders have, the likelier first."""
     step = float(np.median(np.diff(time)))
@@ -198,7 +192,7 @@ def turning_units(
     if not np.all(np.isfinite(turned)) or np.ptp(turned) < 4.0 * np.pi:
         return None
     angle = cumulative_trapezoid(rate, time, initial=0)
-    factor = _slope(angle, turned)
+    factor = slope(angle, turned)
     units = _units_of_factor(abs(factor), "angular rate")
     return None if units is None else (units, float(np.sign(factor)))
 
@@ -224,11 +218,6 @@ def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[
     return tuple((speeds, pushes) for off, speeds, pushes in sorted(fits) if off < WITHIN)
 
 
-def climb_factor(time: FloatArray, altitude: FloatArray, speed: FloatArray) -> float:
-    """Change of an altitude over the path that a speed makes: 1 on a vertical climb in like units."""
-    return abs(_slope(cumulative_trapezoid(speed, time, initial=0), altitude))
-
-
 def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray) -> str | None:
     """Units in which a dynamic pressure is half of density (kg/m^3) times speed (m/s) squared."""
     made = 0.5 * density * speed**2
@@ -237,14 +226,8 @@ def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray)
     return _units_of_factor(factor, "pressure")
 
 
-def density_share(altitude: FloatArray, density: FloatArray) -> float | None:
-    """Median ratio of a density (n,) kg/m^3 to the Earth's at `altitude` (n,) m; None where no model reaches."""
-    share = density / atmosphere(altitude, "density")
-    known = np.isfinite(share)
-    return float(np.median(share[known])) if np.any(known) else None
-
-
-def _slope(x: FloatArray, y: FloatArray) -> float:
+def slope(x: FloatArray, y: FloatArray) -> float:
+    """Of the straight line of `y` (n,) over `x` (n,), where both are known."""
     known = np.isfinite(x) & np.isfinite(y)
     centred = x[known] - np.mean(x[known])
     return float(centred @ y[known]) / max(float(centred @ centred), 1e-300)
