@@ -309,22 +309,19 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
         and name not in constant
         and sigma_of_differences([channels[name]]) > limits.DEAD_NOISE * np.nanmax(np.abs(channels[name]))
     ]
+    speed = channels["velocity"]
+    # What speed, or what is sensed along the axis, says that a constant gauge must have missed.
+    missed = {"dynamic_pressure": float(np.nanmax(speed) - np.nanmin(speed))}
+    if "velocity" in constant:
+        missed["velocity"] = abs(float(np.nanmean(channels["ax"]))) * float(time[-1] - time[0]) / limits.DEAD_PUSH
     found = {}
     for name in constant:
-        if (name in INERTIAL_CHANNELS and noisy) or (name in STOP_AT_ZERO and _speed_changes(name, time, channels)):
+        changes = missed.get(name, 0.0) > limits.DEAD_CHANGE * float(np.nanmax(speed))
+        if (name in INERTIAL_CHANNELS and noisy) or changes:
             value = float(channels[name][np.isfinite(channels[name])][0])
             action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
             found[name] = RecordFault(name, "dead", float(time[0]), float(time[-1]), action, True)
     return found
-
-
-def _speed_changes(gauge: str, time: FloatArray, channels: Mapping[str, FloatArray]) -> bool:
-    """Whether speed, or what is sensed along the axis, says that a constant gauge must have changed."""
-    speed = channels["velocity"]
-    if gauge != "velocity":
-        return float(np.nanmax(speed) - np.nanmin(speed)) > limits.DEAD_CHANGE * float(np.nanmax(speed))
-    gained = abs(float(np.nanmean(channels["ax"]))) * float(time[-1] - time[0])
-    return gained > limits.DEAD_PUSH * limits.DEAD_CHANGE * float(np.nanmax(speed))
 
 
 def _spread(values: FloatArray, places: IntArray) -> FloatArray:

@@ -168,23 +168,23 @@ def _resampled(
 
 
 def transverse_frequency(q: FloatArray, r: FloatArray, step: float) -> float:
-    """Frequency of the strongest transverse motion, Hz, of `q` and `r` (n,) at `step` s; 0 where nothing varies."""
-    return max(dominant_frequency(rate, step) for rate in (q, r))
+    """Frequency of the strongest transverse motion, Hz, of `q` and `r` (n,) at `step` s; 0 where nothing varies.
+
+    That of the highest peak of a periodogram.
+    """
+    frequencies = [0.0]
+    for rate in (q, r):
+        if np.count_nonzero(np.isfinite(rate)) >= 4:
+            whole = joined(rate)
+            spectrum = np.abs(np.fft.rfft((whole - np.mean(whole)) * np.hanning(whole.size)))
+            frequencies.append(float(np.argmax(spectrum) / (whole.size * step)) if spectrum.max() > 0.0 else 0.0)
+    return max(frequencies)
 
 
 def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Sequence[tuple[int, int]]) -> float:
     """`transverse_frequency` over the longest of `segments`."""
     start, stop = max(segments, key=lambda segment: segment[1] - segment[0])
     return transverse_frequency(q[start:stop], r[start:stop], step)
-
-
-def dominant_frequency(values: FloatArray, step: float) -> float:
-    """Frequency of the highest peak of the periodogram, Hz; 0 where nothing varies."""
-    if np.count_nonzero(np.isfinite(values)) < 4:
-        return 0.0
-    whole = joined(values)
-    spectrum = np.abs(np.fft.rfft((whole - np.mean(whole)) * np.hanning(whole.size)))
-    return float(np.argmax(spectrum) / (whole.size * step)) if spectrum.max() > 0.0 else 0.0
 
 
 def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:
@@ -216,19 +216,15 @@ def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, exce
         if sigma > 0.0 and np.all(np.isfinite(values)):
             misfits.append(_misfit(closed, values, sigma))
             stamped.append(_misfit(time[part], values, sigma))
-            moved += _would_move(closed, values, sigma, excess)
+            # Whether the trend of the channel would carry it, in `excess` s, well beyond its noise.
+            centred = closed - closed.mean()
+            slope = abs(float(centred @ values)) / float(centred @ centred)
+            known = slope > limits.CLOCK_SLOPE_SIGMAS * sigma / float(np.linalg.norm(centred))
+            moved += known and slope * excess > limits.CLOCK_MOVED_SIGMAS * sigma
     if moved < limits.CLOCK_FEWEST_MOVED:
         return False
     most = max(limits.CLOCK_RUNS_ON, limits.CLOCK_FAR_BETTER * float(np.mean(stamped)))
     return float(np.mean(misfits)) < most and max(misfits) < limits.CLOCK_WORST_CHANNEL * most
-
-
-def _would_move(time: FloatArray, values: FloatArray, sigma: float, excess: float) -> bool:
-    """Whether the trend of a channel would carry it, in `excess` s, well beyond its noise."""
-    centred = time - time.mean()
-    slope = abs(float(centred @ values)) / float(centred @ centred)
-    known = slope > limits.CLOCK_SLOPE_SIGMAS * sigma / float(np.linalg.norm(centred))
-    return known and slope * excess > limits.CLOCK_MOVED_SIGMAS * sigma
 
 
 def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:

@@ -140,16 +140,12 @@ def averaged(flight: Flight) -> Flight:
     segments = tuple((first, last) for first, last in ranges if first < last)
     if not segments:
         return flight
-    arrays: dict[str, Any] = {
-        name: None if (value := getattr(flight, name)) is None else _means(value, every)
-        for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind")
-    }
+    arrays: dict[str, Any] = {}
+    for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind"):
+        values = getattr(flight, name)
+        if values is not None:
+            whole = values[: values.shape[0] // every * every]
+            arrays[name] = np.asarray(whole.reshape(-1, every, *values.shape[1:]).mean(axis=1), dtype=float)
     rate = flight.sample_rate / every
     note = f"analysed as means of {every} samples each, at {rate:.6g} Hz: the motion needs no more"
     return replace(flight, segments=segments, notes=(*flight.notes, note), **arrays)
-
-
-def _means(values: FloatArray, every: int) -> FloatArray:
-    """Means (n // every, ...) of every so many of `values` (n, ...)."""
-    whole = values[: values.shape[0] // every * every]
-    return np.asarray(whole.reshape(-1, every, *values.shape[1:]).mean(axis=1), dtype=float)

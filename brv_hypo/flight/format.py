@@ -18,7 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import fault_over, find_spikes, mask_faults, spike_note, without_spikes
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
@@ -86,9 +86,9 @@ def assemble(record: Record) -> Flight:
     ]
     first, last = segments[0][0], segments[-1][1]
     whole, filled = _filled(float(time[1] - time[0]), channels, segments)
+    arrays: dict[str, Any] = {name: values[first:last] for name, values in {"time": time, **whole}.items()}
     return Flight(
-        time=time[first:last],
-        **{name: values[first:last] for name, values in whole.items()},
+        **arrays,
         vehicle=record.vehicle,
         **{name: getattr(record, name) for name in _ABOUT},
         segments=tuple((start - first, stop - first) for start, stop in segments),
@@ -171,18 +171,17 @@ def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Seg
         )
     bounds = (0, *(edge for segment in segments for edge in segment), time.size)
     cuts = [(a, b) for a, b in zip(bounds[::2], bounds[1::2], strict=True) if a < b]
-    notes = [_cut_note(time, start, stop, known) for start, stop in cuts[:MOST_CUTS_NAMED]]
+    notes = []
+    for start, stop in cuts[:MOST_CUTS_NAMED]:
+        lacking = ", ".join(name for name, finite in known.items() if not np.all(finite[start:stop]))
+        inside = start > 0 and stop < time.size
+        why = f"a gap too long to bridge in {lacking}" if inside else f"at the record's end, without {lacking}"
+        span = f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')})"
+        notes.append(f"{span} left out: {why}")
     if len(cuts) > MOST_CUTS_NAMED:
         samples = sum(stop - start for start, stop in cuts[MOST_CUTS_NAMED:])
         notes.append(f"{len(cuts) - MOST_CUTS_NAMED} more such stretches ({samples} samples) left out")
     return segments, notes
-
-
-def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolArray]) -> str:
-    lacking = ", ".join(name for name, finite in known.items() if not np.all(finite[start:stop]))
-    inside = start > 0 and stop < len(time)
-    why = f"a gap too long to bridge in {lacking}" if inside else f"at the record's end, without {lacking}"
-    return f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')}) left out: {why}"
 
 
 def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments) -> tuple[Channels, list[str]]:

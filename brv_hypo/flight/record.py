@@ -450,16 +450,15 @@ def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -
 
 def complaints(error: ValidationError, group: str, guide: str) -> str:
     """All that pydantic found wrong, each in the wording of `refusal`; `guide` names what to write it by."""
-    return " ".join(_complaint(problem, group, guide) for problem in error.errors())
-
-
-def _complaint(problem: Any, group: str, guide: str) -> str:
-    name = "/".join(str(part) for part in (group, *problem["loc"]) if part != "")
-    missing = problem["type"] == "missing"
-    found = "nothing" if missing else one_line(repr(problem["input"]))
-    expected = "a value" if missing else problem["msg"].removeprefix("Input should be ")
-    cause = "a misspelt or forgotten name" if missing else "a wrong sign, a fill value, or another format"
-    return str(refusal(name, found, expected, cause, f"correct '{name}' by {guide}"))
+    found = []
+    for problem in error.errors():
+        name = "/".join(str(part) for part in (group, *problem["loc"]) if part != "")
+        missing = problem["type"] == "missing"
+        value = "nothing" if missing else one_line(repr(problem["input"]))
+        expected = "a value" if missing else problem["msg"].removeprefix("Input should be ")
+        cause = "a misspelt or forgotten name" if missing else "a wrong sign, a fill value, or another format"
+        found.append(str(refusal(name, value, expected, cause, f"correct '{name}' by {guide}")))
+    return " ".join(found)
 
 
 def _absent(name: str, present: set[str]) -> FlightRecordError:

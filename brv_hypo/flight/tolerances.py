@@ -92,7 +92,8 @@ def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
 
 def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
     """`base` with stated tolerances, SI, each a number or three; FlightRecordError where one cannot be a tolerance."""
-    return replace(base, **{key: _vector(key, value) for key, value in stated.items()})
+    changes: dict[str, Any] = {key: _vector(key, value) for key, value in stated.items()}
+    return replace(base, **changes)
 
 
 def instruments_from(source: str, record: Instruments) -> Instruments:

@@ -79,17 +79,9 @@ def _mat_of_hdf5(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTab
         group, _, last = name.rpartition(".")
         selection.setdefault(group.replace(".", "/"), []).append(last)  # type: ignore[union-attr]
     tree = tree_of(path, budget, selection)
-    held = dict(_dotted(tree, ""))
+    held = dict(_flat(_nested(tree), "", 0))
     available = held if names else [name for name, values in held.items() if values.dtype.kind in "fiu"]
     return ColumnTable({name: held[name] for name in names if name in held}, (*available, *tree.unread))
-
-
-def _dotted(tree: Tree, prefix: str) -> Iterator[tuple[str, Any]]:
-    """The datasets of a tree under the names that they have in MATLAB."""
-    for name, dataset in tree.datasets.items():
-        yield prefix + name, dataset.values
-    for name, below in tree.groups.items():
-        yield from _dotted(below, f"{prefix}{name}.")
 
 
 def _flat(content: Mapping[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
@@ -99,6 +91,12 @@ def _flat(content: Mapping[str, Any], prefix: str, depth: int) -> Iterator[tuple
             yield from _flat(value, f"{prefix}{name}.", depth + 1)
         else:
             yield prefix + name, value
+
+
+def _nested(tree: Tree) -> dict[str, Any]:
+    """A tree as a struct."""
+    values = {name: dataset.values for name, dataset in tree.datasets.items()}
+    return {**values, **{name: _nested(below) for name, below in tree.groups.items()}}
 
 
 def _not_numbers(name: str, kind: str) -> FlightRecordError:
