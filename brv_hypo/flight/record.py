@@ -288,12 +288,14 @@ def checked_vehicle(values: Mapping[str, Any]) -> Vehicle:
 
 
 class Record(BaseModel):
-    """A flight as recorded, SI: `time` (n,) in s strictly increasing, `channels` (n,), NaN where missing."""
+    """A flight as recorded, SI."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     time: SkipValidation[FloatArray]
+    """(n,) s, strictly increasing."""
     channels: SkipValidation[Mapping[str, FloatArray]]
+    """(n,) each, NaN where a sample is missing."""
     vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
     planet: str = "earth"
@@ -301,6 +303,7 @@ class Record(BaseModel):
     source: str = ""
     path: str = ""
     recorded_units: dict[str, str] = Field(default_factory=dict)
+    """Of the channels in the file."""
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")

@@ -166,8 +166,8 @@ def _read_parquet(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnT
     return read_in_sandbox("Parquet", parquet_table, path, names)
 
 
-def _read_mat(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
-    return read_in_sandbox("MATLAB", mat_table, path, names)
-
-
-FORMATS: dict[str, TableReader] = {".csv": _read_csv, ".parquet": _read_parquet, ".mat": _read_mat}
+FORMATS: dict[str, TableReader] = {
+    ".csv": _read_csv,
+    ".parquet": _read_parquet,
+    ".mat": lambda path, names, delimiter: read_in_sandbox("MATLAB", mat_table, path, names),
+}
