@@ -21,7 +21,7 @@ from functools import cache
 
 import numpy as np
 
-from brv_hypo import thresholds as limits
+import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.clock import JUMP_FLANK, bridge, joint_jumps, places_with_gaps, runs, stamped_steps
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences

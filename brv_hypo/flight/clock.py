@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from brv_hypo import thresholds as limits
+import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
