@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from brv_hypo.flight import load_flight as load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstruct
     from brv_hypo.ranking.compare import compare as compare
-    from brv_hypo.residuals.predict import predict as predict
     from brv_hypo.residuals import trace as trace
+    from brv_hypo.residuals.predict import predict as predict
     from brv_hypo.simulation import simulate as simulate
 
 _HOME = {
