@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from brv_hypo.flight import load_flight as load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstruct
-    from brv_hypo.ranking import compare as compare
-    from brv_hypo.residuals import predict as predict
+    from brv_hypo.ranking.compare import compare as compare
     from brv_hypo.residuals import trace as trace
+    from brv_hypo.residuals.predict import predict as predict
     from brv_hypo.simulation import simulate as simulate
 
 _HOME = {

@@ -13,7 +13,6 @@ inspection.py   phases of a rocket's flight; what a record holds and how good it
 Foreign records (csv, parquet, mat) come in through `brv_hypo.importing`.
 """
 
-from brv_hypo.flight.cleaning import despiked
 from brv_hypo.flight.format import (
     FlightSource,
     Quantity,
@@ -48,7 +47,6 @@ __all__ = [
     "RecordTrial",
     "Tree",
     "Vehicle",
-    "despiked",
     "find_phases",
     "flights_of",
     "inspect_flight",

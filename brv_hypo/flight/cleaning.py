@@ -17,50 +17,20 @@ What is masked becomes NaN, and is bridged or cut by the rules of clock.py; a de
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
+import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.clock import JUMP_FLANK, bridge, joint_jumps, places_with_gaps, runs, stamped_steps
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
 from brv_hypo.flight.record import (
-    CHANNELS,
     INERTIAL_CHANNELS,
-    OPTIONAL_CHANNELS,
-    Flight,
+    Channels,
     RecordFault,
 )
 from brv_hypo.io.text import counted
-from brv_hypo.thresholds import (
-    BURST_EDGE_OCTAVES,
-    BURST_LARGEST_FRACTION,
-    BURST_LONGEST,
-    BURST_MOST_EDGES,
-    BURST_SHORTEST,
-    BURST_SIGMAS,
-    BURST_TIMES_AROUND,
-    DEAD_CHANGE,
-    DEAD_NOISE,
-    DEAD_PUSH,
-    FLAT_RUN,
-    FLAT_SAMPLES,
-    FLAT_TIMES,
-    MOST_CLIPPED,
-    MOST_STUCK,
-    SPIKE_LARGEST_FRACTION,
-    SPIKE_LONGEST,
-    SPIKE_SIGMAS,
-    SPIKE_TIMES_CURVATURE,
-    SPIKE_TIMES_FOURTH,
-    STUCK_CHANCE,
-    STUCK_FEWEST_SAMPLES,
-    STUCK_LEAST_SHARE,
-    STUCK_RELEASE,
-    STUCK_REPEATS_SELDOM,
-)
 
 STUCK_BLOCKS = 20  # of a channel, in which it is counted how often values repeat
 STUCK_QUIET = 0.25  # quantile of the blocks in which a channel repeats itself least
@@ -79,24 +49,27 @@ BURST_ORDER = 5  # its degree
 def constant_runs(values: FloatArray) -> tuple[tuple[int, int], ...]:
     """The runs [start, stop) of `values` (n,), NaN where missing, over which the channel is stuck."""
     equal = np.concatenate([np.diff(values) == 0.0, [False]])
-    if values.size < STUCK_FEWEST_SAMPLES or not np.any(equal):
+    if values.size < limits.STUCK_FEWEST_SAMPLES or not np.any(equal):
         return ()
     shares = _shares(equal)
     quiet, lively = float(np.quantile(shares, STUCK_QUIET)), float(np.quantile(shares, STUCK_LIVELY))
-    repeats = quiet > STUCK_REPEATS_SELDOM
-    share = max(lively if repeats else quiet, STUCK_LEAST_SHARE)
-    if share > 1.0 - 1.0 / STUCK_FEWEST_SAMPLES:
+    repeats = quiet > limits.STUCK_REPEATS_SELDOM
+    share = max(lively if repeats else quiet, limits.STUCK_LEAST_SHARE)
+    if share > 1.0 - 1.0 / limits.STUCK_FEWEST_SAMPLES:
         return ()
-    shortest = np.log(STUCK_CHANCE / values.size) / np.log(share)
+    shortest = np.log(limits.STUCK_CHANCE / values.size) / np.log(share)
     stretches = runs(equal)
     lengths = np.array([stop - start for start, stop in stretches])
     found = [(start, stop + 1) for start, stop in stretches if stop - start >= shortest]
     if not repeats:
-        found = [run for run in found if _expected(lengths, run[1] - run[0] - 1, share, values.size) < STUCK_CHANCE]
+        by_nature = [_expected(lengths, stop - start - 1, share, values.size) for start, stop in found]
+        found = [run for run, count in zip(found, by_nature, strict=True) if count < limits.STUCK_CHANCE]
     else:
         steps = np.abs(np.diff(values))
         common = float(np.quantile(steps[steps > 0.0], STUCK_COMMON_STEP)) if np.any(steps > 0.0) else np.inf
-        found = [run for run in found if _release(values, run) > STUCK_RELEASE * common]
+        # Where the record ends with the run, there is no jump.
+        jumps = np.append(np.nan_to_num(steps), 0.0)
+        found = [run for run in found if jumps[run[1] - 1] > limits.STUCK_RELEASE * common]
     return tuple(run for run in found if run[0] > 0 or values[0] != 0.0)
 
 
@@ -104,28 +77,22 @@ def flat_tops(values: FloatArray) -> BoolArray:
     """Which samples of `values` (n,) lie at a limit of the instrument, at either end of its range."""
     found = np.zeros(values.size, dtype=np.bool_)
     known = values[np.isfinite(values)]
-    if known.size < STUCK_FEWEST_SAMPLES:
+    if known.size < limits.STUCK_FEWEST_SAMPLES:
         return found
     equal = np.diff(values) == 0.0
-    repeats = float(np.quantile(_shares(equal), STUCK_QUIET)) > STUCK_REPEATS_SELDOM
+    repeats = float(np.quantile(_shares(equal), STUCK_QUIET)) > limits.STUCK_REPEATS_SELDOM
     levels, counts = np.unique(known, return_counts=True)
     near = slice(1, 1 + FLAT_LEVELS)
     for level, own, others in ((levels[-1], counts[-1], counts[::-1][near]), (levels[0], counts[0], counts[near])):
         at = values == level
         lengths = [stop - start for start, stop in runs(at)]
         # A single stretch at one value is a channel that is stuck, at whatever height.
-        if own < FLAT_SAMPLES or len(lengths) < 2 or not others.size:
+        if own < limits.FLAT_SAMPLES or len(lengths) < 2 or not others.size:
             continue
-        often, flat = own > FLAT_TIMES * int(np.max(others)), max(lengths) >= FLAT_RUN
-        if (often and flat) if repeats else (often or max(lengths) > FLAT_RUN):
+        often, flat = own > limits.FLAT_TIMES * int(np.max(others)), max(lengths) >= limits.FLAT_RUN
+        if (often and flat) if repeats else (often or max(lengths) > limits.FLAT_RUN):
             found |= at
     return found
-
-
-def is_constant(values: FloatArray) -> bool:
-    """Whether a channel (n,) has one value throughout."""
-    known = values[np.isfinite(values)]
-    return bool(known.size and known.min() == known.max())
 
 
 def _shares(equal: BoolArray) -> FloatArray:
@@ -145,13 +112,6 @@ def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
     return float(size * begins * goes_on ** (length - 1))
 
 
-def _release(values: FloatArray, run: tuple[int, int]) -> float:
-    """How far the channel jumps where the run ends; 0 where the record ends with it."""
-    if run[1] >= values.size or not np.isfinite(values[run[1]]):
-        return 0.0
-    return float(abs(values[run[1]] - values[run[1] - 1]))
-
-
 # ---- Spikes longer than two samples: a channel leaves its course and comes back to it ----
 
 
@@ -164,36 +124,27 @@ def find_bursts(values: FloatArray) -> BoolArray:
     found = np.zeros(values.size, dtype=np.bool_)
     if values.size < 4 * BURST_FLANK:
         return found
-    third = _third_difference(values)
+    # At each sample, the jump from the one before less that of its neighbours; NaN at the ends.
+    jumps = np.diff(values, prepend=np.nan)
+    around = 0.5 * (np.roll(jumps, 1) + np.roll(jumps, -1))
+    around[:2] = around[-1:] = np.nan
+    third = jumps - around
     finite = third[np.isfinite(third)]
     scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else np.inf
-    edges = _edges(third, scale)
-    if scale == 0.0 or edges.size > BURST_MOST_EDGES:
+    size = np.nan_to_num(np.abs(third))
+    peaks = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
+    edges = np.flatnonzero(peaks & (size > limits.BURST_SIGMAS * scale))
+    if scale == 0.0 or edges.size > limits.BURST_MOST_EDGES:
         return found
     sigma = sigma_of_differences([values])
     for place, start in enumerate(edges):
         for stop in edges[place + 1 :][::-1]:
-            if not BURST_SHORTEST <= stop - start <= BURST_LONGEST or np.any(found[start:stop]):
+            if not limits.BURST_SHORTEST <= stop - start <= limits.BURST_LONGEST or np.any(found[start:stop]):
                 continue
             if _is_burst(values, third, int(start), int(stop), sigma):
                 found[start:stop] = True
                 break
-    return found if np.count_nonzero(found) <= BURST_LARGEST_FRACTION * values.size else np.zeros_like(found)
-
-
-def _third_difference(values: FloatArray) -> FloatArray:
-    """At each sample, the jump from the one before less that of its neighbours; NaN at the ends."""
-    jumps = np.diff(values, prepend=np.nan)
-    around = 0.5 * (np.roll(jumps, 1) + np.roll(jumps, -1))
-    around[:2] = around[-1:] = np.nan
-    return np.asarray(jumps - around)
-
-
-def _edges(third: FloatArray, scale: float) -> IntArray:
-    """Where the third difference stands out, at the peaks of it."""
-    size = np.nan_to_num(np.abs(third))
-    peak = (size >= np.roll(size, 1)) & (size > np.roll(size, -1))
-    return np.flatnonzero(peak & (size > BURST_SIGMAS * scale)).astype(np.int64)
+    return found if np.count_nonzero(found) <= limits.BURST_LARGEST_FRACTION * values.size else np.zeros_like(found)
 
 
 def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigma: float) -> bool:
@@ -202,7 +153,7 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
     around = np.abs(np.concatenate([third[start - BURST_FLANK : start - 1], third[stop + 2 : stop + BURST_FLANK]]))
     edge = min(abs(third[start]), abs(third[stop]))
     # Most pairs of edges end here, before the fit, which costs a hundred times as much.
-    if not edge > BURST_TIMES_AROUND * float(np.max(np.nan_to_num(around))):
+    if not edge > limits.BURST_TIMES_AROUND * float(np.max(np.nan_to_num(around))):
         return False
     if not np.all(np.isfinite(values[start - BURST_FLANK : stop + BURST_FLANK])):
         return False
@@ -214,9 +165,9 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
     departure = values[inside] - quintic((inside - middle) / reach)
     ends, steps = departure[[0, -1]], np.array([third[start], -third[stop]]) / EDGE_OF_STEP
     return bool(
-        min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > BURST_SIGMAS * sigma
+        min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > limits.BURST_SIGMAS * sigma
         and np.all(steps * ends > 0.0)
-        and np.all(np.abs(np.log2(steps / ends)) < BURST_EDGE_OCTAVES)
+        and np.all(np.abs(np.log2(steps / ends)) < limits.BURST_EDGE_OCTAVES)
     )
 
 
@@ -229,49 +180,29 @@ def find_spikes(values: FloatArray) -> BoolArray:
     index = np.arange(values.size, dtype=np.float64)
     cleaned = values.copy()
     for _ in range(SPIKE_PASSES):
-        fresh = _one_pass(cleaned)
+        # Those that stand out now, the largest first where candidates overlap.
+        fresh = np.zeros_like(found)
+        for length in range(1, limits.SPIKE_LONGEST + 1):
+            for start in _candidates(cleaned, length):
+                if not np.any(fresh[max(0, start - 2) : start + length + 2]):
+                    fresh[start : start + length] = True
         if not np.any(fresh):
             break
         found |= fresh
         cleaned[fresh] = np.nan
-        cleaned = np.where(found, bridge(index, cleaned, SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
-    return found if np.count_nonzero(found) <= SPIKE_LARGEST_FRACTION * values.size else np.zeros_like(found)
-
-
-def despiked(flight: Flight) -> Flight:
-    """The flight with isolated spikes replaced by a cubic spline, and notes with channels and counts."""
-    cleaned: dict[str, Any] = {}
-    notes = []
-    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
-        values = getattr(flight, name)
-        if values is None:
-            continue
-        spikes = find_spikes(values)
-        if np.any(spikes):
-            cleaned[name] = without_spikes(flight.time, values, spikes)
-            notes.append(spike_note(name, spikes, flight.time))
-    return replace(flight, notes=(*flight.notes, *notes), **cleaned) if cleaned else flight
+        cleaned = np.where(found, bridge(index, cleaned, limits.SPIKE_LONGEST * SPIKE_NEIGHBOURS), cleaned)
+    return found if np.count_nonzero(found) <= limits.SPIKE_LARGEST_FRACTION * values.size else np.zeros_like(found)
 
 
 def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> FloatArray:
     """`values` (n,) at `time` (n,) with `spikes` (n,) replaced by a cubic spline through the others."""
-    return bridge(time, np.where(spikes, np.nan, values), SPIKE_LONGEST) if np.any(spikes) else values
+    return bridge(time, np.where(spikes, np.nan, values), limits.SPIKE_LONGEST) if np.any(spikes) else values
 
 
 def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
     """What to say of spikes that were replaced in a channel."""
     at = np.flatnonzero(spikes)
     return f"{name}: {counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
-
-
-def _one_pass(values: FloatArray) -> BoolArray:
-    """The spikes that stand out now, longest-standing first where candidates overlap."""
-    spikes = np.zeros(values.size, dtype=np.bool_)
-    for length in range(1, SPIKE_LONGEST + 1):
-        for start in _candidates(values, length):
-            if not np.any(spikes[max(0, start - 2) : start + length + 2]):
-                spikes[start : start + length] = True
-    return spikes
 
 
 def _candidates(values: FloatArray, length: int) -> IntArray:
@@ -286,12 +217,13 @@ def _candidates(values: FloatArray, length: int) -> IntArray:
     departure = windows[:, reach : reach + length] - cubic
     one_sided = np.all(departure > 0.0, axis=1) | np.all(departure < 0.0, axis=1)
     outlying = np.where(one_sided, np.abs(departure).min(axis=1), 0.0)
-    suspect = np.flatnonzero(outlying > SPIKE_SIGMAS * _scale(departure[:, 0], values))
+    suspect = np.flatnonzero(outlying > limits.SPIKE_SIGMAS * _scale(departure[:, 0], values))
     replaced = windows[suspect].copy()
     replaced[:, reach : reach + length] = cubic[suspect]
     curvature = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=2, axis=1))), axis=1, initial=0.0)
     fourth = np.max(np.nan_to_num(np.abs(np.diff(replaced, n=4, axis=1)), nan=np.inf), axis=1, initial=0.0)
-    chosen = suspect[outlying[suspect] > np.minimum(SPIKE_TIMES_CURVATURE * curvature, SPIKE_TIMES_FOURTH * fourth)]
+    most = np.minimum(limits.SPIKE_TIMES_CURVATURE * curvature, limits.SPIKE_TIMES_FOURTH * fourth)
+    chosen = suspect[outlying[suspect] > most]
     return np.asarray(chosen[np.argsort(-outlying[chosen], kind="stable")], dtype=np.int64)
 
 
@@ -320,8 +252,6 @@ STOP_AT_ZERO = ("velocity", "dynamic_pressure")
 TRIED = (*INERTIAL_CHANNELS, *STOP_AT_ZERO)
 MOST_NAMED = 5
 
-Channels = dict[str, FloatArray]
-
 
 def mask_faults(
     time: FloatArray, channels: Mapping[str, FloatArray]
@@ -331,7 +261,11 @@ def mask_faults(
     Only what an analysis needs is tried: rates, specific forces, speed and dynamic pressure.
     """
     tried = {name: values for name, values in channels.items() if name in TRIED}
-    steady, faults = _without_steps(time, tried)
+    steady, faults = time.copy(), []
+    for at, excess in stamped_steps(time, tried):
+        steady[at:] -= excess
+        action = f"the samples run on: later stamps moved by {-excess:.4g} s"
+        faults.append(RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, False))
     places = places_with_gaps(steady, JUMP_FLANK)
     masked = dict(channels)
     dead = _dead(steady, tried)
@@ -343,17 +277,6 @@ def mask_faults(
         faults += found
     faults += _jumps(steady, masked, places)
     return steady, masked, tuple(faults)
-
-
-def _without_steps(
-    time: FloatArray, channels: Mapping[str, FloatArray]
-) -> tuple[FloatArray, list[RecordFault]]:
-    steady, faults = time.copy(), []
-    for at, excess in stamped_steps(time, channels):
-        steady[at:] -= excess
-        action = f"the samples run on: later stamps moved by {-excess:.4g} s"
-        faults.append(RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, False))
-    return (steady, faults) if faults else (time, faults)
 
 
 def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArray) -> list[RecordFault]:
@@ -378,30 +301,27 @@ def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArra
 
 def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, RecordFault]:
     """Channels that never change where others show that they must."""
-    constant = [name for name, values in channels.items() if is_constant(values)]
+    constant = [name for name, values in channels.items() if np.nanmin(values) == np.nanmax(values)]
     noisy = [
         name
         for name in INERTIAL_CHANNELS
         if name in channels
         and name not in constant
-        and sigma_of_differences([channels[name]]) > DEAD_NOISE * np.nanmax(np.abs(channels[name]))
+        and sigma_of_differences([channels[name]]) > limits.DEAD_NOISE * np.nanmax(np.abs(channels[name]))
     ]
+    speed = channels["velocity"]
+    # What speed, or what is sensed along the axis, says that a constant gauge must have missed.
+    missed = {"dynamic_pressure": float(np.nanmax(speed) - np.nanmin(speed))}
+    if "velocity" in constant:
+        missed["velocity"] = abs(float(np.nanmean(channels["ax"]))) * float(time[-1] - time[0]) / limits.DEAD_PUSH
     found = {}
     for name in constant:
-        if (name in INERTIAL_CHANNELS and noisy) or (name in STOP_AT_ZERO and _speed_changes(name, time, channels)):
+        changes = missed.get(name, 0.0) > limits.DEAD_CHANGE * float(np.nanmax(speed))
+        if (name in INERTIAL_CHANNELS and noisy) or changes:
             value = float(channels[name][np.isfinite(channels[name])][0])
             action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
             found[name] = RecordFault(name, "dead", float(time[0]), float(time[-1]), action, True)
     return found
-
-
-def _speed_changes(gauge: str, time: FloatArray, channels: Mapping[str, FloatArray]) -> bool:
-    """Whether speed, or what is sensed along the axis, says that a constant gauge must have changed."""
-    speed = channels["velocity"]
-    if gauge != "velocity":
-        return float(np.nanmax(speed) - np.nanmin(speed)) > DEAD_CHANGE * float(np.nanmax(speed))
-    gained = abs(float(np.nanmean(channels["ax"]))) * float(time[-1] - time[0])
-    return gained > DEAD_PUSH * DEAD_CHANGE * float(np.nanmax(speed))
 
 
 def _spread(values: FloatArray, places: IntArray) -> FloatArray:
@@ -424,8 +344,8 @@ def _mask_channel(
     stuck &= ~clipped
     rest = np.where(clipped | stuck, np.nan, values)
     kinds = (
-        ("clipped", clipped, MOST_CLIPPED, "lies at a limit of its range"),
-        ("stuck", stuck, MOST_STUCK, "is stuck"),
+        ("clipped", clipped, limits.MOST_CLIPPED, "lies at a limit of its range"),
+        ("stuck", stuck, limits.MOST_STUCK, "is stuck"),
         ("spikes", find_bursts(_spread(rest, places))[places], 1.0, "leaves its course and comes back"),
     )
     masked, faults = values, []
@@ -439,22 +359,18 @@ def _mask_channel(
                 "which it does not (--start, --stop)"
             )
             faults.append(fault_over(name, kind, time, found, action, decisive=True))
+            continue
+        masked = np.where(found, np.nan, masked)
+        stretches = runs(found)
+        if len(stretches) > MOST_NAMED:
+            action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
+            faults.append(fault_over(name, kind, time, found, action))
         else:
-            masked = np.where(found, np.nan, masked)
-            faults += _masked(name, kind, time, found)
+            faults += [
+                RecordFault(name, kind, float(time[a]), float(time[b - 1]), f"masked ({b - a} samples)", False)
+                for a, b in stretches
+            ]
     return masked, faults
-
-
-def _masked(name: str, kind: str, time: FloatArray, found: BoolArray) -> list[RecordFault]:
-    """A fault for each stretch; one for all where they are many."""
-    stretches = runs(found)
-    if len(stretches) > MOST_NAMED:
-        action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
-        return [fault_over(name, kind, time, found, action)]
-    return [
-        RecordFault(name, kind, float(time[a]), float(time[b - 1]), f"masked ({b - a} samples)", False)
-        for a, b in stretches
-    ]
 
 
 def fault_over(

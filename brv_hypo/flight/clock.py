@@ -19,27 +19,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
-from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
 from brv_hypo.io.text import refusal
-from brv_hypo.thresholds import (
-    BRIDGED_CYCLES,
-    BRIDGED_SAMPLES,
-    CLOCK_FAR_BETTER,
-    CLOCK_FEWEST_MOVED,
-    CLOCK_MOST_STEPS,
-    CLOCK_MOVED_SIGMAS,
-    CLOCK_RUNS_ON,
-    CLOCK_SLOPE_SIGMAS,
-    CLOCK_WORST_CHANNEL,
-    GAP_BEYOND_MEDIANS,
-    JUMP_SIGMAS,
-    JUMP_TIMES_AROUND,
-    LARGEST_GROWTH,
-    MISSING_BEYOND_STEPS,
-    UNIFORM_WITHIN,
-)
 
 CLOCK_FLANK = 6  # samples on either side of an odd interval
 # A channel jumps where the parabolas before and after, of so many samples, miss each other by so many robust standard
@@ -55,9 +39,6 @@ CROSSED_ORDER = 5  # of the polynomial
 # ---- Uniform time without gaps: the rules by which a record is resampled, bridged or cut ----
 
 
-Channels = dict[str, FloatArray]
-
-
 def regularise(
     time: FloatArray, channels: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, Channels, tuple[str, ...]]:
@@ -67,7 +48,7 @@ def regularise(
     """
     step = float(np.median(np.diff(time)))
     index = np.concatenate(([0], np.cumsum(np.maximum(np.rint(np.diff(time) / step), 1.0)))).astype(np.int64)
-    if max(index[-1] + 1, (time[-1] - time[0]) / step) > LARGEST_GROWTH * time.size:
+    if max(index[-1] + 1, (time[-1] - time[0]) / step) > limits.LARGEST_GROWTH * time.size:
         raise refusal(
             "time",
             f"a span of {time[-1] - time[0]:.6g} s with {time.size} samples {step:.6g} s apart",
@@ -77,19 +58,23 @@ def regularise(
         )
     slope, offset = np.polyfit(index, time - time[0], 1)
     deviation = float(np.max(np.abs(time - time[0] - offset - slope * index)) / slope)
-    if deviation > UNIFORM_WITHIN:
+    if deviation > limits.UNIFORM_WITHIN:
         return _resampled(time, channels, deviation)
     if index[-1] + 1 == time.size:
         return time, dict(channels), ()
     grid = time[0] + offset + slope * np.arange(index[-1] + 1)
     note = f"{grid.size - time.size} rows are missing from the uniform time axis and count as missing samples"
-    return grid, {name: _placed(values, index, grid.size) for name, values in channels.items()}, (note,)
+    placed = {}
+    for name, values in channels.items():
+        placed[name] = np.full(grid.size, np.nan)
+        placed[name][index] = values
+    return grid, placed, (note,)
 
 
 def places_with_gaps(time: FloatArray, longest: int) -> IntArray:
     """Where each sample (n,) lies on an axis that has a place for what its gaps miss, `longest` at most in each."""
     steps = np.diff(time) / float(np.median(np.diff(time)))
-    missing = np.where(steps > MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, longest), 0.0)
+    missing = np.where(steps > limits.MISSING_BEYOND_STEPS, np.clip(np.rint(steps) - 1.0, 1.0, longest), 0.0)
     return np.concatenate(([0], np.cumsum(1 + missing.astype(np.int64))))
 
 
@@ -111,7 +96,7 @@ def bridge(time: FloatArray, values: FloatArray, longest: int) -> FloatArray:
 
 def longest_gap(step: float, q: FloatArray, r: FloatArray) -> int:
     """The longest gap, in samples and at least 1, that may be bridged in the gyros and accelerometers."""
-    return int(np.clip(BRIDGED_CYCLES * _cycle(step, q, r), 1, BRIDGED_SAMPLES))
+    return int(np.clip(limits.BRIDGED_CYCLES * _cycle(step, q, r), 1, limits.BRIDGED_SAMPLES))
 
 
 def longest_crossed(step: float, q: FloatArray, r: FloatArray) -> int:
@@ -121,7 +106,7 @@ def longest_crossed(step: float, q: FloatArray, r: FloatArray) -> int:
 
 def _cycle(step: float, q: FloatArray, r: FloatArray) -> float:
     """Samples of a cycle of the transverse motion."""
-    frequency = max(dominant_frequency(q, step), dominant_frequency(r, step))
+    frequency = transverse_frequency(q, r, step)
     return np.inf if frequency == 0.0 else 1.0 / (frequency * step)
 
 
@@ -160,53 +145,46 @@ def crossed(values: FloatArray, longest: int) -> FloatArray:
 def _resampled(
     time: FloatArray, channels: Mapping[str, FloatArray], deviation: float
 ) -> tuple[FloatArray, Channels, tuple[str, ...]]:
+    """As of `regularise`, by splines: NaN wherever the record has no sample close by on either side."""
+    from scipy.interpolate import CubicSpline
+
     intervals = np.diff(time)
-    step = float(np.mean(intervals[intervals <= GAP_BEYOND_MEDIANS * np.median(intervals)]))
+    step = float(np.mean(intervals[intervals <= limits.GAP_BEYOND_MEDIANS * np.median(intervals)]))
     grid = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1.0 + 1e-12)) + 1)
+    after = np.clip(np.searchsorted(time, grid), 1, time.size - 1)
+    apart = time[after] - time[after - 1] > limits.MISSING_BEYOND_STEPS * step
+    resampled = {}
+    for name, values in channels.items():
+        known = np.isfinite(values)
+        resampled[name] = np.full(grid.size, np.nan)
+        if np.count_nonzero(known) >= 4:
+            near = ~(apart | np.isnan(values[after]) | np.isnan(values[after - 1]))
+            resampled[name][near] = CubicSpline(time[known], values[known])(grid)[near]
     note = (
         f"time is not uniform (a stamp is {100.0 * deviation:.2g} % of the step off): resampled to "
         f"{1.0 / step:.6g} Hz, the mean rate, by a cubic spline"
     )
-    return grid, {name: _interpolated(time, values, grid, step) for name, values in channels.items()}, (note,)
+    return grid, resampled, (note,)
 
 
-def _interpolated(time: FloatArray, values: FloatArray, grid: FloatArray, step: float) -> FloatArray:
-    """Spline values on the grid, NaN wherever the record has no sample close by on either side."""
-    from scipy.interpolate import CubicSpline
+def transverse_frequency(q: FloatArray, r: FloatArray, step: float) -> float:
+    """Frequency of the strongest transverse motion, Hz, of `q` and `r` (n,) at `step` s; 0 where nothing varies.
 
-    known = np.flatnonzero(np.isfinite(values))
-    if known.size < 4:
-        return np.full(grid.size, np.nan)
-    after = np.clip(np.searchsorted(time, grid), 1, time.size - 1)
-    apart = time[after] - time[after - 1] > MISSING_BEYOND_STEPS * step
-    beside = np.isnan(values[after]) | np.isnan(values[after - 1])
-    result: FloatArray = CubicSpline(time[known], values[known])(grid)
-    result[apart | beside] = np.nan
-    return result
-
-
-def _placed(values: FloatArray, index: np.typing.NDArray[np.int64], size: int) -> FloatArray:
-    grid = np.full(size, np.nan)
-    grid[index] = values
-    return grid
+    That of the highest peak of a periodogram.
+    """
+    frequencies = [0.0]
+    for rate in (q, r):
+        if np.count_nonzero(np.isfinite(rate)) >= 4:
+            whole = joined(rate)
+            spectrum = np.abs(np.fft.rfft((whole - np.mean(whole)) * np.hanning(whole.size)))
+            frequencies.append(float(np.argmax(spectrum) / (whole.size * step)) if spectrum.max() > 0.0 else 0.0)
+    return max(frequencies)
 
 
 def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Sequence[tuple[int, int]]) -> float:
-    """Frequency of the strongest transverse motion, Hz, over the longest of `segments`; 0 where nothing varies.
-
-    `q` and `r` (n,), `step` in s.
-    """
+    """`transverse_frequency` over the longest of `segments`."""
     start, stop = max(segments, key=lambda segment: segment[1] - segment[0])
-    return max(dominant_frequency(rate[start:stop], step) for rate in (q, r))
-
-
-def dominant_frequency(values: FloatArray, step: float) -> float:
-    """Frequency of the highest peak of the periodogram, Hz; 0 where nothing varies."""
-    if np.count_nonzero(np.isfinite(values)) < 4:
-        return 0.0
-    whole = joined(values)
-    spectrum = np.abs(np.fft.rfft((whole - np.mean(whole)) * np.hanning(whole.size)))
-    return float(np.argmax(spectrum) / (whole.size * step)) if spectrum.max() > 0.0 else 0.0
+    return transverse_frequency(q[start:stop], r[start:stop], step)
 
 
 def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:
@@ -217,17 +195,12 @@ def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple
     """
     intervals = np.diff(time)
     step = float(np.median(intervals))
-    odd = np.flatnonzero(np.abs(intervals - step) > UNIFORM_WITHIN * step)
-    if not 0 < odd.size <= CLOCK_MOST_STEPS:
+    odd = np.flatnonzero(np.abs(intervals - step) > limits.UNIFORM_WITHIN * step)
+    if not 0 < odd.size <= limits.CLOCK_MOST_STEPS:
         return ()
-    found = []
-    for place in odd:
-        excess = float(intervals[place] - step)
-        if intervals[place] > MISSING_BEYOND_STEPS * step and _runs_on(
-            time, channels, int(place) + 1, excess
-        ):
-            found.append((int(place) + 1, excess))
-    return tuple(found)
+    places = [int(place) for place in odd if intervals[place] > limits.MISSING_BEYOND_STEPS * step]
+    steps = [(place + 1, float(intervals[place] - step)) for place in places]
+    return tuple((at, excess) for at, excess in steps if _runs_on(time, channels, at, excess))
 
 
 def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, excess: float) -> bool:
@@ -243,19 +216,15 @@ def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, exce
         if sigma > 0.0 and np.all(np.isfinite(values)):
             misfits.append(_misfit(closed, values, sigma))
             stamped.append(_misfit(time[part], values, sigma))
-            moved += _would_move(closed, values, sigma, excess)
-    if moved < CLOCK_FEWEST_MOVED:
+            # Whether the trend of the channel would carry it, in `excess` s, well beyond its noise.
+            centred = closed - closed.mean()
+            slope = abs(float(centred @ values)) / float(centred @ centred)
+            known = slope > limits.CLOCK_SLOPE_SIGMAS * sigma / float(np.linalg.norm(centred))
+            moved += known and slope * excess > limits.CLOCK_MOVED_SIGMAS * sigma
+    if moved < limits.CLOCK_FEWEST_MOVED:
         return False
-    most = max(CLOCK_RUNS_ON, CLOCK_FAR_BETTER * float(np.mean(stamped)))
-    return float(np.mean(misfits)) < most and max(misfits) < CLOCK_WORST_CHANNEL * most
-
-
-def _would_move(time: FloatArray, values: FloatArray, sigma: float, excess: float) -> bool:
-    """Whether the trend of a channel would carry it, in `excess` s, well beyond its noise."""
-    centred = time - time.mean()
-    slope = abs(float(centred @ values)) / float(centred @ centred)
-    known = slope > CLOCK_SLOPE_SIGMAS * sigma / float(np.linalg.norm(centred))
-    return known and slope * excess > CLOCK_MOVED_SIGMAS * sigma
+    most = max(limits.CLOCK_RUNS_ON, limits.CLOCK_FAR_BETTER * float(np.mean(stamped)))
+    return float(np.mean(misfits)) < most and max(misfits) < limits.CLOCK_WORST_CHANNEL * most
 
 
 def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
@@ -274,21 +243,23 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
     accelerometers = _jumping([channels[name] for name in ACCELEROMETERS if name in channels])
     both = np.minimum(gyros, accelerometers)
     left, found = both.copy(), list[int]()
-    while left.size and float(left.max()) > JUMP_SIGMAS and len(found) <= CLOCK_MOST_STEPS:
+    while left.size and float(left.max()) > limits.JUMP_SIGMAS and len(found) <= limits.CLOCK_MOST_STEPS:
         at = int(np.argmax(left))
         left[max(0, at - JUMP_FLANK) : at + JUMP_FLANK + 1] = 0.0
         before = both[max(0, at - JUMP_AROUND * JUMP_FLANK) : max(0, at - JUMP_FLANK)]
         after = both[at + JUMP_FLANK + 1 : at + JUMP_AROUND * JUMP_FLANK]
         around = max(float(part.max(initial=0.0)) for part in (before, after))
-        if min(before.size, after.size) > JUMP_FLANK and both[at] > JUMP_TIMES_AROUND * around:
+        if min(before.size, after.size) > JUMP_FLANK and both[at] > limits.JUMP_TIMES_AROUND * around:
             found.append(at)
-    return tuple(sorted(found)) if len(found) <= CLOCK_MOST_STEPS else ()
+    return tuple(sorted(found)) if len(found) <= limits.CLOCK_MOST_STEPS else ()
 
 
 def _jumping(channels: Sequence[FloatArray]) -> FloatArray:
     """The largest jump (n,) of some channels before each sample, in robust standard deviations."""
     largest = np.zeros(channels[0].size if channels else 0)
-    slopes, weights = _weights()
+    # Of the samples about a place, half a step away: slope and value of the parabola after it less that before.
+    _, slope, value = np.linalg.pinv(np.vander(np.arange(JUMP_FLANK) + 0.5, 3))
+    slopes, weights = np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])
     for values in channels:
         if values.size < 4 * JUMP_FLANK:
             continue
@@ -303,10 +274,3 @@ def _jumping(channels: Sequence[FloatArray]) -> FloatArray:
             jump[inside][np.abs(jump[inside]) < kink] = 0.0
             largest = np.maximum(largest, np.nan_to_num(np.abs(jump)) / scale)
     return largest
-
-
-def _weights() -> tuple[FloatArray, FloatArray]:
-    """Of the samples about a place, half a step away: slope and value of the parabola after it less that before."""
-    columns = np.vander(np.arange(JUMP_FLANK) + 0.5, 3)
-    _, slope, value = np.linalg.pinv(columns)
-    return np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])

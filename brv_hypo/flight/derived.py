@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.clock import dominant_frequency
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight
+from brv_hypo.flight.clock import transverse_frequency
+from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Channels, Flight
 from brv_hypo.thresholds import PRESSURE_CONSISTENT
 
 # A record that is far more finely sampled than its motion needs is analysed as means: samples left to a cycle of the
@@ -38,8 +38,6 @@ HIGHEST_ALTITUDE = 81000.0
 _LAYERS = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3])
 _EARTH_RADIUS = 6356766.0
 
-Channels = dict[str, FloatArray]
-
 
 def derive(
     channels: Mapping[str, FloatArray], planet: str, reference_length: float
@@ -49,16 +47,24 @@ def derive(
     `reference_length` in m. What cannot be derived stays absent; a note says why.
     """
     known = dict(channels)
-    notes = list(_inconsistent(known))
+    notes = []
+    if {"dynamic_pressure", "density", "velocity"} <= set(known):
+        computed = 0.5 * known["density"] * known["velocity"] ** 2
+        usable = computed > 0.0
+        ratios = known["dynamic_pressure"][usable] / computed[usable]
+        ratio = float(np.nanmedian(ratios)) if ratios.size else 1.0
+        if abs(ratio - 1.0) > PRESSURE_CONSISTENT:  # units, or different sources
+            said = f"recorded dynamic pressure is {ratio:.4g} times density * velocity^2 / 2"
+            notes.append(f"{said}: check their units")
     earth = planet == "earth"
     if "density" not in known and "dynamic_pressure" in known:
-        known["density"] = _density(known["dynamic_pressure"], known["velocity"])
+        moving = np.where(known["velocity"] > 0.0, known["velocity"], np.nan)
+        known["density"] = np.asarray(2.0 * known["dynamic_pressure"] / moving**2)
         notes.append("density derived from dynamic pressure and velocity")
     if earth and "density" not in known and "altitude" in known:
-        known["density"] = _atmosphere(known["altitude"], "density")
-        notes.append(
-            f"density derived from altitude by the Earth standard atmosphere{_beyond(known['altitude'])}"
-        )
+        known["density"] = atmosphere(known["altitude"], "density")
+        beyond = _beyond(known["altitude"])
+        notes.append(f"density derived from altitude by the Earth standard atmosphere{beyond}")
     if "dynamic_pressure" not in known and "density" in known:
         known["dynamic_pressure"] = 0.5 * known["density"] * known["velocity"] ** 2
         notes.append("dynamic pressure derived from density and velocity")
@@ -68,14 +74,8 @@ def derive(
             f"{', '.join(wanted)} missing and not derived: the planet is {planet}, and the only atmosphere "
             "model is Earth's"
         )
-    if wanted and earth and "density" in known:
-        notes += _derive_from_atmosphere(known, wanted, reference_length)
-    return known, notes
-
-
-def _derive_from_atmosphere(known: Channels, wanted: list[str], reference_length: float) -> list[str]:
-    """Fill `wanted` in `known`; the notes on how."""
-    notes = []
+    if not (wanted and earth and "density" in known):
+        return known, notes
     if "altitude" in wanted:
         known["altitude"] = _altitude_of_density(known["density"])
         beyond = _beyond(known["altitude"])
@@ -83,23 +83,17 @@ def _derive_from_atmosphere(known: Channels, wanted: list[str], reference_length
     end = np.clip(known["altitude"], LOWEST_ALTITUDE, HIGHEST_ALTITUDE)
     outside = _beyond(known["altitude"]) and ", with the temperature of its end where the flight is beyond it"
     if "mach" in wanted:
-        known["mach"] = known["velocity"] / _atmosphere(end, "speed_of_sound")
+        known["mach"] = known["velocity"] / atmosphere(end, "speed_of_sound")
         notes.append(f"Mach number derived with the speed of sound of the Earth standard atmosphere{outside}")
     if "reynolds" in wanted:
-        viscosity = _atmosphere(end, "dynamic_viscosity")
+        viscosity = atmosphere(end, "dynamic_viscosity")
         known["reynolds"] = known["density"] * known["velocity"] * reference_length / viscosity
         notes.append(f"Reynolds number derived with the viscosity of the Earth standard atmosphere{outside}")
-    return notes
+    return known, notes
 
 
-def _density(dynamic_pressure: FloatArray, velocity: FloatArray) -> FloatArray:
-    """2 q_inf / V^2, NaN where the vehicle is at rest."""
-    moving = np.where(velocity > 0.0, velocity, np.nan)
-    return np.asarray(2.0 * dynamic_pressure / moving**2)
-
-
-def _atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
-    """An attribute of the standard atmosphere at `altitude` (n,) m; NaN beyond its ends."""
+def atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
+    """`quantity`, such as "density", of the Earth standard atmosphere at `altitude` (n,) m, SI; NaN beyond its ends."""
     from ambiance import Atmosphere
 
     result = np.full(altitude.shape, np.nan)
@@ -109,11 +103,6 @@ def _atmosphere(altitude: FloatArray, quantity: str) -> FloatArray:
     return result
 
 
-def standard_density(altitude: FloatArray) -> FloatArray:
-    """Density (n,) kg/m^3 of the Earth standard atmosphere at `altitude` (n,) m; NaN beyond its ends."""
-    return _atmosphere(altitude, "density")
-
-
 def _altitude_of_density(density: FloatArray) -> FloatArray:
     """The altitude (n,) m at which the standard atmosphere has `density`; its ends beyond them.
 
@@ -121,7 +110,7 @@ def _altitude_of_density(density: FloatArray) -> FloatArray:
     """
     bends = _EARTH_RADIUS * _LAYERS / (_EARTH_RADIUS - _LAYERS)
     grid = np.union1d(np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, 50.0), bends)
-    fall = -np.log(_atmosphere(grid, "density"))
+    fall = -np.log(atmosphere(grid, "density"))
     with np.errstate(divide="ignore"):
         return np.asarray(np.interp(-np.log(density), fall, grid))
 
@@ -132,20 +121,6 @@ def _beyond(altitude: FloatArray) -> str:
     return f" ({outside} samples lie beyond its range of -5 to 81 km)" if outside else ""
 
 
-def _inconsistent(known: Mapping[str, FloatArray]) -> list[str]:
-    """A note where the recorded dynamic pressure is not rho V^2 / 2: units, or different sources."""
-    if not {"dynamic_pressure", "density", "velocity"} <= set(known):
-        return []
-    computed = 0.5 * known["density"] * known["velocity"] ** 2
-    usable = computed > 0.0
-    if not np.any(usable):
-        return []
-    ratio = float(np.nanmedian(known["dynamic_pressure"][usable] / computed[usable]))
-    if abs(ratio - 1.0) <= PRESSURE_CONSISTENT:
-        return []
-    return [f"recorded dynamic pressure is {ratio:.4g} times density * velocity^2 / 2: check their units"]
-
-
 # ---- A record that is sampled far more finely than its motion needs, as means of neighbouring samples ----
 
 
@@ -154,32 +129,23 @@ def averaged(flight: Flight) -> Flight:
 
     Samples that a segment's ends leave over belong to no mean.
     """
-    every = min(_to_spare(flight), flight.samples // AVERAGED_LEFT)
+    # Of the fastest motion in body axes, coning or spin, a cycle keeps enough.
+    coning, spin = transverse_frequency(flight.q, flight.r, flight.step), np.max(np.abs(flight.p)) / (2.0 * np.pi)
+    fastest = max(coning, float(spin))
+    spare = int(flight.sample_rate / (AVERAGED_PER_CYCLE * fastest)) if fastest > 0.0 else 1
+    every = min(spare, flight.samples // AVERAGED_LEFT)
     if flight.samples <= AVERAGED_BEYOND or every < 2:
         return flight
-    segments = tuple(
-        (first, last) for a, b in flight.segments if (first := -(-a // every)) < (last := b // every)
-    )
+    ranges = ((-(-a // every), b // every) for a, b in flight.segments)
+    segments = tuple((first, last) for first, last in ranges if first < last)
     if not segments:
         return flight
-    arrays: dict[str, Any] = {
-        name: None if (value := getattr(flight, name)) is None else _means(value, every)
-        for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind")
-    }
+    arrays: dict[str, Any] = {}
+    for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind"):
+        values = getattr(flight, name)
+        if values is not None:
+            whole = values[: values.shape[0] // every * every]
+            arrays[name] = np.asarray(whole.reshape(-1, every, *values.shape[1:]).mean(axis=1), dtype=float)
     rate = flight.sample_rate / every
     note = f"analysed as means of {every} samples each, at {rate:.6g} Hz: the motion needs no more"
     return replace(flight, segments=segments, notes=(*flight.notes, note), **arrays)
-
-
-def _to_spare(flight: Flight) -> int:
-    """Samples that may be averaged: of the fastest motion in body axes, coning or spin, a cycle keeps enough."""
-    coning = max(dominant_frequency(rate, flight.step) for rate in (flight.q, flight.r))
-    spin = float(np.max(np.abs(flight.p))) / (2.0 * np.pi)
-    fastest = max(coning, spin)
-    return int(flight.sample_rate / (AVERAGED_PER_CYCLE * fastest)) if fastest > 0.0 else 1
-
-
-def _means(values: FloatArray, every: int) -> FloatArray:
-    """Means (n // every, ...) of every so many of `values` (n, ...)."""
-    whole = values[: values.shape[0] // every * every]
-    return np.asarray(whole.reshape(-1, every, *values.shape[1:]).mean(axis=1), dtype=float)

@@ -8,6 +8,7 @@ what a function takes for a flight: a path, a `Flight`, a simulated flight, or a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import fault_over, find_spikes, mask_faults, spike_note, without_spikes
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
@@ -29,12 +30,14 @@ from brv_hypo.flight.record import (
     INERTIAL_CHANNELS,
     OPTIONAL_CHANNELS,
     VEHICLE_DIMENSIONS,
+    Channels,
     Flight,
     Header,
     Record,
     RecordFault,
-    VehicleRecord,
+    Vehicle,
     check_present,
+    checked_vehicle,
     validated,
 )
 from brv_hypo.flight.tolerances import (
@@ -54,10 +57,10 @@ from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 # ---- From a `Record`, as flown, to a `Flight`, ready to analyse, and back ----
 
 
-Channels = dict[str, FloatArray]
 Segments = tuple[tuple[int, int], ...]
 
 MOST_CUTS_NAMED = 10
+_ABOUT = ("instruments", "planet", "title", "source", "path")  # what a record and its flight share as it is
 
 
 def assemble(record: Record) -> Flight:
@@ -72,23 +75,24 @@ def assemble(record: Record) -> Flight:
     despiked = {name: without_spikes(stamps, values, spikes[name]) for name, values in masked.items()}
     with naming(record.path):
         time, recorded, resampled = regularise(stamps, despiked)
-        bridged, gap_notes = _bridged(time, _without_empty(recorded))
+        bridged, gap_notes = _bridged(time, recorded)
         channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
         segments, cut_notes = _segments(time, channels)
+    spike_faults = [
+        fault_over(name, "spikes", stamps, found, f"{counted(count, 'sample')} replaced by a cubic spline")
+        for name, found in spikes.items()
+        if name in CHANNELS and (count := int(np.count_nonzero(found)))
+    ]
     first, last = segments[0][0], segments[-1][1]
     whole, filled = _filled(float(time[1] - time[0]), channels, segments)
+    arrays: dict[str, Any] = {name: values[first:last] for name, values in {"time": time, **whole}.items()}
     return Flight(
-        time=time[first:last],
-        **{name: values[first:last] for name, values in whole.items()},
-        vehicle=record.vehicle.vehicle(),
-        instruments=record.instruments,
+        **arrays,
+        vehicle=record.vehicle,
+        **{name: getattr(record, name) for name in _ABOUT},
         segments=tuple((start - first, stop - first) for start, stop in segments),
-        planet=record.planet,
-        title=record.title,
-        source=record.source,
-        path=record.path,
         notes=(*notes, *resampled, *gap_notes, *derived, *cut_notes, *filled),
-        faults=(*faults, *_spike_faults(stamps, spikes)),
+        faults=(*faults, *spike_faults),
     )
 
 
@@ -108,15 +112,6 @@ def masked_flight(flight: Flight) -> tuple[Flight, tuple[RecordFault, ...]]:
     return again, (*flight.faults, *fresh)
 
 
-def _spike_faults(time: FloatArray, spikes: Mapping[str, BoolArray]) -> tuple[RecordFault, ...]:
-    """Isolated spikes in the channels that every analysis needs."""
-    return tuple(
-        fault_over(name, "spikes", time, found, f"{counted(count, 'sample')} replaced by a cubic spline")
-        for name, found in spikes.items()
-        if name in CHANNELS and (count := int(np.count_nonzero(found)))
-    )
-
-
 def unassemble(flight: Flight) -> Record:
     """The record of a flight: NaN outside its segments, so that a cut outlives a round trip.
 
@@ -125,42 +120,32 @@ def unassemble(flight: Flight) -> Record:
     usable = np.zeros(flight.time.size, dtype=np.bool_)
     for start, stop in flight.segments:
         usable[start:stop] = True
-    present = {name: getattr(flight, name) for name in (*CHANNELS, *OPTIONAL_CHANNELS)}
+    channels = {}
+    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
+        values = getattr(flight, name)
+        if values is not None:  # a wrong shape is left for `Record` to refuse
+            channels[name] = np.where(usable, values, np.nan) if values.shape == usable.shape else values
     return validated(
         Record,
         {
             "time": flight.time,
-            "channels": {
-                name: _masked(values, usable) for name, values in present.items() if values is not None
-            },
-            "vehicle": validated(VehicleRecord, vars(flight.vehicle), group="vehicle"),
-            "instruments": flight.instruments,
-            "planet": flight.planet,
-            "title": flight.title,
-            "source": flight.source,
-            "path": flight.path,
+            "channels": channels,
+            "vehicle": checked_vehicle(vars(flight.vehicle)),
+            **{name: getattr(flight, name) for name in _ABOUT},
             "notes": flight.notes,
         },
     )
 
 
-def _masked(values: FloatArray, usable: BoolArray) -> FloatArray:
-    """`values` with NaN where not `usable`; a wrong shape is left for the schema to refuse."""
-    return np.where(usable, values, np.nan) if values.shape == usable.shape else values
-
-
-def _without_empty(channels: Mapping[str, FloatArray]) -> Channels:
-    """The channels that hold any sample at all."""
-    return {name: values for name, values in channels.items() if np.any(np.isfinite(values))}
-
-
 def _bridged(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Channels, list[str]]:
-    """Short gaps filled, by the rules of `resample`."""
+    """The channels that hold any sample at all, short gaps filled by the rules of `clock`; notes."""
     step = float((time[-1] - time[0]) / (time.size - 1))
     fast, slow = longest_gap(step, channels["q"], channels["r"]), max(1, round(BRIDGED_SECONDS / step))
     filled: Channels = {}
     notes = []
     for name, values in channels.items():
+        if not np.any(np.isfinite(values)):
+            continue
         longest = fast if name in INERTIAL_CHANNELS else slow
         filled[name] = bridge(time, values, longest)
         count = int(np.count_nonzero(np.isnan(values) & np.isfinite(filled[name])))
@@ -171,30 +156,31 @@ def _bridged(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Chan
 
 def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Segments, list[str]]:
     """The stretches, long enough to use, with every needed channel known; notes on what is left out."""
-    known = {name: np.isfinite(channels[name]) for name in CHANNELS if name in channels}
-    for name in CHANNELS:
-        if name not in known:
-            raise _nothing_usable(name)
+    nothing = np.full(time.size, np.nan)
+    known = {name: np.isfinite(channels.get(name, nothing)) for name in CHANNELS}
     usable = np.logical_and.reduce(list(known.values()))
     segments = tuple((start, stop) for start, stop in runs(usable) if stop - start >= MINIMUM_SAMPLES)
     if not segments:
-        raise _nothing_usable(min(known, key=lambda name: int(np.count_nonzero(known[name]))))
-    kept = np.zeros_like(usable)
-    for start, stop in segments:
-        kept[start:stop] = True
-    cuts = runs(~kept)
-    notes = [_cut_note(time, start, stop, known) for start, stop in cuts[:MOST_CUTS_NAMED]]
+        raise refusal(
+            min(known, key=lambda name: int(np.count_nonzero(known[name]))),
+            "too many missing samples",
+            f"a stretch of at least {MINIMUM_SAMPLES} samples in which every needed channel is known",
+            "a channel recorded at a much lower rate than the others, or a dropout throughout",
+            "interpolate slow channels to the samples of 'time' before import, or give a longer record",
+        )
+    bounds = (0, *(edge for segment in segments for edge in segment), time.size)
+    cuts = [(a, b) for a, b in zip(bounds[::2], bounds[1::2], strict=True) if a < b]
+    notes = []
+    for start, stop in cuts[:MOST_CUTS_NAMED]:
+        lacking = ", ".join(name for name, finite in known.items() if not np.all(finite[start:stop]))
+        inside = start > 0 and stop < time.size
+        why = f"a gap too long to bridge in {lacking}" if inside else f"at the record's end, without {lacking}"
+        span = f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')})"
+        notes.append(f"{span} left out: {why}")
     if len(cuts) > MOST_CUTS_NAMED:
         samples = sum(stop - start for start, stop in cuts[MOST_CUTS_NAMED:])
         notes.append(f"{len(cuts) - MOST_CUTS_NAMED} more such stretches ({samples} samples) left out")
     return segments, notes
-
-
-def _cut_note(time: FloatArray, start: int, stop: int, known: Mapping[str, BoolArray]) -> str:
-    lacking = ", ".join(name for name, finite in known.items() if not np.all(finite[start:stop]))
-    inside = start > 0 and stop < len(time)
-    why = f"a gap too long to bridge in {lacking}" if inside else f"at the record's end, without {lacking}"
-    return f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')}) left out: {why}"
 
 
 def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments) -> tuple[Channels, list[str]]:
@@ -208,16 +194,6 @@ def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments)
             notes.append(f"{name}: {inside} samples in long gaps are interpolated")
         whole[name] = crossed(values, longest) if name in INERTIAL_CHANNELS else joined(values)
     return whole, notes
-
-
-def _nothing_usable(name: str) -> Exception:
-    return refusal(
-        name,
-        "too many missing samples",
-        f"a stretch of at least {MINIMUM_SAMPLES} samples in which every needed channel is known",
-        "a channel recorded at a much lower rate than the others, or a dropout throughout",
-        "interpolate slow channels to the samples of 'time' before import, or give a longer record",
-    )
 
 
 # ---- Format 1 on disk: `load_flight`, `save_flight`, and `load_truth` for studies and tests ----
@@ -293,14 +269,22 @@ def save_flight(
     header = {"format": FORMAT, "format_version": FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
     channels = {"time": record.time, **record.channels}
+    grade = of_grade(record.instruments.grade)
+    tolerances = record.instruments.values()
+    stated = {key: value for key, value in tolerances.items() if value != getattr(grade, key)}
     groups = {
-        "vehicle": Tree(datasets=_with_units(record.vehicle.model_dump(), VEHICLE_DIMENSIONS)),
-        "instruments": _instruments_tree(record.instruments),
+        "vehicle": Tree(datasets=_with_units(vars(record.vehicle), VEHICLE_DIMENSIONS)),
+        "instruments": Tree({"grade": grade.grade}, _with_units(stated, INSTRUMENT_DIMENSIONS)),
     }
     if truth is not None:
         groups["truth"] = _truth_tree(truth)
     if raw:
-        groups["raw"] = Tree(groups={_plain_name(table.recorder): _raw_tree(table) for table in raw})
+        tables = {}
+        for table in raw:
+            units = table.units
+            columns = {_plain_name(n): Dataset(v, one_line(units[n])) for n, v in table.columns.items()}
+            tables[_plain_name(table.recorder)] = Tree(datasets=columns)
+        groups["raw"] = Tree(groups=tables)
     tree = Tree(
         attributes={**header, **{name: text for name, text in optional.items() if text}},
         datasets=_with_units(channels, CHANNEL_DIMENSIONS),
@@ -325,18 +309,15 @@ def read_record(path: str | Path) -> Record:
     """
     tree = read_tree(path, only=READ)
     with naming(path):
-        return _record_from(tree, str(path))
+        return _record_of(tree, str(path))
 
 
-def _record_from(tree: Tree, path: str) -> Record:
+def _record_of(tree: Tree, path: str) -> Record:
     header = _header(tree.attributes)
-    present = (*tree.datasets, *tree.unread)
+    check_present((*tree.datasets, *tree.unread))
     if "time" not in tree.datasets:
-        check_present(present)
         raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
-    check_present(present)
-    known = tree.datasets
-    arrays = {name: _in_si(dataset, CHANNEL_DIMENSIONS[name], name) for name, dataset in known.items()}
+    arrays = _in_si(tree.datasets, CHANNEL_DIMENSIONS, "")
     return validated(
         Record,
         {
@@ -348,7 +329,7 @@ def _record_from(tree: Tree, path: str) -> Record:
             "title": one_line(header.title),
             "source": one_line(header.source),
             "path": path,
-            "recorded_units": {name: dataset.units or "" for name, dataset in known.items()},
+            "recorded_units": {name: dataset.units or "" for name, dataset in tree.datasets.items()},
             "notes": (*map(one_line, header.history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
         },
     )
@@ -374,7 +355,7 @@ def _header(attributes: Mapping[str, Any]) -> Header:
     return validated(Header, attributes, group="/ (root attributes)")
 
 
-def _vehicle(group: Tree | None) -> VehicleRecord:
+def _vehicle(group: Tree | None) -> Vehicle:
     if group is None:
         raise refusal(
             "vehicle",
@@ -383,25 +364,19 @@ def _vehicle(group: Tree | None) -> VehicleRecord:
             "mass properties kept in another file",
             "add them, each a scalar dataset with 'units'",
         )
-    values: dict[str, Any] = {}
-    for name, dimension in VEHICLE_DIMENSIONS.items():
-        if name in group.datasets:
-            shape = (3,) if name == "accelerometer_position" else ()
-            values[name] = _vehicle_value(group.datasets[name], dimension, f"vehicle/{name}", shape)
-    return validated(VehicleRecord, values, group="vehicle")
-
-
-def _vehicle_value(dataset: Dataset, dimension: Dimension, name: str, shape: tuple[int, ...]) -> Any:
-    array = _in_si(dataset, dimension, name)
-    if array.size != int(np.prod(shape)):
-        raise refusal(
-            name,
-            f"shape {array.shape}",
-            f"shape {shape}",
-            "a history or a list where one value was meant, or too few components",
-            "give one value (three, in body axes, for the accelerometer position)",
-        )
-    return array.reshape(shape).tolist()
+    values = {}
+    for name, array in _in_si(group.datasets, VEHICLE_DIMENSIONS, "vehicle/").items():
+        shape = (3,) if name == "accelerometer_position" else ()
+        if array.size != math.prod(shape):
+            raise refusal(
+                f"vehicle/{name}",
+                f"shape {array.shape}",
+                f"shape {shape}",
+                "a history or a list where one value was meant, or too few components",
+                "give one value (three, in body axes, for the accelerometer position)",
+            )
+        values[name] = array.reshape(shape).tolist()
+    return checked_vehicle(values)
 
 
 def _instruments(group: Tree | None) -> Instruments:
@@ -427,38 +402,32 @@ def _instruments(group: Tree | None) -> Instruments:
             f"'{near[0]}' is meant" if near else "a tolerance that format 1 does not have",
             "rename or drop it",
         )
-    stated = {
-        name: _in_si(dataset, INSTRUMENT_DIMENSIONS[name], f"instruments/{name}")
-        for name, dataset in group.datasets.items()
-    }
-    return with_stated(of_grade(grade), stated)
+    return with_stated(of_grade(grade), _in_si(group.datasets, INSTRUMENT_DIMENSIONS, "instruments/"))
 
 
-def _instruments_tree(instruments: Instruments) -> Tree:
-    """The grade, and the tolerances that differ from it."""
-    plain = of_grade(instruments.grade).values()
-    stated = {key: value for key, value in instruments.values().items() if value != plain[key]}
-    return Tree(attributes={"grade": instruments.grade}, datasets=_with_units(stated, INSTRUMENT_DIMENSIONS))
-
-
-def _in_si(dataset: Dataset, dimension: Dimension, name: str) -> FloatArray:
-    if dataset.units is None:
-        raise refusal(
-            name,
-            "no 'units' attribute",
-            f"one, such as '{SI[dimension]}'",
-            "a writer that keeps units elsewhere",
-            f"set the attribute 'units' of '{name}'",
-        )
-    if dataset.values.dtype.kind not in "fiu":
-        raise refusal(
-            name,
-            f"values of type {dataset.values.dtype}",
-            "numbers",
-            "text, or a compound or complex type",
-            f"write '{name}' as floating-point numbers",
-        )
-    return to_si(dataset.values, dataset.units, dimension, name)
+def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension], group: str) -> Channels:
+    """The datasets of a group as numbers in SI."""
+    arrays = {}
+    for key, dataset in datasets.items():
+        name, dimension = f"{group}{key}", dimensions[key]
+        if dataset.units is None:
+            raise refusal(
+                name,
+                "no 'units' attribute",
+                f"one, such as '{SI[dimension]}'",
+                "a writer that keeps units elsewhere",
+                f"set the attribute 'units' of '{name}'",
+            )
+        if dataset.values.dtype.kind not in "fiu":
+            raise refusal(
+                name,
+                f"values of type {dataset.values.dtype}",
+                "numbers",
+                "text, or a compound or complex type",
+                f"write '{name}' as floating-point numbers",
+            )
+        arrays[key] = to_si(dataset.values, dataset.units, dimension, name)
+    return arrays
 
 
 def _ignored(names: Sequence[str]) -> tuple[str, ...]:
@@ -473,20 +442,8 @@ def _ignored(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) -> dict[str, Dataset]:
-    return {
-        name: Dataset(np.asarray(value, dtype=np.float64), SI[dimensions[name]])
-        for name, value in values.items()
-    }
-
-
-def _raw_tree(table: RawTable) -> Tree:
-    """The columns as they were read, each with the units that the map gave it."""
-    return Tree(
-        datasets={
-            _plain_name(name): Dataset(values, one_line(table.units[name]))
-            for name, values in table.columns.items()
-        }
-    )
+    units = {name: SI[dimensions[name]] for name in values}
+    return {name: Dataset(np.asarray(value, dtype=np.float64), units[name]) for name, value in values.items()}
 
 
 def _plain_name(name: str) -> str:

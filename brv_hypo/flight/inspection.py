@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.cleaning import find_spikes, without_spikes
 from brv_hypo.flight.clock import joined, runs, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
@@ -26,7 +26,6 @@ from brv_hypo.flight.record import (
     INERTIAL_CHANNELS,
     OPTIONAL_CHANNELS,
     Flight,
-    Record,
     Vehicle,
 )
 from brv_hypo.flight.units import SI
@@ -76,11 +75,12 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     width = max(1, 2 * round(0.5 * PHASE_SMOOTHED / step) + 1)
     axial = median_filter(joined(ax), width, mode="nearest")
     force = median_filter(np.sqrt(sum(joined(each) ** 2 for each in (ax, ay, az))), width, mode="nearest")
+    resting = np.abs(axial - GRAVITY) < AT_REST
     least = max(2, round(PHASE_SHORTEST / step))
     ignition, burnout = _burn(axial, least)
     jerk = _jerk(force, burnout, max(2, round(PARACHUTE_BEFORE / step)))
     edges: dict[PhaseName, tuple[int, int]] = {
-        "pad": (0, ignition if _rests(axial[:ignition]) else 0),
+        "pad": (0, ignition if ignition and np.mean(resting[:ignition]) > PHASE_RESTING else 0),
         "burn": (ignition, burnout),
         "coast": (burnout, jerk),
         "parachute": (jerk, time.size),
@@ -101,11 +101,6 @@ def _burn(axial: FloatArray, least: int) -> tuple[int, int]:
     ignition = int(before[-1]) + 1 if before.size else thrust[0]
     dragged = [run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least]
     return ignition, dragged[0][0] if dragged else axial.size
-
-
-def _rests(axial: FloatArray) -> bool:
-    near: BoolArray = np.abs(axial - GRAVITY) < AT_REST
-    return bool(near.size and np.mean(near) > PHASE_RESTING)
 
 
 def _jerk(force: FloatArray, begin: int, before: int) -> int:
@@ -136,28 +131,29 @@ class Noise:
 
 @dataclass(frozen=True)
 class ChannelQuality:
-    """One channel: `units` as recorded; range and `noise` in SI; `missing` and `longest_gap` in samples."""
+    """One channel as it was recorded, or derived."""
 
     name: str
     units: str
+    """As recorded."""
     si_units: str
     derived: bool
     missing: int
+    """Samples."""
     longest_gap: int
+    """Samples."""
     spikes: int
+    """Samples of isolated spikes."""
     minimum: float
+    """SI; NaN where nothing is known, as the maximum."""
     maximum: float
     noise: Noise
+    """SI"""
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """A record at a glance. Times in s, rates in Hz, dynamic pressure in Pa.
-
-    `segments` are the stretches that can be analysed. `transverse_frequency` is the dominant frequency of q
-    and r over the longest of them (0 where they do not vary). `phases` are those of a
-    rocket's flight. `notes` say what reading changed or derived; `warnings` what limits the use of the record.
-    """
+    """A record at a glance."""
 
     path: str
     title: str
@@ -165,18 +161,29 @@ class Inspection:
     planet: str
     samples: int
     start: float
+    """s"""
     stop: float
+    """s"""
     sample_rate: float
+    """Hz"""
     channels: tuple[ChannelQuality, ...]
     absent: tuple[str, ...]
+    """Optional channels that were neither recorded nor derived."""
     segments: tuple[tuple[float, float], ...]
+    """The stretches that can be analysed, s."""
     dynamic_pressure_range: tuple[float, float]
+    """Pa"""
     transverse_frequency: float
+    """Dominant frequency of q and r over the longest segment, Hz; 0 where they do not vary."""
     samples_per_cycle: float
+    """Of that frequency."""
     vehicle: Vehicle
     phases: tuple[Phase, ...]
+    """Those of a rocket's flight."""
     notes: tuple[str, ...]
+    """What reading changed or derived."""
     warnings: tuple[str, ...]
+    """What limits the use of the record."""
 
 
 def inspect_flight(
@@ -187,22 +194,19 @@ def inspect_flight(
     Raises FlightRecordError where the record cannot be used at all, UsageError for a window without samples.
     """
     record = unassemble(flight) if isinstance(flight, Flight) else read_record(flight)
-    whole = flight if isinstance(flight, Flight) else assemble(record)
-    return _inspection(_part(record, start, stop), windowed(whole, start, stop))
-
-
-def _part(record: Record, start: float | None, stop: float | None) -> Record:
-    """The samples of a record from `start` to `stop`."""
+    ready = windowed(flight if isinstance(flight, Flight) else assemble(record), start, stop)
     first = np.searchsorted(record.time, -np.inf if start is None else start, side="left")
     last = np.searchsorted(record.time, np.inf if stop is None else stop, side="right")
-    channels = {name: values[first:last] for name, values in record.channels.items()}
-    return record.model_copy(update={"time": record.time[first:last], "channels": channels})
-
-
-def _inspection(record: Record, ready: Flight) -> Inspection:
-    """What was recorded, beside what is `ready` to be analysed."""
+    time, recorded = record.time[first:last], {n: v[first:last] for n, v in record.channels.items()}
+    channels = []
+    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
+        si = SI[CHANNEL_DIMENSIONS[name]]
+        if name in recorded:
+            units = record.recorded_units.get(name, si)
+            channels.append(_channel(name, time, recorded[name], units, derived=False))
+        elif (values := getattr(ready, name)) is not None:
+            channels.append(_channel(name, ready.time, values, si, derived=True))
     frequency = strongest_frequency(ready.q, ready.r, ready.step, ready.segments)
-    channels = tuple(_channels(record, ready))
     phases = find_phases(ready.time, ready.ax, ready.ay, ready.az)
     per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")
     pressure = np.concatenate([ready.dynamic_pressure[a:b] for a, b in ready.segments])
@@ -211,11 +215,11 @@ def _inspection(record: Record, ready: Flight) -> Inspection:
         title=record.title,
         source=record.source,
         planet=record.planet,
-        samples=int(record.time.size),
-        start=float(record.time[0]),
-        stop=float(record.time[-1]),
+        samples=int(time.size),
+        start=float(time[0]),
+        stop=float(time[-1]),
         sample_rate=ready.sample_rate,
-        channels=channels,
+        channels=tuple(channels),
         absent=tuple(name for name in OPTIONAL_CHANNELS if getattr(ready, name) is None),
         segments=tuple((float(ready.time[a]), float(ready.time[b - 1])) for a, b in ready.segments),
         dynamic_pressure_range=(float(pressure.min()), float(pressure.max())),
@@ -224,7 +228,7 @@ def _inspection(record: Record, ready: Flight) -> Inspection:
         vehicle=ready.vehicle,
         phases=phases,
         notes=ready.notes,
-        warnings=(*_warnings(channels, per_cycle), *_of_phases(phases)),
+        warnings=tuple(_warnings(channels, per_cycle, phases)),
     )
 
 
@@ -254,18 +258,6 @@ def _upper_band(values: FloatArray) -> FloatArray:
     return np.sqrt([float(np.mean(quarter)) for quarter in quarters])
 
 
-def _channels(record: Record, ready: Flight) -> list[ChannelQuality]:
-    """Recorded channels as they were recorded, derived ones as they were derived."""
-    found = []
-    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
-        if name in record.channels:
-            units = record.recorded_units.get(name, SI[CHANNEL_DIMENSIONS[name]])
-            found.append(_channel(name, record.time, record.channels[name], units, derived=False))
-        elif (values := getattr(ready, name)) is not None:
-            found.append(_channel(name, ready.time, values, SI[CHANNEL_DIMENSIONS[name]], derived=True))
-    return found
-
-
 def _channel(name: str, time: FloatArray, values: FloatArray, units: str, *, derived: bool) -> ChannelQuality:
     missing = np.isnan(values)
     known = values[~missing]
@@ -284,7 +276,7 @@ def _channel(name: str, time: FloatArray, values: FloatArray, units: str, *, der
     )
 
 
-def _warnings(channels: tuple[ChannelQuality, ...], per_cycle: float) -> list[str]:
+def _warnings(channels: list[ChannelQuality], per_cycle: float, phases: tuple[Phase, ...]) -> list[str]:
     warnings = []
     if per_cycle < INSPECTED_PER_CYCLE:
         warnings.append(
@@ -297,17 +289,11 @@ def _warnings(channels: tuple[ChannelQuality, ...], per_cycle: float) -> list[st
             f"the noise of {', '.join(doubtful)} is not white, or is hidden by motion or rounding: its sigma "
             "is no more than a guide"
         )
-    return warnings
-
-
-def _of_phases(phases: tuple[Phase, ...]) -> list[str]:
-    """What of the record no model of the moments covers, and the window that leaves it out."""
     coast = next((phase for phase in phases if phase.name == "coast"), None)
     beside = [phase for phase in phases if phase.name != "coast"]
     if not beside:
-        return []
+        return warnings
     intervals = ", ".join(f"{phase.name} {phase.start_s:.2f} to {phase.stop_s:.2f} s" for phase in beside)
     window = "" if coast is None else f": analyse the coast, --start {coast.start_s:.2f} --stop {coast.stop_s:.2f}"
-    return [
-        f"the record holds {intervals}, where thrust, rest or a parachute act, which no mechanism describes{window}"
-    ]
+    act = "where thrust, rest or a parachute act, which no mechanism describes"
+    return [*warnings, f"the record holds {intervals}, {act}{window}"]

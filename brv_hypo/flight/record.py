@@ -19,6 +19,7 @@ from pydantic import (
     ConfigDict,
     Field,
     SkipValidation,
+    TypeAdapter,
     ValidationError,
     model_validator,
 )
@@ -26,7 +27,7 @@ from pydantic import (
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.tolerances import Instruments, of_grade
-from brv_hypo.flight.units import Dimension
+from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.io.text import nearest, one_line, refusal
 from brv_hypo.results import Histories
 from brv_hypo.thresholds import LARGEST_PROPERTY, MINIMUM_SAMPLES, SHORTEST_STEP, SLOWEST
@@ -39,21 +40,37 @@ INERTIAL_CHANNELS = (*GYROS, *ACCELEROMETERS)
 CHANNELS = (*INERTIAL_CHANNELS, "velocity", "dynamic_pressure")
 OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 
+Channels = dict[str, FloatArray]
+
+
+def _of_a_vehicle(value: float) -> float:
+    if value < 1.0 / LARGEST_PROPERTY:
+        raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
+    return value
+
+
+Positive = Annotated[
+    float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)
+]
+Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
+
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Mass properties and reference quantities, SI.
+    """Mass properties and reference quantities, SI."""
 
-    `mass` kg; `ixx`, `iyy` kg m^2 (spin axis; transverse, about the c.g.); `reference_length` m, one for all
-    three moments; `reference_area` m^2; `accelerometer_position` (3,) m from the c.g. in body axes.
-    """
-
-    mass: float
-    ixx: float
-    iyy: float
-    reference_length: float
-    reference_area: float
-    accelerometer_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    mass: Positive
+    """kg"""
+    ixx: Positive
+    """kg m^2, about the spin axis"""
+    iyy: Positive
+    """kg m^2, about a transverse axis through the centre of gravity"""
+    reference_length: Positive
+    """m, one for all three moments"""
+    reference_area: Positive
+    """m^2"""
+    accelerometer_position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    """m from the centre of gravity, in body axes"""
 
     @property
     def inertia_ratio(self) -> float:
@@ -68,18 +85,18 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class RecordFault:
-    """One fault: `channel` (several joined by commas), the kind of `fault`, from `start_s` to `stop_s`.
-
-    `action` says in words what was done, or what the user should do. `decisive`: the record contradicts itself,
-    and nothing that is fitted to it can be trusted.
-    """
+    """One fault of a record."""
 
     channel: str
+    """The channel, or several joined by commas."""
     fault: str
+    """Its kind."""
     start_s: float
     stop_s: float
     action: str
+    """What was done, or what the user should do, in words."""
     decisive: bool
+    """True where the record contradicts itself, and nothing that is fitted to it can be trusted."""
 
 
 @dataclass(frozen=True)
@@ -94,39 +111,47 @@ class RecordTrial:
 class Flight(Histories):
     """One flight, format 1, in SI units; every channel is (n,) over a uniform `time` (n,), without NaN.
 
-    Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment.
-    `segments` are the index ranges [start, stop) that are contiguous and usable.
-    `wind` (n, 3) m/s is what is known of the wind, in body axes of the first sample; None where nothing is.
-    `instruments` are the tolerances to which record, vehicle and air are known.
-    `notes` say what was derived, resampled, bridged or cut; `faults` what was masked, or should stop an analysis
-    (`brv_hypo.motion.try_record`). The `truth` of a simulated flight is not here:
-    nothing that analyses a flight may see it.
+    Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment. The `truth` of a
+    simulated flight is not here: nothing that analyses a flight may see it.
     """
 
     time: FloatArray
+    """s"""
     p: FloatArray
+    """Roll rate, rad/s; `q` and `r` are the rates of pitch and yaw."""
     q: FloatArray
     r: FloatArray
     ax: FloatArray
+    """Specific force along the body axes at the accelerometer, m/s^2."""
     ay: FloatArray
     az: FloatArray
     velocity: FloatArray
+    """Speed through the air, m/s."""
     dynamic_pressure: FloatArray
+    """Pa"""
     vehicle: Vehicle
     altitude: FloatArray | None = None
+    """m"""
     density: FloatArray | None = None
+    """kg/m^3"""
     mach: FloatArray | None = None
     reynolds: FloatArray | None = None
     roll_rate_mag: FloatArray | None = None
+    """Roll rate as a magnetometer has it, rad/s."""
     wind: FloatArray | None = None
+    """(n, 3) m/s, what is known of the wind, in body axes of the first sample."""
     instruments: Instruments = field(default_factory=of_grade)
+    """The tolerances to which record, vehicle and air are known."""
     segments: tuple[tuple[int, int], ...] = ()
+    """Index ranges [start, stop) that are contiguous and usable."""
     planet: str = "earth"
     title: str = ""
     source: str = ""
     path: str = ""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    """What was derived, resampled, bridged or cut."""
     faults: tuple[RecordFault, ...] = ()
+    """What was masked, or should stop an analysis (`brv_hypo.motion.try_record`)."""
 
     def __post_init__(self) -> None:
         """A record without gaps is one segment."""
@@ -138,10 +163,8 @@ class Flight(Histories):
 
     def headline(self) -> str:
         """Title or path, length and rate."""
-        name = self.title or self.path or "flight"
-        return (
-            f"{name}: {self.samples} samples, {self.time[0]:.2f} to {self.time[-1]:.2f} s, {self.sample_rate:.4g} Hz"
-        )
+        span = f"{self.time[0]:.2f} to {self.time[-1]:.2f} s, {self.sample_rate:.4g} Hz"
+        return f"{self.title or self.path or 'flight'}: {self.samples} samples, {span}"
 
     def columns(self) -> Mapping[str, Any]:
         """Time (s) and every channel that the record has, SI."""
@@ -150,9 +173,6 @@ class Flight(Histories):
 
     def units(self) -> Mapping[str, str]:
         """SI units of the columns."""
-
-        from brv_hypo.flight.units import SI
-
         return {name: SI[CHANNEL_DIMENSIONS[name]] for name in self.columns()}
 
     @property
@@ -201,12 +221,8 @@ FORMAT_VERSION = 1
 
 CHANNEL_DIMENSIONS: dict[str, Dimension] = {
     "time": "time",
-    "p": "angular rate",
-    "q": "angular rate",
-    "r": "angular rate",
-    "ax": "acceleration",
-    "ay": "acceleration",
-    "az": "acceleration",
+    **dict.fromkeys(GYROS, "angular rate"),
+    **dict.fromkeys(ACCELEROMETERS, "acceleration"),
     "velocity": "speed",
     "dynamic_pressure": "pressure",
     "altitude": "length",
@@ -239,19 +255,7 @@ LARGEST: dict[Dimension, float] = {
     "dimensionless": 1e13,
 }
 
-Model = TypeVar("Model", bound=BaseModel)
-
-
-def _of_a_vehicle(value: float) -> float:
-    if value < 1.0 / LARGEST_PROPERTY:
-        raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
-    return value
-
-
-Positive = Annotated[
-    float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)
-]
-Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
+Model = TypeVar("Model")
 
 
 class Header(BaseModel):
@@ -267,50 +271,38 @@ class Header(BaseModel):
     history: str = ""
 
 
-class VehicleRecord(BaseModel):
-    """The group `vehicle`, SI; see `Vehicle` for the fields."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
-    mass: Positive
-    ixx: Positive
-    iyy: Positive
-    reference_length: Positive
-    reference_area: Positive
-    accelerometer_position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-
-    @model_validator(mode="after")
-    def _inertia_of_a_real_body(self) -> VehicleRecord:
-        """Ixx <= Iyy + Izz holds for any mass distribution, and Izz = Iyy here."""
-        if self.ixx > 2.0 * self.iyy * (1.0 + 1e-9):
-            raise refusal(
-                "vehicle/ixx",
-                f"{self.ixx:g} kg m^2 with iyy = {self.iyy:g} kg m^2",
-                "ixx <= 2 iyy, which every rigid body obeys",
-                "ixx and iyy in different units, or iyy about another point",
-                "give both about the centre of gravity and check their 'units'",
-            )
-        return self
-
-    def vehicle(self) -> Vehicle:
-        """The plain dataclass that the rest of the library uses."""
-        return Vehicle(**self.model_dump())
+def checked_vehicle(values: Mapping[str, Any]) -> Vehicle:
+    """The vehicle of the group `vehicle`, SI. Raises FlightRecordError for what no vehicle has."""
+    vehicle = validated(Vehicle, values, group="vehicle")
+    # Ixx <= Iyy + Izz holds for any mass distribution, and Izz = Iyy here.
+    if vehicle.ixx > 2.0 * vehicle.iyy * (1.0 + 1e-9):
+        raise refusal(
+            "vehicle/ixx",
+            f"{vehicle.ixx:g} kg m^2 with iyy = {vehicle.iyy:g} kg m^2",
+            "ixx <= 2 iyy, which every rigid body obeys",
+            "ixx and iyy in different units, or iyy about another point",
+            "give both about the centre of gravity and check their 'units'",
+        )
+    return vehicle
 
 
 class Record(BaseModel):
-    """A flight as recorded, SI: `time` (n,) in s strictly increasing, `channels` (n,), NaN where missing."""
+    """A flight as recorded, SI."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     time: SkipValidation[FloatArray]
+    """(n,) s, strictly increasing."""
     channels: SkipValidation[Mapping[str, FloatArray]]
-    vehicle: VehicleRecord
+    """(n,) each, NaN where a sample is missing."""
+    vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
     planet: str = "earth"
     title: str = ""
     source: str = ""
     path: str = ""
     recorded_units: dict[str, str] = Field(default_factory=dict)
+    """Of the channels in the file."""
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")
@@ -453,23 +445,22 @@ def _check_size(name: str, values: FloatArray) -> None:
 def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -> Model:
     """`model` built from `data`; pydantic's complaints become one FlightRecordError naming each dataset."""
     try:
-        return model.model_validate(dict(data))
+        return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
         raise FlightRecordError(complaints(error, group, "the format 1 description")) from error
 
 
 def complaints(error: ValidationError, group: str, guide: str) -> str:
     """All that pydantic found wrong, each in the wording of `refusal`; `guide` names what to write it by."""
-    return " ".join(_complaint(problem, group, guide) for problem in error.errors())
-
-
-def _complaint(problem: Any, group: str, guide: str) -> str:
-    name = "/".join(str(part) for part in (group, *problem["loc"]) if part != "")
-    missing = problem["type"] == "missing"
-    found = "nothing" if missing else one_line(repr(problem["input"]))
-    expected = "a value" if missing else problem["msg"].removeprefix("Input should be ")
-    cause = "a misspelt or forgotten name" if missing else "a wrong sign, a fill value, or another format"
-    return str(refusal(name, found, expected, cause, f"correct '{name}' by {guide}"))
+    found = []
+    for problem in error.errors():
+        name = "/".join(str(part) for part in (group, *problem["loc"]) if part != "")
+        missing = problem["type"] == "missing"
+        value = "nothing" if missing else one_line(repr(problem["input"]))
+        expected = "a value" if missing else problem["msg"].removeprefix("Input should be ")
+        cause = "a misspelt or forgotten name" if missing else "a wrong sign, a fill value, or another format"
+        found.append(str(refusal(name, value, expected, cause, f"correct '{name}' by {guide}")))
+    return " ".join(found)
 
 
 def _absent(name: str, present: set[str]) -> FlightRecordError:

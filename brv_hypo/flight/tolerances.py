@@ -6,7 +6,7 @@ Every analysis takes a record as known to these tolerances and no better.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,55 +25,57 @@ Vector = tuple[float, float, float]
 DEFAULT_GRADE = "tactical"
 GRADES = ("laboratory", "tactical", "industrial")
 _DEGREE = float(np.pi / 180.0)
-# Key: dimension, and the 1-sigma of each of GRADES in SI (FLIGHT_FORMAT, Instruments).
-_TABLE: Mapping[str, tuple[Dimension, Vector]] = {
-    "gyro_bias": ("angular rate", (0.002 * _DEGREE, 0.02 * _DEGREE, 0.2 * _DEGREE)),
-    "gyro_scale": ("dimensionless", (1e-4, 5e-4, 3e-3)),
-    "gyro_misalignment": ("angle", (1e-4, 5e-4, 3e-3)),
-    "accel_bias": ("acceleration", (0.001, 0.01, 0.05)),
-    "accel_scale": ("dimensionless", (1e-4, 1e-3, 5e-3)),
-    "accel_misalignment": ("angle", (1e-4, 5e-4, 3e-3)),
-    "accel_position": ("length", (0.0005, 0.002, 0.005)),
-    "time_skew": ("time", (5e-5, 5e-4, 2e-3)),
-    "cg_offset": ("length", (0.0001, 0.0005, 0.002)),
-    "principal_axis": ("angle", (1e-4, 5e-4, 3e-3)),
-    "wind": ("speed", (1.0, 3.0, 10.0)),
-    "dynamic_pressure_scale": ("dimensionless", (1e-3, 5e-3, 2e-2)),
-    "inertia_ratio": ("dimensionless", (1e-3, 5e-3, 2e-2)),
-    "inertia": ("dimensionless", (1e-3, 5e-3, 2e-2)),
-}
-INSTRUMENT_DIMENSIONS: Mapping[str, Dimension] = {key: dimension for key, (dimension, _) in _TABLE.items()}
-# Units of a plain number in a file of tolerances, where they are not SI.
-_FILE_UNITS = {"gyro_bias": "deg/s"}
+
+
+def _of(dimension: Dimension, *sigmas: float) -> dict[str, Any]:
+    """The dimension of a tolerance and the 1-sigma of each of `GRADES`, SI (FLIGHT_FORMAT, Instruments)."""
+    return {"dimension": dimension, "sigmas": sigmas}
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """1-sigma tolerances by body axis (x, y, z), SI: rad/s, rad, m/s^2, m, s, m/s, or relative.
-
-    What has no axis (`time_skew`, the relative ones) holds one value three times; of `cg_offset` and
-    `principal_axis` y and z count. `grade` is what the values that nobody stated come from.
-    """
+    """1-sigma tolerances by body axis (x, y, z), SI; what has no axis holds one value three times."""
 
     grade: str
-    gyro_bias: Vector
-    gyro_scale: Vector
-    gyro_misalignment: Vector
-    accel_bias: Vector
-    accel_scale: Vector
-    accel_misalignment: Vector
-    accel_position: Vector
-    time_skew: Vector
-    cg_offset: Vector
-    principal_axis: Vector
-    wind: Vector
-    dynamic_pressure_scale: Vector
-    inertia_ratio: Vector
-    inertia: Vector
+    """What the values that nobody stated come from."""
+    gyro_bias: Vector = field(metadata=_of("angular rate", 0.002 * _DEGREE, 0.02 * _DEGREE, 0.2 * _DEGREE))
+    """rad/s"""
+    gyro_scale: Vector = field(metadata=_of("dimensionless", 1e-4, 5e-4, 3e-3))
+    """Relative error of the scale factor."""
+    gyro_misalignment: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))
+    """rad"""
+    accel_bias: Vector = field(metadata=_of("acceleration", 0.001, 0.01, 0.05))
+    """m/s^2"""
+    accel_scale: Vector = field(metadata=_of("dimensionless", 1e-4, 1e-3, 5e-3))
+    """Relative error of the scale factor."""
+    accel_misalignment: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))
+    """rad"""
+    accel_position: Vector = field(metadata=_of("length", 0.0005, 0.002, 0.005))
+    """m"""
+    time_skew: Vector = field(metadata=_of("time", 5e-5, 5e-4, 2e-3))
+    """s by which the accelerometers' samples may lie off the gyros'; no axis."""
+    cg_offset: Vector = field(metadata=_of("length", 0.0001, 0.0005, 0.002))
+    """m of the centre of gravity off the axis; y and z count."""
+    principal_axis: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))
+    """rad of the principal axis off the body axis; y and z count."""
+    wind: Vector = field(metadata=_of("speed", 1.0, 3.0, 10.0))
+    """m/s"""
+    dynamic_pressure_scale: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))
+    """Relative; no axis."""
+    inertia_ratio: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))
+    """Of Ix / I, relative; no axis."""
+    inertia: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))
+    """Of I, relative; no axis."""
 
     def values(self) -> dict[str, Vector]:
         """Every tolerance by its key."""
-        return {field.name: getattr(self, field.name) for field in fields(self) if field.name != "grade"}
+        return {key: getattr(self, key) for key in INSTRUMENT_DIMENSIONS}
+
+
+INSTRUMENT_DIMENSIONS: Mapping[str, Dimension] = {
+    each.name: each.metadata["dimension"] for each in fields(Instruments) if each.metadata
+}
+_SIGMAS = {each.name: each.metadata["sigmas"] for each in fields(Instruments) if each.metadata}
 
 
 @cache
@@ -83,14 +85,13 @@ def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
         hint = meant(grade, GRADES, "see `brv-hypo docs reference`")
         raise UsageError(f"got the instrument grade '{grade}', expected one of {', '.join(GRADES)} ({hint}).")
     place = GRADES.index(grade)
-    return Instruments(grade, **{key: (sizes[place],) * 3 for key, (_, sizes) in _TABLE.items()})
+    return Instruments(grade, **{key: (sigmas[place],) * 3 for key, sigmas in _SIGMAS.items()})
 
 
 def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
     """`base` with stated tolerances, SI, each a number or three; FlightRecordError where one cannot be a tolerance."""
-    return Instruments(
-        base.grade, **{**base.values(), **{key: _vector(key, value) for key, value in stated.items()}}
-    )
+    changes: dict[str, Any] = {key: _vector(key, value) for key, value in stated.items()}
+    return replace(base, **changes)
 
 
 def instruments_from(source: str, record: Instruments) -> Instruments:
@@ -118,9 +119,9 @@ def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) ->
     if "grade" in content:
         base = of_grade(str(content["grade"]))
     stated = {key: value for key, value in content.items() if key != "grade"}
-    unknown = [key for key in stated if key not in _TABLE]
+    unknown = [key for key in stated if key not in _SIGMAS]
     if unknown:
-        hint = meant(str(unknown[0]), _TABLE, f"known are grade, {', '.join(_TABLE)}")
+        hint = meant(str(unknown[0]), _SIGMAS, f"known are grade, {', '.join(_SIGMAS)}")
         raise UsageError(f"{origin} names the tolerance '{unknown[0]}', which is unknown ({hint}).")
     try:
         return with_stated(base, {key: _read(key, value) for key, value in stated.items()})
@@ -131,20 +132,16 @@ def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) ->
 
 def _read(key: str, value: Any) -> Any:
     """A tolerance of a file in SI."""
-    items = value if isinstance(value, list | tuple) else [value]
+    dimension = INSTRUMENT_DIMENSIONS[key]
+    plain = "deg/s" if key == "gyro_bias" else SI[dimension]
     found = []
-    for item in items:
+    for item in value if isinstance(value, list | tuple) else [value]:
         number, _, units = str(item).strip().partition(" ")
         try:
             size = float(number)
         except ValueError:
-            raise UsageError(
-                f"the tolerance '{key}' is {item!r}, expected a number, or one with units."
-            ) from None
-        dimension = INSTRUMENT_DIMENSIONS[key]
-        found.append(
-            float(to_si(size, units or _FILE_UNITS.get(key, SI[dimension]), dimension, f"instruments/{key}"))
-        )
+            raise UsageError(f"the tolerance '{key}' is {item!r}, expected a number, or one with units.") from None
+        found.append(float(to_si(size, units or plain, dimension, f"instruments/{key}")))
     return found
 
 
@@ -158,6 +155,6 @@ def _vector(key: str, value: Any) -> Vector:
             "a fill value, or a sigma and its sign",
             "give a standard deviation",
         )
-    least = TOLERANCE_LEAST * _TABLE[key][1][0]
+    least = TOLERANCE_LEAST * _SIGMAS[key][0]
     x, y, z = np.broadcast_to(np.maximum(array, least), (3,)).tolist()
     return x, y, z

@@ -34,35 +34,43 @@ Dimension = Literal[
     "dimensionless",
 ]
 
-SI: dict[Dimension, str] = {
-    "time": "s",
-    "angular rate": "rad/s",
-    "acceleration": "m/s^2",
-    "speed": "m/s",
-    "pressure": "Pa",
-    "density": "kg/m^3",
-    "length": "m",
-    "area": "m^2",
-    "mass": "kg",
-    "moment of inertia": "kg*m^2",
-    "angle": "rad",
-    "dimensionless": "dimensionless",
+# Units that recorders write, by dimension: SI, then the likelier first, each with the words for it at the end of a
+# column's name.
+RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
+    "time": {"s": ("s", "sec"), "ms": ("ms", "msec"), "us": ("us", "usec"), "ns": ("ns",), "min": ("min",)},
+    "angular rate": {
+        "rad/s": ("radps", "rads", "rad s", "rad"),
+        "deg/s": ("dps", "degs", "degps", "deg s", "deg"),
+        "rpm": ("rpm",),
+        "revolution/s": ("rps", "hz"),
+    },
+    "acceleration": {
+        "m/s^2": ("mps2", "ms2", "mpss", "m s2", "mps 2", "m s 2"),
+        "ft/s^2": ("fps2", "ftps2", "ft s2", "ft s 2"),
+        "g": ("g", "gs", "gee"),
+        "mg": ("mg",),
+    },
+    "speed": {
+        "m/s": ("mps", "ms", "m s"),
+        "ft/s": ("fps", "ftps", "ft s"),
+        "km/s": ("kmps", "kms", "km s"),
+        "km/hour": ("kmh", "kph", "km h"),
+        "knot": ("kt", "kts", "kn"),
+    },
+    "pressure": {unit: (unit.lower(),) for unit in ("Pa", "psf", "kPa", "hPa", "psi", "mbar")},
+    "density": {"kg/m^3": ("kgm3", "kg m3"), "slug/ft^3": ("slugft3",)},
+    "length": {"m": ("m",), "ft": ("ft", "feet"), "km": ("km",), "kft": ("kft",)},
+    "area": {"m^2": (), "ft^2": ()},
+    "mass": {"kg": ("kg",), "slug": ("slug",), "lb": ("lb", "lbm"), "g": ("g",)},
+    "moment of inertia": {
+        "kg*m^2": ("kgm2", "kg m2", "kg m 2"),
+        "slug*ft^2": ("slugft2", "slug ft2", "slug ft 2"),
+    },
+    "angle": {"rad": (), "deg": ()},
+    "dimensionless": {"dimensionless": (), "1": ()},
 }
-
-EXAMPLES: dict[Dimension, str] = {
-    "time": "s, ms",
-    "angular rate": "rad/s, deg/s, rpm",
-    "acceleration": "m/s^2, ft/s^2, g",
-    "speed": "m/s, ft/s, km/s",
-    "pressure": "Pa, lbf/ft^2, psf",
-    "density": "kg/m^3, slug/ft^3",
-    "length": "m, ft, km",
-    "area": "m^2, ft^2",
-    "mass": "kg, slug, lb",
-    "moment of inertia": "kg*m^2, slug*ft^2",
-    "angle": "rad, deg",
-    "dimensionless": "dimensionless, 1",
-}
+SI: dict[Dimension, str] = {dimension: next(iter(units)) for dimension, units in RECORDED.items()}
+EXAMPLES = {dimension: ", ".join([*units][:3]) for dimension, units in RECORDED.items()}
 
 # Field usage that pint reads otherwise: to pint, "g" is a gram.
 SPELLINGS: dict[Dimension, dict[str, str]] = {
@@ -100,6 +108,8 @@ def is_unit(units: str) -> bool:
 
 def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> float:
     """SI units in one of `spelling`, which must be a plain multiple of the SI unit."""
+    from pint.util import to_units_container
+
     unit = _parsed(spelling, units, dimension, dataset_name)
     target = _registry().parse_units(SI[dimension])
     if not unit.is_compatible_with(target):
@@ -110,7 +120,8 @@ def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             "the units of another channel, or a missing power or per-second",
             f"correct the units of '{dataset_name}'",
         )
-    if dimension == "angular rate" and not _holds_angle(unit):
+    # To pint an angle has no dimension, and Hz is rad/s: radians must be left in the root units.
+    if dimension == "angular rate" and "radian" not in to_units_container(_registry().get_root_units(unit)[1]):
         raise refusal(
             dataset_name,
             f"units '{units}', which hold no angle",
@@ -119,13 +130,6 @@ def _factor(spelling: str, units: str, dimension: Dimension, dataset_name: str) 
             "say which: 'rad/s', 'deg/s', 'rpm' or 'revolution/s'",
         )
     return float(_registry().Quantity(1.0, unit).to(target).magnitude)
-
-
-def _holds_angle(unit: pint.Unit) -> bool:
-    """Whether radians are left in the root units; to pint an angle has no dimension, and Hz is rad/s."""
-    from pint.util import to_units_container
-
-    return "radian" in to_units_container(_registry().get_root_units(unit)[1])
 
 
 def _parsed(spelling: str, units: str, dimension: Dimension, dataset_name: str) -> pint.Unit:

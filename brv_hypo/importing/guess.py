@@ -8,16 +8,17 @@ joined over the files and written as YAML.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
+from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
@@ -26,36 +27,19 @@ from brv_hypo.flight.record import (
     INERTIAL_CHANNELS,
     VEHICLE_DIMENSIONS,
 )
-from brv_hypo.flight.units import SI
+from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
-from brv_hypo.importing.guess_rules import (
-    MAGNETOMETER,
-    ForeignTable,
-    MapEntry,
-    by_name,
-    numeric_table,
-    vehicle_property,
-    vehicle_units,
-)
+from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, units_in
 from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, clock_offset
 from brv_hypo.io.text import one_line
 
-# ---- A guessed map as commented YAML ----
-
-
+NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
+NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
+AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a second recorder may add
+ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the ground
+FAR = 60.0  # s: clocks that begin further apart have another zero
 SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
-_OF_VEHICLE = {
-    "mass": "",
-    "ixx": "about the spin axis",
-    "iyy": "about either transverse axis",
-    "reference_length": "the one length of all moment coefficients: the diameter",
-    "reference_area": "",
-    "accelerometer_position": "from the centre of gravity, x to the nose; unknown: zeros, and its "
-    "size as instruments/accel_position",
-}
-"""What a property of the vehicle is, for whom its name does not say."""
-
-_GRADE = "instruments: their grade is taken as industrial; their accuracy decides what the record can show"
+_NOWHERE = "nowhere said"  # in a doubt of units
 
 
 @dataclass(frozen=True)
@@ -66,74 +50,350 @@ class Guess:
     unsure: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class OtherRecorder:
-    """A second file with a clock of its own; `align` the entry of what it sensed of ax, None without one."""
+@dataclass
+class _Guessed:
+    """The main table with what other files add to it."""
 
-    name: str
     table: ForeignTable
-    align: MapEntry | None
-
-
-@dataclass(frozen=True)
-class VehicleTable:
+    recorders: list[ForeignTable] = field(default_factory=list)
+    """Files with clocks of their own."""
+    vehicle: ForeignTable | None = None
     """Properties of the vehicle over time."""
-
-    table: ForeignTable
-    properties: dict[str, MapEntry]
-
-
-@dataclass(frozen=True)
-class Guessed:
-    """The main table with what other files add to it; `zero_s` is what its clock reads at the map's zero."""
-
-    table: ForeignTable
-    recorders: Sequence[OtherRecorder] = ()
-    vehicle: VehicleTable | None = None
     zero_s: float = 0.0
-    unsure: Sequence[str] = field(default=())
+    """What the main clock reads at the map's zero."""
+    unsure: list[str] = field(default_factory=list)
 
 
-def written(found: Guessed) -> Guess:
+def guess_map(data: str | Path, *others: str | Path) -> Guess:
+    """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
+
+    Raises UsageError where a file holds no column that could be time, FlightRecordError where it is unreadable.
+    """
+    found = _Guessed(_examined(Path(data)))
+    for other in others:
+        _add(found, _examined(Path(other)))
+    _count_from_liftoff(found)
+    return _written(found)
+
+
+# ---- One file: its channels, by name and by physics ----
+
+
+def _examined(path: Path) -> ForeignTable:
+    table = numeric_table(path)
+    chosen, others = rules.by_name(list(table.columns))
+    for channel, column in chosen.items():
+        dimension = CHANNEL_DIMENSIONS.get(channel)
+        table.entries[channel] = _named(column, dimension) if dimension else MapEntry(column, "", "by name")
+    _find_time(table)
+    _find_unnamed(table)
+    _stand_upright(table)
+    _units_of_gyros(table)
+    _units_of_air(table)
+    for channel, names in others.items():
+        if names and channel in table.entries:
+            table.change(channel, "the likeliest name", f"{', '.join(names)} may be {channel} as well")
+    return table
+
+
+def _named(column: str, dimension: Dimension) -> MapEntry:
+    """A column that its name gives to a channel or property, in the units of its name or SI."""
+    units = units_in(column, dimension)
+    if units is None:
+        return MapEntry(column, SI[dimension], "by name", (_nowhere_said(column, SI[dimension]),))
+    return MapEntry(column, units, "by name, units in the name")
+
+
+def _nowhere_said(column: str, units: str) -> str:
+    return f"units of {column} are {_NOWHERE}: {units} is a guess"
+
+
+def _find_time(table: ForeignTable) -> None:
+    """The column of time, and its units by the rate that they make."""
+    finite = {name: values for name, values in table.columns.items() if np.all(np.isfinite(values))}
+    rising = [name for name, values in finite.items() if values.size > 1 and np.all(np.diff(values) > 0.0)]
+    entry = table.entries.get("time")
+    if entry is None or entry.column not in rising:
+        if not rising:
+            raise UsageError(
+                f"{table.path}: no column rises strictly from sample to sample, as time does (there are "
+                f"{', '.join(map(one_line, table.columns)) or 'none'}). Likely cause: repeated stamps, or a table "
+                "without time. Remedy: keep one row of each stamp, or add a column of sample times."
+            )
+        used = {each.column for channel, each in table.entries.items() if channel != "time"}
+        first = next((name for name in rising if name not in used), rising[0])
+        entry = MapEntry(first, "s", "the first column that rises throughout", ("whether this is time",))
+        table.entries["time"] = entry
+    fitting = rules.time_units(table.values("time"))
+    if fitting and (entry.units not in fitting or "units in the name" not in entry.why):
+        doubts = [each for each in entry.unsure if _NOWHERE not in each]
+        if len(fitting) > 1:
+            doubts.append(f"time in {' or '.join(fitting)}: each makes a rate that recorders have")
+        why = f"in {fitting[0]} its rate is one that recorders have"
+        table.change("time", why, units=fitting[0], unsure=tuple(doubts))
+
+
+def _find_unnamed(table: ForeignTable) -> None:
+    """Triads whose names say nothing: one that reads gravity at rest, and its neighbours in the table."""
+    if "ax" in table.entries:
+        return
+    used = {entry.column for entry in table.entries.values()}
+    free = [name for name in table.columns if name not in used]
+    rest = rules.find_rest(table.in_si("time"), [table.columns[name] for name in free])
+    reads = {name: abs(float(np.mean(table.columns[name][:rest]))) for name in free} if rest else {}
+    up = next((name for name, size in reads.items() if rules.gravity_units(size)), None)
+    if up is None:
+        return
+    names = list(table.columns)
+    at = names.index(up)
+    before = names[max(at - 3, 0) : at]
+    gyros = at - 3 if len(before) == 3 and set(before) <= set(free) else at + 3
+    doubt = ("taken from the order of the columns: check it",)
+    for channels, first in ((ACCELEROMETERS, at), (GYROS, gyros)):
+        for channel, name in zip(channels, names[first : first + 3], strict=False):
+            if name in free and channel not in table.entries:
+                si = SI[CHANNEL_DIMENSIONS[channel]]
+                table.entries[channel] = MapEntry(name, si, f"beside {up}, which reads gravity at rest", doubt)
+
+
+def _stand_upright(table: ForeignTable) -> None:
+    """Units of the accelerometers, and the axis that is up, from gravity at rest."""
+    if not set(ACCELEROMETERS) <= set(table.entries):
+        return
+    time = table.in_si("time")
+    known = [table.values(name) for name in (*ACCELEROMETERS, *GYROS) if name in table.entries]
+    rest = rules.find_rest(time, known)
+    if rest is None:
+        doubt = "no rest in the record, at which gravity would tell units and axes of the accelerometers"
+        table.unsure.append(doubt)
+        return
+    reads = np.array([np.mean(table.values(name)[:rest]) for name in ACCELEROMETERS])
+    norm = float(np.linalg.norm(reads))
+    units = rules.gravity_units(norm)
+    if units is None:
+        doubt = f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known"
+        table.unsure.append(doubt)
+        return
+    for name in ACCELEROMETERS:
+        table.sure(name, units, f"at rest they read {norm:.4g}, gravity in {units}")
+    table.rest_s = (float(time[0]), float(time[rest - 1]))
+    _turn_nose_up(table, reads / norm)
+
+
+def _turn_nose_up(table: ForeignTable, up: FloatArray) -> None:
+    """Axes turned, right-handed, so that the one that stands up is x."""
+    axis = int(np.argmax(np.abs(up)))
+    if axis == 0 and up[0] > 0.0:
+        return
+    if abs(up[axis]) < NOSE_UP:
+        doubt = "at rest gravity lies along none of the axes: the vehicle leans, or the unit is mounted askew"
+        table.unsure.append(doubt)
+        return
+    signs = (1.0, 1.0, 1.0) if up[axis] > 0.0 else (-1.0, 1.0, -1.0)
+    doubt = "if the vehicle did not stand nose up at rest, undo this"
+    for channels in (ACCELEROMETERS, GYROS):
+        if set(channels) <= set(table.entries):
+            before = [table.entries[name] for name in channels]
+            for place, channel in enumerate(channels):
+                source = before[(axis + place) % 3]
+                table.entries[channel] = replace(source, scale=source.scale * signs[place])
+                doubts = [doubt] if channel == "ax" else []
+                table.change(channel, "axes turned so that x is up at rest", *doubts)
+
+
+def _units_of_gyros(table: ForeignTable) -> None:
+    """Units and sign of the roll rate from a magnetometer, else units by range."""
+    if not set(GYROS) <= set(table.entries):
+        return
+    rate = table.entries["p"].scale * table.values("p")
+    if {"my", "mz"} <= set(table.entries):
+        field_across = (table.values("my"), table.values("mz"))
+        found = rules.turning_units(table.in_si("time"), rate, field_across)
+        if found is not None:
+            units, sign = found
+            for name in GYROS:
+                table.sure(name, units, f"the magnetometer turns as p does in {units}")
+            if sign < 0.0:
+                doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
+                table.change("p", "sign against the magnetometer", doubt)
+            return
+    if any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
+        most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
+        units = "deg/s" if most > rules.FASTEST_RADIANS else "rad/s"
+        for name in GYROS:
+            entry = table.entries[name]
+            said = _nowhere_said(entry.column, units)
+            doubts = tuple(said if _NOWHERE in each else each for each in entry.unsure)
+            table.change(name, f"{units} by range (up to {most:.3g})", units=units, unsure=doubts)
+
+
+def _units_of_air(table: ForeignTable) -> None:
+    """Units of speed, altitude and pressure against each other and the accelerometer."""
+    have = set(table.entries)
+    if {"velocity", "ax"} <= have:
+        _speed_like_push(table)
+    if {"dynamic_pressure", "density", "velocity"} <= have:
+        pressure, density = table.values("dynamic_pressure"), table.values("density")
+        units = rules.pressure_units(pressure, density, table.in_si("velocity"))
+        if units is not None:
+            table.sure("dynamic_pressure", units, f"in {units} it is half of density times speed squared")
+    if {"density", "altitude"} <= have and table.entries["density"].units == SI["density"]:
+        ratios = table.values("density") / atmosphere(table.in_si("altitude"), "density")
+        share = float(np.median(ratios[np.isfinite(ratios)])) if np.any(np.isfinite(ratios)) else 1.0
+        if not 1.0 / NOT_EARTHS < share < NOT_EARTHS:
+            table.unsure.append(f"the planet: the density is {share:.2g} of the Earth's at its altitudes")
+
+
+def _speed_like_push(table: ForeignTable) -> None:
+    """Speed and axial accelerometer in units that agree: as named, else with those that gravity gave, else any.
+
+    An altitude that rises by the path of the speed, or nearly, is in the same units of length.
+    """
+    time = table.in_si("time")
+    pairs = rules.speed_units(time, table.values("velocity"), table.values("ax"))
+    named = (table.entries["velocity"].units, table.entries["ax"].units)
+    if table.rest_s is not None:
+        pairs = tuple(pair for pair in pairs if pair[1] == named[1])
+    if not pairs:
+        return
+    speeds, pushes = named if named in pairs else pairs[0]
+    table.sure("velocity", speeds, f"it changes as ax says, in {speeds} and {pushes}")
+    table.sure("ax", pushes, f"it changes the speed, in {pushes} and {speeds}")
+    for name in ("ay", "az"):
+        if name in table.entries and table.entries[name].units == named[1]:
+            table.sure(name, pushes, f"as ax, in {pushes}")
+    length = speeds.split("/")[0]
+    if "altitude" in table.entries and length in ("m", "ft", "km"):
+        path = cumulative_trapezoid(table.values("velocity"), time, initial=0)
+        if 0.8 < abs(rules.slope(path, table.values("altitude"))) < 1.1:
+            table.sure("altitude", length, f"it rises by the path of the speed, in {length}")
+
+
+# ---- Several files: clocks of other recorders, and tables of the vehicle over time ----
+
+
+def _add(found: _Guessed, other: ForeignTable) -> None:
+    """What another file adds: properties of the vehicle; else channels that the main table lacks, on its own clock."""
+    properties: dict[str, MapEntry] = {}
+    for column in other.columns:
+        name = rules.vehicle_property(column)
+        if name is not None and name not in properties:
+            properties[name] = replace(_named(column, VEHICLE_DIMENSIONS[name]), why="by name")
+    if properties:
+        other.entries = {"time": other.entries["time"], **properties}
+        found.vehicle = other
+        return
+    main, name = found.table.entries, other.recorder
+    other.align = _alignment(found.table, other)
+    found.unsure += [f"{name}: {each}" for each in other.unsure if "no rest" not in each]
+    if other.align is None:
+        found.unsure.append(
+            f"{name}: it has no acceleration along the axis that runs as ax does, which would put its clock on the "
+            "main one: give its time an offset, if the two differ"
+        )
+    for channel in AIR:
+        # Speed is better made of ax and altitude than taken from a recorder's own integral.
+        derived = channel == "velocity" and {"ax", "altitude"} <= set(main)
+        if channel in other.entries and channel not in main and not derived:
+            entry = replace(other.entries[channel], recorder=name)
+            if channel == "altitude" and abs(float(np.nanmedian(other.in_si("altitude")[:5]))) <= ABOVE_GROUND:
+                doubt = "it begins at nought, above the ground: add the site's height above the sea as offset, in "
+                entry = replace(entry, unsure=(*entry.unsure, doubt + entry.units))
+            main[channel] = entry
+    found.recorders.append(other)
+
+
+def _alignment(main: ForeignTable, other: ForeignTable) -> MapEntry | None:
+    """What another recorder sensed of ax, if it runs as ax of the main table does."""
+    if "ax" not in main.entries or "ax" not in other.entries:
+        return None
+    axial = main.entries["ax"].scale * main.values("ax")
+    try:
+        _, likeness = clock_offset(main.in_si("time"), axial, other.in_si("time"), other.values("ax"))
+    except UsageError:
+        return None
+    entry = other.entries["ax"]
+    return replace(entry, why=f"{entry.why}; it runs as ax does, correlation {likeness:.3f}")
+
+
+def _count_from_liftoff(found: _Guessed) -> None:
+    """The main clock set to zero at lift-off, where a table of the vehicle counts from there and the log does not."""
+    table = found.table
+    if found.vehicle is None or not set(ACCELEROMETERS) <= set(table.entries):
+        return
+    time, name = table.in_si("time"), found.vehicle.path.name
+    if abs(time[0] - float(found.vehicle.in_si("time")[0])) < FAR:
+        return
+    forces = [table.entries[axis].scale * table.in_si(axis) for axis in ACCELEROMETERS]
+    burn = next((phase for phase in find_phases(time, *forces) if phase.name == "burn"), None)
+    if burn is None:
+        doubt = f"{name} counts time from another zero than the log: give its time an offset"
+        found.unsure.append(doubt)
+        return
+    found.zero_s = burn.start_s
+    reason = f"zero set to the ignition, found at {burn.start_s:.3f} s, from which {name} counts"
+    offset = -burn.start_s / rules.sizes("time")[table.entries["time"].units]
+    table.change("time", reason, "whether that table counts from ignition", offset=offset)
+
+
+# ---- The map as commented YAML ----
+
+
+# What a property of the vehicle is, for whom its name does not say.
+_OF_VEHICLE = {
+    "ixx": "about the spin axis",
+    "iyy": "about either transverse axis",
+    "reference_length": "the one length of all moment coefficients: the diameter",
+    "accelerometer_position": "from the centre of gravity, x to the nose; unknown: zeros, and its "
+    "size as instruments/accel_position",
+}
+_GRADE = "instruments: their grade is taken as industrial; their accuracy decides what the record can show"
+
+
+def _written(found: _Guessed) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
     table = found.table
     doubts = [*table.unsure, *found.unsure]
-    tables = [table, *(each.table for each in found.recorders), *([found.vehicle.table] if found.vehicle else [])]
+    tables = [table, *found.recorders, *([found.vehicle] if found.vehicle else [])]
     names = ", ".join(one_line(each.path.name) for each in tables)
     lines = [f"# A guess from {names}. Read every line: what is unsure is marked.", 'title: ""']
-    planet = [each for each in doubts if each.startswith("the planet")]
-    lines += [f"# UNSURE: {each}" for each in planet]
+    lines += [f"# UNSURE: {each}" for each in doubts if each.startswith("the planet")]
     lines.append("planet: earth   # or mars, venus, titan: only the Earth's atmosphere fills missing air data")
     lines += [f"delimiter: {_quoted(table.delimiter)}"] if table.delimiter != "," else []
     lines.append("channels:")
     for name in CHANNEL_DIMENSIONS:
-        entry = table.entries.get(name)
-        if entry is not None:
-            lines += [f"  {line}" for line in _entry_lines(name, entry)]
+        if name in table.entries:
+            entry = table.entries[name]
+            lines += _entry_lines("  ", name, entry)
             doubts += [f"{name}: {doubt}" for doubt in entry.unsure]
     missing, substitutes = _missing(table)
     lines += [f"  # MISSING: {each}" for each in missing]
-    lines += _recorder_lines(found)
+    lines += ["recorders:"] if found.recorders else []
+    for other in found.recorders:
+        lines += [f"  {other.recorder}:", f"    file: {_file_of(other, table)}"]
+        lines += _entry_lines("    ", "time", other.entries["time"])
+        if other.align is not None:
+            align = replace(other.align, scale=1.0, offset=0.0)
+            lines += _entry_lines("    ", "align", align, ", to: ax")
     vehicle, unknown = _vehicle_lines(found)
     lines += vehicle
     lines.append(
         "instruments: {grade: industrial}   # laboratory, tactical (fibre-optic or ring-laser gyros), industrial "
         "(MEMS), and any tolerance that is known"
     )
-    lines += _offers(found, substitutes)
-    lines += _unused(found)
+    lines += [*substitutes, *_offers(found), *_unused(found, tables)]
     return Guess("\n".join(lines) + "\n", (*missing, *unknown, *doubts, _GRADE))
 
 
-def file_of(table: ForeignTable, main: ForeignTable) -> str:
+def _file_of(table: ForeignTable, main: ForeignTable) -> str:
     """How a map names another file: by its name where it lies beside the main one."""
     beside = table.path.resolve().parent == main.path.resolve().parent
-    return table.path.name if beside else str(table.path)
+    return _quoted(table.path.name if beside else str(table.path))
 
 
-def _entry_lines(name: str, entry: MapEntry) -> list[str]:
-    lines = [f"# UNSURE: {one_line(doubt)}" for doubt in entry.unsure]
-    return [*lines, f"{name}: {{{_mapped(entry)}}}   # {one_line(entry.why)}"]
+def _entry_lines(indent: str, name: str, entry: MapEntry, more: str = "") -> list[str]:
+    lines = [f"{indent}# UNSURE: {one_line(doubt)}" for doubt in entry.unsure]
+    return [*lines, f"{indent}{name}: {{{_mapped(entry)}{more}}}   # {one_line(entry.why)}"]
 
 
 def _mapped(entry: MapEntry) -> str:
@@ -141,20 +401,6 @@ def _mapped(entry: MapEntry) -> str:
     scale = f", scale: {entry.scale:g}" if entry.scale != 1.0 else ""
     offset = f", offset: {entry.offset:.10g}" if entry.offset != 0.0 else ""
     return f"{recorder}column: {_quoted(entry.column)}, units: {entry.units}{scale}{offset}"
-
-
-def _recorder_lines(found: Guessed) -> list[str]:
-    lines = ["recorders:"] if found.recorders else []
-    for recorder in found.recorders:
-        lines.append(f"  {recorder.name}:")
-        lines.append(f"    file: {_quoted(file_of(recorder.table, found.table))}")
-        lines += [f"    {line}" for line in _entry_lines("time", recorder.table.entries["time"])]
-        if recorder.align is not None:
-            align = recorder.align
-            lines += [f"    # UNSURE: {one_line(doubt)}" for doubt in align.unsure]
-            comment = one_line(align.why)
-            lines.append(f"    align: {{column: {_quoted(align.column)}, units: {align.units}, to: ax}}   # {comment}")
-    return lines
 
 
 def _missing(table: ForeignTable) -> tuple[list[str], list[str]]:
@@ -175,49 +421,50 @@ def _missing(table: ForeignTable) -> tuple[list[str], list[str]]:
     return lacking, offers
 
 
-def _vehicle_lines(found: Guessed) -> tuple[list[str], list[str]]:
+def _vehicle_lines(found: _Guessed) -> tuple[list[str], list[str]]:
     """The vehicle's lines, and in words what no table gives."""
     unknown = []
     lines = ["vehicle:   # what no table gives is null: fill it in"]
-    known = found.vehicle.properties if found.vehicle is not None else {}
+    known = found.vehicle.entries if found.vehicle is not None else {}
     for name, dimension in VEHICLE_DIMENSIONS.items():
-        comment = f"   # {_OF_VEHICLE[name]}" if _OF_VEHICLE.get(name) else ""
+        comment = f"   # {_OF_VEHICLE[name]}" if name in _OF_VEHICLE else ""
         if found.vehicle is not None and name in known:
-            file = _quoted(file_of(found.vehicle.table, found.table))
-            time = _mapped(found.vehicle.table.entries["time"])
+            file, time = _file_of(found.vehicle, found.table), _mapped(known["time"])
             lines += [f"  # UNSURE: {one_line(doubt)}" for doubt in known[name].unsure]
             lines.append(f"  {name}: {{file: {file}, {_mapped(known[name])}, time: {{{time}}}}}{comment}")
-            continue
-        value = "[0.0, 0.0, 0.0]" if name == "accelerometer_position" else "null"
-        unknown.append(name)
-        lines.append(f"  {name}: {{value: {value}, units: {SI[dimension]}}}{comment}")
+        else:
+            value = "[0.0, 0.0, 0.0]" if name == "accelerometer_position" else "null"
+            unknown.append(name)
+            lines.append(f"  {name}: {{value: {value}, units: {SI[dimension]}}}{comment}")
     return lines, [f"no table gives these properties of the vehicle: {', '.join(unknown)}"] if unknown else []
 
 
-def _offers(found: Guessed, substitutes: list[str]) -> list[str]:
-    table, lines = found.table, list(substitutes)
+def _offers(found: _Guessed) -> list[str]:
+    table, lines = found.table, []
     if table.rest_s is not None:
         start, stop = (each - found.zero_s for each in table.rest_s)
         lines.append(f"pad: [{start:.3f}, {stop:.3f}]   # at rest: biases are taken out")
         lines.append("window: coast   # leaves out pad, burn and parachute; or [start, stop]")
-    rate = 1.0 / float(np.median(np.diff(table.seconds)))
+    rate = 1.0 / float(np.median(np.diff(table.in_si("time"))))
     if rate > SLOWEST_FAST:
-        comment = f"{DECIMATED_PER_CYCLE:g} samples a cycle of the motion, where the log has over "
-        comment += f"{DECIMATED_LEAST_GAIN:g} times that"
-        lines.append(f"rate: auto   # {rate:.4g} Hz brought, behind a low-pass, to {comment}")
+        lines.append(
+            f"rate: auto   # {rate:.4g} Hz brought, behind a low-pass, to {DECIMATED_PER_CYCLE:g} samples a cycle of "
+            f"the motion, where the log has over {DECIMATED_LEAST_GAIN:g} times that"
+        )
     return lines
 
 
-def _unused(found: Guessed) -> list[str]:
-    tables: list[tuple[ForeignTable, set[str]]] = [(found.table, _used(found.table, None))]
-    for recorder in found.recorders:
-        own = {recorder.table.entries["time"].column, *([recorder.align.column] if recorder.align else [])}
-        tables.append((recorder.table, own | _used(found.table, recorder.name)))
-    if found.vehicle is not None:
-        own = {found.vehicle.table.entries["time"].column}
-        tables.append((found.vehicle.table, own | {entry.column for entry in found.vehicle.properties.values()}))
+def _unused(found: _Guessed, tables: Sequence[ForeignTable]) -> list[str]:
+    """A comment on each column that the map does not use."""
     lines = []
-    for table, used in tables:
+    for table in tables:
+        recorder = table.recorder if table in found.recorders else None
+        channels = {} if table is found.vehicle else found.table.entries
+        used = {e.column for name, e in channels.items() if name not in MAGNETOMETER and e.recorder == recorder}
+        if table is found.vehicle:
+            used = {entry.column for entry in table.entries.values()}
+        elif table is not found.table:
+            used |= {table.entries["time"].column, *([table.align.column] if table.align else [])}
         where = "" if table is found.table else f"{one_line(table.path.name)}: "
         for name, values in table.columns.items():
             if name not in used:
@@ -227,345 +474,6 @@ def _unused(found: Guessed) -> list[str]:
     return lines
 
 
-def _used(table: ForeignTable, recorder: str | None) -> set[str]:
-    return {
-        entry.column
-        for channel, entry in table.entries.items()
-        if channel not in MAGNETOMETER and entry.recorder == recorder
-    }
-
-
 def _quoted(text: str) -> str:
     """A scalar as YAML writes it in one line."""
     return yaml.safe_dump(text, default_style='"', width=10**6).strip()
-
-
-AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a second recorder may add
-ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the ground
-FAR = 60.0  # s: clocks that begin further apart have another zero
-
-
-def with_others(table: ForeignTable, others: Sequence[ForeignTable]) -> Guessed:
-    """The main table with the channels, clocks and properties that `others` hold."""
-    found = Guessed(table)
-    for other in others:
-        properties = _properties(other)
-        vehicle = VehicleTable(other, properties)
-        found = replace(found, vehicle=vehicle) if properties else _with_recorder(found, other)
-    return _at_liftoff(found)
-
-
-def _properties(table: ForeignTable) -> dict[str, MapEntry]:
-    found = {}
-    for column in table.columns:
-        name = vehicle_property(column)
-        if name is not None and name not in found:
-            units = vehicle_units(column, VEHICLE_DIMENSIONS[name])
-            si = SI[VEHICLE_DIMENSIONS[name]]
-            doubt = () if units else (f"units of {column} are nowhere said: {si} is a guess",)
-            found[name] = MapEntry(column, units or si, "by name", doubt)
-    return found
-
-
-def _with_recorder(found: Guessed, other: ForeignTable) -> Guessed:
-    """The channels that the main table lacks, and the clock by what both sensed along the axis."""
-    name = re.sub(r"\W+", "_", other.path.stem)
-    align = _alignment(found.table, other)
-    doubts = [*found.unsure, *(f"{name}: {each}" for each in other.unsure if "no rest" not in each)]
-    if align is None:
-        doubts.append(
-            f"{name}: it has no acceleration along the axis that runs as ax does, which would put its clock on the "
-            "main one: give its time an offset, if the two differ"
-        )
-    for channel in AIR:
-        if channel in other.entries and channel not in found.table.entries and not _derived(found, channel):
-            entry = replace(other.entries[channel], recorder=name)
-            found.table.entries[channel] = _from_sea(entry, other) if channel == "altitude" else entry
-    return replace(found, recorders=(*found.recorders, OtherRecorder(name, other, align)), unsure=doubts)
-
-
-def _derived(found: Guessed, channel: str) -> bool:
-    """Speed is better made of ax and altitude than taken from a recorder's own integral."""
-    return channel == "velocity" and {"ax", "altitude"} <= set(found.table.entries)
-
-
-def _alignment(main: ForeignTable, other: ForeignTable) -> MapEntry | None:
-    if "ax" not in main.entries or "ax" not in other.entries:
-        return None
-    entry = other.entries["ax"]
-    scale = main.entries["ax"].scale
-    try:
-        _, likeness = clock_offset(main.seconds, scale * main.values("ax"), other.seconds, other.values("ax"))
-    except UsageError:
-        return None
-    return replace(entry, why=f"{entry.why}; it runs as ax does, correlation {likeness:.3f}")
-
-
-def _from_sea(entry: MapEntry, table: ForeignTable) -> MapEntry:
-    """A doubt about an altitude that begins at nought."""
-    begins = float(np.nanmedian(table.columns[entry.column][:5])) * rules.LENGTHS.get(entry.units, 1.0)
-    if abs(begins) > ABOVE_GROUND:
-        return entry
-    doubt = f"it begins at nought, above the ground: add the site's height above the sea as offset, in {entry.units}"
-    return replace(entry, unsure=(*entry.unsure, doubt))
-
-
-def _at_liftoff(found: Guessed) -> Guessed:
-    """The main clock set to zero at lift-off, where a table of the vehicle counts from there and the log does not."""
-    table = found.table
-    if found.vehicle is None or not {"ax", "ay", "az"} <= set(table.entries):
-        return found
-    time = table.seconds
-    begins = float(found.vehicle.table.seconds[0])
-    if abs(time[0] - begins) < FAR:
-        return found
-    sizes = [
-        rules.ACCELERATIONS[table.entries[name].units] * table.entries[name].scale for name in ACCELEROMETERS
-    ]
-    forces = [size * table.values(name) for size, name in zip(sizes, ACCELEROMETERS, strict=True)]
-    burn = next((phase for phase in find_phases(time, *forces) if phase.name == "burn"), None)
-    if burn is None:
-        doubt = f"{found.vehicle.table.path.name} counts time from another zero than the log: give its time an offset"
-        return replace(found, unsure=(*found.unsure, doubt))
-    zero = burn.start_s
-    size = rules.TIMES.get(table.entries["time"].units, 60.0)
-    reason = f"zero set to the ignition, found at {zero:.3f} s, from which {found.vehicle.table.path.name} counts"
-    table.change("time", reason, "whether that table counts from ignition", offset=-zero / size)
-    return replace(found, zero_s=zero)
-
-
-# ---- `guess_map`: a commented map for a foreign record, from the names of its columns and from physics ----
-
-
-NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
-_NOWHERE = "nowhere said"  # in a doubt of units
-NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
-
-
-def guess_map(data: str | Path, *others: str | Path) -> Guess:
-    """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
-
-    Raises UsageError where a file holds no column that could be time, FlightRecordError where it is unreadable.
-    """
-    table = _examined(Path(data))
-    found = with_others(table, [_examined(Path(other)) for other in others])
-    return written(found)
-
-
-def _examined(path: Path) -> ForeignTable:
-    """The channels of a file, by name and by physics."""
-    table = numeric_table(path)
-    others = _by_name(table)
-    _find_time(table)
-    time = table.seconds
-    _find_unnamed(table)
-    _stand_upright(table, time)
-    _units_of_gyros(table, time)
-    _units_of_air(table, time)
-    for channel, names in others.items():
-        if names and channel in table.entries:
-            table.change(channel, "the likeliest name", f"{', '.join(names)} may be {channel} as well")
-    return table
-
-
-def _by_name(table: ForeignTable) -> dict[str, list[str]]:
-    chosen, others = by_name(list(table.columns))
-    for channel, named in chosen.items():
-        if channel in MAGNETOMETER:
-            table.entries[channel] = MapEntry(named.column, "", "by name")
-            continue
-        si = SI[CHANNEL_DIMENSIONS[channel]]
-        evidence = "by name" if named.units is None else "by name, units in the name"
-        doubt = () if named.units else (_nowhere_said(named.column, si),)
-        table.entries[channel] = MapEntry(named.column, named.units or si, evidence, doubt)
-    return others
-
-
-def _nowhere_said(column: str, units: str) -> str:
-    return f"units of {column} are {_NOWHERE}: {units} is a guess"
-
-
-def _find_time(table: ForeignTable) -> None:
-    """The column of time, and its units by the rate that they make."""
-    rising = [name for name, values in table.columns.items() if rules.increasing(values)]
-    entry = table.entries.get("time")
-    if entry is None or entry.column not in rising:
-        if not rising:
-            raise UsageError(
-                f"{table.path}: no column rises strictly from sample to sample, as time does (there are "
-                f"{', '.join(map(one_line, table.columns)) or 'none'}). Likely cause: repeated stamps, or a table "
-                "without time. Remedy: keep one row of each stamp, or add a column of sample times."
-            )
-        used_columns = {each.column for channel, each in table.entries.items() if channel != "time"}
-        free = [name for name in rising if name not in used_columns] or rising
-        table.entries["time"] = MapEntry(
-            free[0], "s", "the first column that rises throughout", ("whether this is time",)
-        )
-    fitting = rules.time_units(table.values("time"))
-    units = table.entries["time"].units
-    named = "units in the name" in table.entries["time"].why
-    if fitting and (units not in fitting or not named):
-        ambiguous = (
-            (f"time in {' or '.join(fitting)}: each makes a rate that recorders have",)
-            if len(fitting) > 1
-            else ()
-        )
-        evidence = f"in {fitting[0]} its rate is one that recorders have"
-        entry = table.entries["time"]
-        doubt = tuple(each for each in entry.unsure if _NOWHERE not in each)
-        table.entries["time"] = replace(
-            entry, units=fitting[0], why=f"{entry.why}; {evidence}", unsure=(*doubt, *ambiguous)
-        )
-
-
-def _find_unnamed(table: ForeignTable) -> None:
-    """Triads whose names say nothing: one that reads gravity at rest, and its neighbours in the table."""
-    if "ax" in table.entries:
-        return
-    used_columns = {entry.column for entry in table.entries.values()}
-    free = [name for name in table.columns if name not in used_columns]
-    rest = rules.find_rest(table.seconds, [table.columns[name] for name in free])
-    if rest is None:
-        return
-    reads = {name: float(np.mean(table.columns[name][rest.start : rest.stop])) for name in free}
-    up = next((name for name in free if rules.gravity_units(abs(reads[name]))), None)
-    if up is None:
-        return
-    names = list(table.columns)
-    at = names.index(up)
-    doubt = ("taken from the order of the columns: check it",)
-    blocks = (
-        (ACCELEROMETERS, at),
-        (GYROS, at - 3 if all(n in free for n in names[max(at - 3, 0) : at]) and at >= 3 else at + 3),
-    )
-    for channels, first in blocks:
-        for channel, name in zip(channels, names[first : first + 3], strict=False):
-            if name in free and channel not in table.entries:
-                si = SI[CHANNEL_DIMENSIONS[channel]]
-                table.entries[channel] = MapEntry(name, si, f"beside {up}, which reads gravity at rest", doubt)
-
-
-def _stand_upright(table: ForeignTable, time: FloatArray) -> None:
-    """Units of the accelerometers, and the axis that is up, from gravity at rest."""
-    if not set(ACCELEROMETERS) <= set(table.entries):
-        return
-    known = [table.values(name) for name in (*ACCELEROMETERS, *GYROS) if name in table.entries]
-    rest = rules.find_rest(time, known)
-    if rest is None:
-        doubt = "no rest in the record, at which gravity would tell units and axes of the accelerometers"
-        table.unsure.append(doubt)
-        return
-    reads = np.array([np.mean(table.values(name)[rest.start : rest.stop]) for name in ACCELEROMETERS])
-    norm = float(np.linalg.norm(reads))
-    units = rules.gravity_units(norm)
-    if units is None:
-        table.unsure.append(
-            f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known"
-        )
-        return
-    for name in ACCELEROMETERS:
-        table.sure(name, units, f"at rest they read {norm:.4g}, gravity in {units}")
-    table.rest_s = (float(time[rest.start]), float(time[rest.stop - 1]))
-    _turn_nose_up(table, reads / norm)
-
-
-def _turn_nose_up(table: ForeignTable, up: FloatArray) -> None:
-    """Axes turned, right-handed, so that the one that stands up is x."""
-    axis = int(np.argmax(np.abs(up)))
-    if axis == 0 and up[0] > 0.0:
-        return
-    if abs(up[axis]) < NOSE_UP:
-        table.unsure.append(
-            "at rest gravity lies along none of the axes: the vehicle leans, or the unit is mounted askew"
-        )
-        return
-    sign = float(np.sign(up[axis]))
-    order = [(axis + shift) % 3 for shift in range(3)]
-    doubt = "if the vehicle did not stand nose up at rest, undo this"
-    for channels in (ACCELEROMETERS, GYROS):
-        if not set(channels) <= set(table.entries):
-            continue
-        before = [table.entries[name] for name in channels]
-        for place, (channel, source) in enumerate(zip(channels, order, strict=True)):
-            flipped = -1.0 if sign < 0.0 and place in (0, 2) else 1.0
-            table.entries[channel] = replace(before[source], scale=before[source].scale * flipped)
-            table.change(
-                channel, "axes turned so that x is up at rest", *([doubt] if channel == "ax" else [])
-            )
-
-
-def _units_of_gyros(table: ForeignTable, time: FloatArray) -> None:
-    """Units and sign of the roll rate from a magnetometer, else units by range."""
-    if not set(GYROS) <= set(table.entries):
-        return
-    rate = table.entries["p"].scale * table.values("p")
-    if {"my", "mz"} <= set(table.entries):
-        found = rules.turning_units(time, rate, (table.values("my"), table.values("mz")))
-        if found is not None:
-            units, sign = found
-            for name in GYROS:
-                table.sure(name, units, f"the magnetometer turns as p does in {units}")
-            if sign < 0.0:
-                doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
-                table.change("p", "sign against the magnetometer", doubt)
-            return
-    if any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
-        most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
-        units = "deg/s" if most > rules.FASTEST_RADIANS else "rad/s"
-        for name in GYROS:
-            entry = table.entries[name]
-            doubts = tuple(_nowhere_said(entry.column, units) if _NOWHERE in each else each for each in entry.unsure)
-            table.entries[name] = replace(entry, unsure=doubts)
-            table.change(name, f"{units} by range (up to {most:.3g})", units=units)
-
-
-def _units_of_air(table: ForeignTable, time: FloatArray) -> None:
-    """Units of speed, altitude and pressure against each other and the accelerometer."""
-    have = set(table.entries)
-    if {"velocity", "ax"} <= have:
-        _speed_like_push(table, time)
-    if {"dynamic_pressure", "density", "velocity"} <= have:
-        speed = table.values("velocity") * rules.SPEEDS[table.entries["velocity"].units]
-        units = rules.pressure_units(table.values("dynamic_pressure"), table.values("density"), speed)
-        if units is not None:
-            table.sure("dynamic_pressure", units, f"in {units} it is half of density times speed squared")
-    if {"density", "altitude"} <= have:
-        _density_like_earths(table)
-
-
-def _density_like_earths(table: ForeignTable) -> None:
-    """A doubt about the planet, where the density at the record's altitudes is none of the Earth's."""
-    units = (table.entries["altitude"].units, table.entries["density"].units)
-    if units[0] not in rules.LENGTHS or units[1] != "kg/m^3":
-        return
-    share = rules.density_share(rules.LENGTHS[units[0]] * table.values("altitude"), table.values("density"))
-    if share is not None and not 1.0 / NOT_EARTHS < share < NOT_EARTHS:
-        table.unsure.append(f"the planet: the density is {share:.2g} of the Earth's at its altitudes")
-
-
-def _speed_like_push(table: ForeignTable, time: FloatArray) -> None:
-    """Speed and axial accelerometer in units that agree: as named, else with those that gravity gave, else any."""
-    pairs = rules.speed_units(time, table.values("velocity"), table.values("ax"))
-    named = (table.entries["velocity"].units, table.entries["ax"].units)
-    if table.rest_s is not None:
-        pairs = tuple(pair for pair in pairs if pair[1] == named[1])
-    if not pairs:
-        return
-    speeds, pushes = named if named in pairs else pairs[0]
-    table.sure("velocity", speeds, f"it changes as ax says, in {speeds} and {pushes}")
-    for name in ACCELEROMETERS:
-        beside = table.entries.get(name)
-        if name == "ax":
-            table.sure(name, pushes, f"it changes the speed, in {pushes} and {speeds}")
-        elif beside is not None and beside.units == named[1]:
-            table.sure(name, pushes, f"as ax, in {pushes}")
-    _altitude_like_speed(table, time)
-
-
-def _altitude_like_speed(table: ForeignTable, time: FloatArray) -> None:
-    """An altitude that rises by the path of the speed, or nearly, is in the same units of length."""
-    length = table.entries["velocity"].units.split("/")[0]
-    if "altitude" in table.entries and length in ("m", "ft", "km"):
-        factor = rules.climb_factor(time, table.values("altitude"), table.values("velocity"))
-        if 0.8 < factor < 1.1:
-            table.sure("altitude", length, f"it rises by the path of the speed, in {length}")

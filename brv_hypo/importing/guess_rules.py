@@ -11,19 +11,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import BrvHypoError
-from brv_hypo.flight.derived import standard_density
 from brv_hypo.flight.inspection import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
-from brv_hypo.flight.units import Dimension
+from brv_hypo.flight.units import RECORDED, Dimension, to_si
 from brv_hypo.importing.tables import column_names, read_columns
 
 # ---- What a column's name says: which channel it may be, and in what units ----
@@ -49,82 +51,32 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "reynolds": (("reynolds",), ("re",)),
 }  # fmt: skip
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
-    GYROS: frozenset(
-        ("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")
-    ),
+    GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
     ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
     MAGNETOMETER: frozenset(("m", "mag", "magn", "magnetometer", "b")),
 }
-_UNITS: Mapping[Dimension, Mapping[str, str]] = {
-    "time": {"s": "s", "sec": "s", "ms": "ms", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "min": "min"},
-    "angular rate": {
-        **dict.fromkeys(("dps", "degs", "degps", "deg s", "deg"), "deg/s"),
-        **dict.fromkeys(("radps", "rads", "rad s", "rad"), "rad/s"),
-        **{"rpm": "rpm", "rps": "revolution/s", "hz": "revolution/s"},
-    },
-    "acceleration": {
-        **dict.fromkeys(("mps2", "ms2", "mpss", "m s2", "mps 2", "m s 2"), "m/s^2"),
-        **dict.fromkeys(("fps2", "ftps2", "ft s2", "ft s 2"), "ft/s^2"),
-        **{"g": "g", "gs": "g", "gee": "g", "mg": "mg"},
-    },
-    "speed": {
-        **dict.fromkeys(("mps", "ms", "m s"), "m/s"),
-        **dict.fromkeys(("fps", "ftps", "ft s"), "ft/s"),
-        **dict.fromkeys(("kmps", "kms", "km s"), "km/s"),
-        **dict.fromkeys(("kmh", "kph", "km h"), "km/hour"),
-        **dict.fromkeys(("kt", "kts", "kn"), "knot"),
-    },
-    "length": {"m": "m", "ft": "ft", "feet": "ft", "km": "km", "kft": "kft"},
-    "pressure": {"pa": "Pa", "hpa": "hPa", "kpa": "kPa", "psf": "psf", "psi": "psi", "mbar": "mbar"},
-    "density": {"kgm3": "kg/m^3", "kg m3": "kg/m^3", "slugft3": "slug/ft^3"},
-}  # fmt: skip
 _VEHICLE: Mapping[str, Sequence[tuple[str, ...]]] = {
     "mass": (("mass",), ("weight",)),
     "ixx": (("ixx",), ("ix",), ("roll", "inertia"), ("axial", "inertia"), ("longitudinal", "inertia")),
     "iyy": (("iyy",), ("iy",), ("pitch", "inertia"), ("transverse", "inertia"), ("rotational", "inertia")),
 }
-_VEHICLE_UNITS: Mapping[Dimension, Mapping[str, str]] = {
-    "mass": {"kg": "kg", "g": "g", "lb": "lb", "lbm": "lb", "slug": "slug"},
-    "moment of inertia": {
-        **dict.fromkeys(("kgm2", "kg m2", "kg m 2"), "kg*m^2"),
-        **dict.fromkeys(("slugft2", "slug ft2", "slug ft 2"), "slug*ft^2"),
-    },
-}
 
 
-@dataclass(frozen=True)
-class NamedColumn:
-    """A column that its name gives to `channel`; `units` None where the name tells none."""
-
-    column: str
-    channel: str
-    units: str | None
-
-
-def by_name(columns: Sequence[str]) -> tuple[dict[str, NamedColumn], dict[str, list[str]]]:
+def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
     """The likeliest column of each channel (and of a magnetometer), and others that its name fits as well."""
     ranked: dict[str, list[tuple[int, str]]] = {}
-    struct = len(_struct_of(columns))
+    structs = {column.rpartition(".")[0] for column in columns}
+    # A struct that holds all columns of a MATLAB file is no part of their names.
+    struct = len(f"{structs.pop()}.") if len(structs) == 1 and structs != {""} else 0
     for column in columns:
         found = _channel_of(_words(column[struct:]))
         if found is not None:
             ranked.setdefault(found[0], []).append((found[1], column))
-    chosen, others = {}, {}
-    for channel, candidates in ranked.items():
-        candidates.sort(key=lambda entry: entry[0])
-        column = candidates[0][1]
-        chosen[channel] = NamedColumn(column, channel, units_in(column, channel))
-        others[channel] = [name for _, name in candidates[1:]]
-    return chosen, others
-
-
-def units_in(column: str, channel: str) -> str | None:
-    """The units that stand at the end of a name, in brackets or not; None where none do."""
-    dimension = CHANNEL_DIMENSIONS.get(channel)
-    if dimension == "dimensionless":
-        return "dimensionless"
-    known = _UNITS.get(dimension, {}) if dimension else {}
-    return _at_end(_parts(column), known) or _at_end(_words(column), known)  # kPa is one word, MassKg two
+    likeliest = {channel: sorted(named, key=lambda entry: entry[0]) for channel, named in ranked.items()}
+    return (
+        {channel: named[0][1] for channel, named in likeliest.items()},
+        {channel: [column for _, column in named[1:]] for channel, named in likeliest.items()},
+    )
 
 
 def vehicle_property(column: str) -> str | None:
@@ -133,10 +85,13 @@ def vehicle_property(column: str) -> str | None:
     return next((name for name, names in _VEHICLE.items() if any(held.issuperset(each) for each in names)), None)
 
 
-def vehicle_units(column: str, dimension: Dimension) -> str | None:
-    """The units at the end of the name of a vehicle's property; None where none stand there."""
-    known = _VEHICLE_UNITS.get(dimension, {})
-    return _at_end(_parts(column), known) or _at_end(_words(column), known)
+def units_in(column: str, dimension: Dimension | None) -> str | None:
+    """The units that stand at the end of a name, in brackets or not; None where none do."""
+    if dimension == "dimensionless":
+        return "dimensionless"
+    units = RECORDED[dimension].items() if dimension else ()
+    known = {word: unit for unit, words in units for word in words}
+    return _at_end(_parts(column), known) or _at_end(_words(column), known)  # kPa is one word, MassKg two
 
 
 def _at_end(words: Sequence[str], known: Mapping[str, str]) -> str | None:
@@ -145,13 +100,6 @@ def _at_end(words: Sequence[str], known: Mapping[str, str]) -> str | None:
         if len(words) > count and text in known:
             return known[text]
     return None
-
-
-def _struct_of(columns: Sequence[str]) -> str:
-    """The struct, with its point, that holds all columns of a MATLAB file; empty where none does."""
-    structs = {column.rpartition(".")[0] for column in columns}
-    only = structs.pop() if len(structs) == 1 else ""
-    return f"{only}." if only else ""
 
 
 def _words(column: str) -> list[str]:
@@ -190,43 +138,25 @@ def _axis_of(words: Sequence[str]) -> str | None:
 REST_SECONDS = 0.5
 STILL = 0.03  # of a channel's whole spread: what is left of it at rest
 WITHIN = 0.06  # relative: a factor is taken for that of units
-DEGREE = float(np.pi / 180.0)
-FOOT = 0.3048
 RATES = (0.5, 2e4)  # Hz that a recorder may have
-# SI value of one of each unit: those that a recorder writes, the likelier first.
-ACCELERATIONS = {"m/s^2": 1.0, "g": GRAVITY, "ft/s^2": FOOT, "mg": 1e-3 * GRAVITY}
-ANGULAR_RATES = {"rad/s": 1.0, "deg/s": DEGREE, "revolution/s": 2.0 * np.pi, "rpm": np.pi / 30.0}
-SPEEDS = {"m/s": 1.0, "ft/s": FOOT, "km/s": 1e3, "km/hour": 1.0 / 3.6, "knot": 0.514444}
-PRESSURES = {"Pa": 1.0, "psf": 47.880259, "kPa": 1e3, "hPa": 1e2, "psi": 6894.757}
-LENGTHS = {"m": 1.0, "ft": FOOT, "km": 1e3, "kft": 1e3 * FOOT}
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 FASTEST_RADIANS = 35.0  # rad/s, 2000 deg/s: the range of most gyros
 
 
-@dataclass(frozen=True)
-class Rest:
-    """A stretch at rest, as indices [start, stop)."""
-
-    start: int
-    stop: int
-
-
-def increasing(values: FloatArray) -> bool:
-    """Whether a column could be time."""
-    return values.size > 1 and bool(np.all(np.isfinite(values)) and np.all(np.diff(values) > 0.0))
+@cache
+def sizes(dimension: Dimension) -> Mapping[str, float]:
+    """SI value of one of each unit that a recorder writes, the likelier first."""
+    return {unit: float(to_si(1.0, unit, dimension, "units")) for unit in RECORDED[dimension]}
 
 
 def time_units(time: FloatArray) -> tuple[str, ...]:
     """Units in which the stamps make a rate that recorders have, the likelier first."""
     step = float(np.median(np.diff(time)))
-    return tuple(unit for unit, size in TIMES.items() if RATES[0] <= 1.0 / (step * size) <= RATES[1])
+    seconds = {unit: size for unit, size in sizes("time").items() if unit != "min"}
+    return tuple(unit for unit, size in seconds.items() if RATES[0] <= 1.0 / (step * size) <= RATES[1])
 
 
-def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> Rest | None:
-    """The stretch from the record's beginning in which every channel (n,) is still; None without one.
-
-    `time` (n,) in s.
-    """
+def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
+    """Samples from the record's beginning in which every channel (n,) is still; None without. `time` (n,) in s."""
     width = int(np.searchsorted(time, time[0] + REST_SECONDS))
     if width < 5 or width >= time.size // 2:
         return None
@@ -240,12 +170,12 @@ def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> Rest | None:
         moving |= (spread > STILL * whole) | (away > STILL * whole)
     first = int(np.argmax(moving)) if np.any(moving) else time.size
     stop = first - width
-    return Rest(0, stop) if stop >= width and np.any(moving) else None
+    return stop if stop >= width and np.any(moving) else None
 
 
 def gravity_units(norm: float) -> str | None:
     """The units in which a reading at rest, `norm`, is gravity; None where in none."""
-    return _units_of_factor(norm and GRAVITY / norm, ACCELERATIONS)
+    return _units_of_factor(norm and GRAVITY / norm, "acceleration")
 
 
 def turning_units(
@@ -261,9 +191,9 @@ def turning_units(
     turned = -(bearing - bearing[0])
     if not np.all(np.isfinite(turned)) or np.ptp(turned) < 4.0 * np.pi:
         return None
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
-    factor = _slope(angle, turned)
-    units = _units_of_factor(abs(factor), ANGULAR_RATES)
+    angle = cumulative_trapezoid(rate, time, initial=0)
+    factor = slope(angle, turned)
+    units = _units_of_factor(abs(factor), "angular rate")
     return None if units is None else (units, float(np.sign(factor)))
 
 
@@ -273,7 +203,7 @@ def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[
     What the accelerometer senses differs from the change of speed by gravity, or a part of it: a constant. Empty where
     the one does not follow from the other.
     """
-    gained = np.concatenate([[0.0], np.cumsum(0.5 * (push[1:] + push[:-1]) * np.diff(time))])
+    gained = cumulative_trapezoid(push, time, initial=0)
     columns = np.stack([gained, time - time[0], np.ones_like(time)], axis=1)
     known = np.all(np.isfinite(columns), axis=1) & np.isfinite(speed)
     found, *_ = np.linalg.lstsq(columns[known], speed[known], rcond=None)
@@ -282,47 +212,32 @@ def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[
         return ()
     fits = [
         (abs(np.log(abs(found[0]) * v / a)), v_name, a_name)
-        for v_name, v in SPEEDS.items()
-        for a_name, a in ACCELERATIONS.items()
+        for v_name, v in sizes("speed").items()
+        for a_name, a in sizes("acceleration").items()
     ]
     return tuple((speeds, pushes) for off, speeds, pushes in sorted(fits) if off < WITHIN)
-
-
-def climb_factor(time: FloatArray, altitude: FloatArray, speed: FloatArray) -> float:
-    """Change of an altitude over the path that a speed makes: 1 on a vertical climb in like units."""
-    path = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))])
-    return abs(_slope(path, altitude))
 
 
 def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray) -> str | None:
     """Units in which a dynamic pressure is half of density (kg/m^3) times speed (m/s) squared."""
     made = 0.5 * density * speed**2
     usable = np.isfinite(made) & (pressure > 0.0)
-    return (
-        _units_of_factor(float(np.median(made[usable] / pressure[usable])), PRESSURES)
-        if np.any(usable)
-        else None
-    )
+    factor = float(np.median(made[usable] / pressure[usable])) if np.any(usable) else 0.0
+    return _units_of_factor(factor, "pressure")
 
 
-def density_share(altitude: FloatArray, density: FloatArray) -> float | None:
-    """Median ratio of a density (n,) kg/m^3 to the Earth's at `altitude` (n,) m; None where no model reaches."""
-    share = density / standard_density(altitude)
-    known = np.isfinite(share)
-    return float(np.median(share[known])) if np.any(known) else None
-
-
-def _slope(x: FloatArray, y: FloatArray) -> float:
+def slope(x: FloatArray, y: FloatArray) -> float:
+    """Of the straight line of `y` (n,) over `x` (n,), where both are known."""
     known = np.isfinite(x) & np.isfinite(y)
     centred = x[known] - np.mean(x[known])
     return float(centred @ y[known]) / max(float(centred @ centred), 1e-300)
 
 
-def _units_of_factor(factor: float, units: Mapping[str, float]) -> str | None:
+def _units_of_factor(factor: float, dimension: Dimension) -> str | None:
     """The unit of that size in SI."""
     if not np.isfinite(factor) or factor <= 0.0:
         return None
-    name, size = min(units.items(), key=lambda item: abs(np.log(factor / item[1])))
+    name, size = min(sizes(dimension).items(), key=lambda item: abs(np.log(factor / item[1])))
     return name if abs(np.log(factor / size)) < WITHIN else None
 
 
@@ -334,48 +249,61 @@ DELIMITERS = (",", ";", "\t")
 
 @dataclass(frozen=True)
 class MapEntry:
-    """One channel of the map; `why` it is what it is, and what is `unsure` about it. `recorder`: of another file."""
+    """One channel of the map: `scale * column + offset`, in `units`."""
 
     column: str
     units: str
     why: str
+    """The reasons."""
     unsure: tuple[str, ...] = ()
+    """The doubts."""
     scale: float = 1.0
     offset: float = 0.0
     recorder: str | None = None
+    """The other recorder that it comes from; None for the main table."""
 
 
-@dataclass
+@dataclass(eq=False)
 class ForeignTable:
-    """The numeric columns, what is known of them so far, and the pad, if there is one."""
+    """The numeric columns of a file and what is known of them so far."""
 
     path: Path
     delimiter: str
     columns: dict[str, FloatArray]
+    """(n,) each, as they were read."""
     entries: dict[str, MapEntry] = field(default_factory=dict)
+    """By channel, or property of the vehicle."""
     unsure: list[str] = field(default_factory=list)
+    """Doubts about the table as a whole."""
     rest_s: tuple[float, float] | None = None
+    """The pad, if there is one."""
+    align: MapEntry | None = None
+    """Of another recorder: what it sensed of ax."""
 
     def values(self, channel: str) -> FloatArray:
         """The column of a channel (n,), as it was read."""
         return self.columns[self.entries[channel].column]
 
+    def in_si(self, channel: str) -> FloatArray:
+        """The column of a channel (n,), SI."""
+        return to_si(self.values(channel), self.entries[channel].units, CHANNEL_DIMENSIONS[channel], channel)
+
     @property
-    def seconds(self) -> FloatArray:
-        """The table's times (n,), s."""
-        return self.values("time") * TIMES.get(self.entries["time"].units, 60.0)
+    def recorder(self) -> str:
+        """The name of another recorder in the map."""
+        return re.sub(r"\W+", "_", self.path.stem)
 
     def change(self, channel: str, why: str, *unsure: str, **changes: Any) -> None:
         """Another reason for what a channel is, with doubts and changed fields."""
         entry = self.entries[channel]
-        reason = f"{entry.why}; {why}"
-        self.entries[channel] = replace(entry, why=reason, unsure=(*entry.unsure, *unsure), **changes)
+        doubts = (*entry.unsure, *unsure)
+        self.entries[channel] = replace(entry, **{"why": f"{entry.why}; {why}", "unsure": doubts, **changes})
 
     def sure(self, channel: str, units: str, why: str) -> None:
         """Units by physics, which stand above those of a name."""
         before = self.entries[channel]
         named = () if before.units == units or before.unsure else (f"its name says {before.units}, {why}",)
-        self.entries[channel] = replace(before, units=units, why=f"{before.why}; {why}", unsure=named)
+        self.change(channel, why, units=units, unsure=named)
 
 
 def numeric_table(path: Path) -> ForeignTable:
@@ -391,8 +319,6 @@ def numeric_table(path: Path) -> ForeignTable:
     except BrvHypoError:
         found: dict[str, FloatArray] = {}
         for name in names:
-            try:
+            with suppress(BrvHypoError):  # text: it is no channel
                 found |= read_columns(path, (name,), delimiter)
-            except BrvHypoError:  # text: it is no channel
-                continue
         return ForeignTable(path, delimiter, found)

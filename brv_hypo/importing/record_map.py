@@ -30,8 +30,8 @@ vehicle and its tolerances over it; faults masked on the way to the rate that th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -43,14 +43,17 @@ from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases
 from brv_hypo.flight.record import (
+    ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
     VEHICLE_DIMENSIONS,
+    Channels,
     Flight,
     Record,
     RecordFault,
-    VehicleRecord,
+    Vehicle,
     check_shape,
     check_time,
+    checked_vehicle,
     complaints,
     validated,
 )
@@ -82,14 +85,16 @@ class _Entry(BaseModel):
 
 
 class ColumnMap(_Entry):
-    """Where a channel comes from: the main table, or that of a `recorder`."""
+    """Where a channel comes from: `scale * column + offset`, in `units`."""
 
     column: str
     units: str
     scale: float = 1.0
     offset: float = 0.0
     missing: float | None = None
+    """The value that stands for a missing sample."""
     recorder: str | None = None
+    """The recorder of the column; None is the main table."""
 
 
 class Alignment(_Entry):
@@ -147,15 +152,21 @@ class RecordMap(_Entry):
     channels: dict[str, ColumnMap]
     vehicle: dict[str, VehicleEntry]
     recorders: dict[str, Recorder] = {}
+    """Other files, each with a clock of its own."""
     instruments: dict[str, Any] = {}
+    """Grade and tolerances."""
     pad: Span | None = None
+    """Times between which the vehicle is at rest, nose up, s."""
     derive: Derived | None = None
     window: PhaseName | Span | None = None
+    """What is kept: a phase that is found, or times in s."""
     rate: Literal["auto"] | Annotated[float, Field(gt=0.0)] | None = None
+    """Hz; "auto" is what the motion needs, None what was recorded."""
     planet: str = "earth"
     title: str = ""
     source: str = ""
     delimiter: str = Field(default=",", min_length=1, max_length=1)
+    """Between the columns of a csv."""
 
 
 def read_map(path: str | Path) -> RecordMap:
@@ -164,13 +175,29 @@ def read_map(path: str | Path) -> RecordMap:
 
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")
-    _check_filled_in(content, file)
+    # A guessed map has null for what no table gives.
+    vehicle = content.get("vehicle")
+    entries = vehicle.items() if isinstance(vehicle, dict) else ()
+    empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
+    if empty:
+        raise UsageError(
+            f"the map {file} has no value yet for vehicle/{', vehicle/'.join(empty)}: fill in what is null. The shape "
+            "of the moments needs the ratio of the inertias alone; their size needs all of them."
+        )
     try:
         mapping = RecordMap.model_validate(content)
     except ValidationError as error:
         raise UsageError(f"the map {file}: {complaints(error, '', 'the description of the map')}") from error
-    _check_names(mapping.channels, CHANNEL_DIMENSIONS, "channels", file)
-    _check_names(mapping.vehicle, VEHICLE_DIMENSIONS, "vehicle", file)
+    for group, names, known in (
+        ("channels", mapping.channels, CHANNEL_DIMENSIONS),
+        ("vehicle", mapping.vehicle, VEHICLE_DIMENSIONS),
+    ):
+        for name in names:
+            if name not in known:
+                raise UsageError(
+                    f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
+                    f"It has {', '.join(known)}."
+                )
     if "time" not in mapping.channels:
         raise UsageError(f"the map {file} has no channels/time. Map the column that holds the sample times.")
     for name, entry in mapping.channels.items():
@@ -182,43 +209,16 @@ def read_map(path: str | Path) -> RecordMap:
     return mapping
 
 
-def _check_filled_in(content: dict[str, Any], file: Path) -> None:
-    """A guessed map has null for what no table gives."""
-    vehicle = content.get("vehicle")
-    entries = vehicle.items() if isinstance(vehicle, dict) else ()
-    empty = [str(name) for name, entry in entries if isinstance(entry, dict) and entry.get("value", 0) is None]
-    if empty:
-        raise UsageError(
-            f"the map {file} has no value yet for vehicle/{', vehicle/'.join(empty)}: fill in what is null. The shape "
-            "of the moments needs the ratio of the inertias alone; their size needs all of them."
-        )
-
-
-def _check_names(names: Iterable[str], known: Iterable[str], group: str, file: Path) -> None:
-    for name in names:
-        if name not in set(known):
-            raise UsageError(
-                f"the map {file}: '{group}/{name}' is not part of format 1{nearest(name, known)}. "
-                f"It has {', '.join(known)}."
-            )
-
-
 # ---- The vehicle of a foreign record, from its map or a table over time, and how well all of it is known ----
 
 
-@dataclass(frozen=True)
-class ForeignVehicle:
-    """The properties; half the relative range of the inertias over the window (0: constant); notes in words."""
+def vehicle_of(
+    mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float]
+) -> tuple[Vehicle, float, list[str]]:
+    """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes.
 
-    record: VehicleRecord
-    inertia: float
-    notes: tuple[str, ...]
-
-
-def vehicle_of(mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float]) -> ForeignVehicle:
-    """The map's vehicle; a property that a table gives is its mean over `window` s.
-
-    Raises UsageError where a table holds nothing in the window, FlightRecordError for what no vehicle has.
+    A property that a table gives is its mean over the window. Raises UsageError where a table holds nothing in it,
+    FlightRecordError for what no vehicle has.
     """
     values: dict[str, Any] = {}
     changes, notes = 0.0, []
@@ -226,18 +226,13 @@ def vehicle_of(mapping: RecordMap, folders: tuple[Path, ...], window: tuple[floa
         if isinstance(entry, VehicleColumn):
             values[name], change = _from_table(name, entry, mapping.delimiter, folders, window)
             changes = max(changes, 0.0 if name == "mass" else change)
-            change_note = (
-                f", which changes by ±{100.0 * change:.2g} % in the window"
-                if change > STEADY_PROPERTY
-                else ""
-            )
+            steady = change <= STEADY_PROPERTY
+            change_note = "" if steady else f", which changes by ±{100.0 * change:.2g} % in the window"
             notes.append(f"vehicle/{name} {values[name]:.5g} from {entry.file}{change_note}")
         else:
-            label = f"vehicle/{name}"
-            values[name] = to_si(
-                np.asarray(entry.value), entry.units, VEHICLE_DIMENSIONS[name], label
-            ).tolist()
-    return ForeignVehicle(validated(VehicleRecord, values, group="vehicle"), changes, tuple(notes))
+            size = to_si(np.asarray(entry.value), entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}")
+            values[name] = size.tolist()
+    return checked_vehicle(values), changes, notes
 
 
 def instruments_of(
@@ -249,27 +244,20 @@ def instruments_of(
 ) -> Instruments:
     """Tolerances: of the map's grade, then what pad, table and derived speed show, then what the map states.
 
-    `inertia` is relative, of `ForeignVehicle`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
+    `inertia` is relative, of `vehicle_of`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
     """
     grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
     shown: dict[str, Any] = dict(from_pad)
     if inertia > STEADY_PROPERTY:
         shown |= {"inertia": float(np.hypot(inertia, grade.inertia[0]))}
-    pressure = _pressure_tolerance(channels, speed_sigma)
+    # Relative, of a dynamic pressure that is made of speed and a standard atmosphere.
+    pressure = 0.0 if {"density", "dynamic_pressure"} & set(channels) else DENSITY_OF_THE_DAY
+    if speed_sigma is not None and "dynamic_pressure" not in channels:
+        pressure = float(np.hypot(pressure, 2.0 * np.nanmedian(speed_sigma / channels["velocity"])))
     if pressure > grade.dynamic_pressure_scale[0]:
         shown |= {"dynamic_pressure_scale": pressure}
     stated = {key: value for key, value in mapping.instruments.items() if key != "grade"}
     return tolerances_of(stated, with_stated(grade, shown), "the map's instruments")
-
-
-def _pressure_tolerance(channels: Mapping[str, FloatArray], speed_sigma: FloatArray | None) -> float:
-    """Relative 1-sigma of a dynamic pressure that is made of speed and a standard atmosphere; 0 of a measured one."""
-    if "dynamic_pressure" in channels:
-        return 0.0
-    density = 0.0 if "density" in channels else DENSITY_OF_THE_DAY
-    if speed_sigma is None:
-        return density
-    return float(np.hypot(density, 2.0 * np.nanmedian(speed_sigma / channels["velocity"])))
 
 
 def _from_table(
@@ -293,7 +281,7 @@ def _from_table(
     return mean, 0.5 * float(np.ptp(inside)) / abs(mean) if mean else 0.0
 
 
-Channels = dict[str, FloatArray]
+# ---- The flight that is made of a foreign record ----
 
 
 @dataclass(frozen=True)
@@ -303,17 +291,6 @@ class Imported:
     flight: Flight
     raw: tuple[RawTable, ...]
     phases: tuple[Phase, ...]
-
-
-@dataclass(frozen=True)
-class _Read:
-    """Everything in SI on one clock, before anything is cut."""
-
-    time: FloatArray
-    channels: Channels
-    notes: tuple[str, ...]
-    tolerances: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    speed_sigma: FloatArray | None = None
 
 
 def import_record(data: str | Path, map_path: str | Path) -> Flight:
@@ -329,48 +306,82 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     """
     source, mapping = Path(data), read_map(map_path)
     folders = (Path(map_path).parent, source.parent)
-    tables: dict[str | None, Columns] = {None: _table(source, mapping, None)}
-    for name, recorder in mapping.recorders.items():
-        tables[name] = _table(found_file(recorder.file, folders), mapping, name)
+    files: dict[str | None, Path] = {None: source}
+    files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
+    raw = {name: _raw_table(path, mapping, name) for name, path in files.items()}
     with naming(source):
-        read = _derived(_rested(_on_one_clock(tables, mapping), mapping), mapping)
-        record, faults, phases = _cut(read, mapping, source, folders)
+        record, faults, phases = _record(raw, mapping, source, folders)
     flight = assemble(record)
-    raw = tuple(_raw(name, columns, mapping) for name, columns in tables.items())
-    return Imported(replace(flight, faults=(*faults, *flight.faults)), raw, phases)
+    return Imported(replace(flight, faults=(*faults, *flight.faults)), tuple(raw.values()), phases)
 
 
-def _entries(mapping: RecordMap, name: str | None) -> list[ColumnMap | Alignment]:
-    """What the map takes from one recorder; None is the main table."""
+def _raw_table(path: Path, mapping: RecordMap, name: str | None) -> RawTable:
+    """What the map takes from one recorder, as it was read; None is the main table."""
     entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
     if name is not None:
         recorder = mapping.recorders[name]
         entries += [recorder.time, *([recorder.align] if recorder.align else [])]
-    return entries
+    columns = read_columns(path, tuple(dict.fromkeys(entry.column for entry in entries)), mapping.delimiter)
+    return RawTable(name or "main", columns, {entry.column: entry.units for entry in entries})
 
 
-def _table(path: Path, mapping: RecordMap, name: str | None) -> Columns:
-    """The columns of one recorder that the map names."""
-    wanted = dict.fromkeys(entry.column for entry in _entries(mapping, name))
-    return read_columns(path, tuple(wanted), mapping.delimiter)
+def _record(
+    raw: Mapping[str | None, RawTable], mapping: RecordMap, source: Path, folders: tuple[Path, ...]
+) -> tuple[Record, tuple[RecordFault, ...], tuple[Phase, ...]]:
+    """The record of what is to be analysed, faults masked on the way to its rate, and the phases of the whole."""
+    time, channels, notes = _on_one_clock(raw, mapping)
+    tolerances: dict[str, Any] = {}
+    sigma = None
+    if mapping.pad is not None:
+        channels, tolerances, pad_notes = take_out_biases(time, channels, mapping.pad)
+        notes += pad_notes
+    if mapping.derive is not None:
+        channels, sigma, note = _with_speed(time, channels)
+        notes.append(note)
+    forces = [channels[name] for name in ACCELEROMETERS if name in channels]
+    phases = find_phases(time, *forces) if len(forces) == len(ACCELEROMETERS) else ()
+    window = _window(mapping, phases, time)
+    inside = (time >= window[0]) & (time <= window[1])
+    kept = {name: values[inside] for name, values in channels.items()}
+    vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window)
+    notes += vehicle_notes
+    if mapping.window is not None:
+        name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
+        notes.append(f"window of the map{name}: {window[0]:.3f} to {window[1]:.3f} s")
+    record = validated(
+        Record,
+        {
+            "time": time[inside],
+            "channels": kept,
+            "vehicle": vehicle,
+            "instruments": instruments_of(
+                mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]
+            ),
+            "planet": mapping.planet.strip().lower(),
+            "title": one_line(mapping.title),
+            "source": one_line(mapping.source or source.name),
+            "path": str(source),
+            "recorded_units": {name: entry.units for name, entry in mapping.channels.items()},
+            "notes": notes,
+        },
+    )
+    rate = needed_rate(record.time, record.channels) if mapping.rate == "auto" else mapping.rate
+    return (*decimated(record, rate), phases) if rate is not None else (record, (), phases)
 
 
-def _raw(name: str | None, columns: Columns, mapping: RecordMap) -> RawTable:
-    """A table as it was read, with what the map says of its units."""
-    return RawTable(name or "main", columns, {entry.column: entry.units for entry in _entries(mapping, name)})
-
-
-def _on_one_clock(tables: Mapping[str | None, Columns], mapping: RecordMap) -> _Read:
-    """All channels on the stamps of the main table; NaN where another recorder has none."""
+def _on_one_clock(
+    raw: Mapping[str | None, RawTable], mapping: RecordMap
+) -> tuple[FloatArray, Channels, list[str]]:
+    """All channels, SI, on the stamps of the main table, NaN where another recorder has none; notes."""
     channels = {
-        name: _channel(tables[None][entry.column], entry, CHANNEL_DIMENSIONS[name], name)
+        name: _channel(raw[None].columns[entry.column], entry, CHANNEL_DIMENSIONS[name], name)
         for name, entry in mapping.channels.items()
         if entry.recorder is None
     }
     time = channels.pop("time")
     notes: list[str] = []
     for name, recorder in mapping.recorders.items():
-        columns = tables[name]
+        columns = raw[name].columns
         clock = _channel(columns[recorder.time.column], recorder.time, "time", f"recorders/{name}/time")
         if recorder.align is not None:
             moved, note = _aligned(name, recorder.align, columns, clock, time, channels)
@@ -378,11 +389,12 @@ def _on_one_clock(tables: Mapping[str | None, Columns], mapping: RecordMap) -> _
         for channel, entry in mapping.channels.items():
             if entry.recorder == name:
                 values = _channel(columns[entry.column], entry, CHANNEL_DIMENSIONS[channel], channel)
-                channels[channel] = _interpolated(time, clock, values)
+                known = np.isfinite(values) & np.isfinite(clock)
+                channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
     check_time(time)
     for name, values in channels.items():
         check_shape(name, values, time.shape)
-    return _Read(time, channels, tuple(notes))
+    return time, channels, notes
 
 
 def _aligned(
@@ -407,72 +419,14 @@ def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: s
     return to_si(entry.scale * known + entry.offset, entry.units, dimension, name)
 
 
-def _interpolated(time: FloatArray, clock: FloatArray, values: FloatArray) -> FloatArray:
-    """`values` at `time`, along straight lines; NaN before and after them."""
-    known = np.isfinite(values) & np.isfinite(clock)
-    return np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
-
-
-def _rested(read: _Read, mapping: RecordMap) -> _Read:
-    """Less the biases that the pad shows."""
-    if mapping.pad is None:
-        return read
-    found = take_out_biases(read.time, read.channels, mapping.pad)
-    notes = (*read.notes, *found.notes)
-    return replace(read, channels=found.channels, tolerances=found.tolerances, notes=notes)
-
-
-def _derived(read: _Read, mapping: RecordMap) -> _Read:
-    """With a speed, where the map asks for one; unknown where it is as good as rest."""
-    if mapping.derive is None:
-        return read
-    missing = [name for name in ("ax", "altitude") if name not in read.channels]
+def _with_speed(time: FloatArray, channels: Channels) -> tuple[Channels, FloatArray, str]:
+    """The channels with a derived speed, unknown where it is as good as rest; its sigma (n,) m/s; a note."""
+    missing = [name for name in ("ax", "altitude") if name not in channels]
     if missing:
         raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-    found = ascent(read.time, read.channels["ax"], read.channels["altitude"])
-    moving = found.velocity > ASCENT_KNOWN_SPEED * found.sigma
-    speed = np.where(moving, found.velocity, np.nan)
-    channels = {**read.channels, "velocity": speed, "altitude": found.altitude}
-    return replace(read, channels=channels, speed_sigma=found.sigma, notes=(*read.notes, found.note))
-
-
-def _cut(
-    read: _Read, mapping: RecordMap, source: Path, folders: tuple[Path, ...]
-) -> tuple[Record, tuple[RecordFault, ...], tuple[Phase, ...]]:
-    """The record of what is to be analysed, faults masked on the way to its rate, and the phases of the whole."""
-    phases = _phases(read)
-    window = _window(mapping, phases, read.time)
-    inside = (read.time >= window[0]) & (read.time <= window[1])
-    kept = {name: values[inside] for name, values in read.channels.items()}
-    sigma = None if read.speed_sigma is None else read.speed_sigma[inside]
-    vehicle = vehicle_of(mapping, folders, window)
-    record = validated(
-        Record,
-        {
-            "time": read.time[inside],
-            "channels": kept,
-            "vehicle": vehicle.record,
-            "instruments": instruments_of(mapping, read.tolerances, vehicle.inertia, kept, sigma),
-            "planet": mapping.planet.strip().lower(),
-            "title": one_line(mapping.title),
-            "source": one_line(mapping.source or source.name),
-            "path": str(source),
-            "recorded_units": {name: entry.units for name, entry in mapping.channels.items()},
-            "notes": (*read.notes, *vehicle.notes, *_window_note(mapping, window)),
-        },
-    )
-    rate = needed_rate(record.time, record.channels) if mapping.rate == "auto" else mapping.rate
-    if rate is None:
-        return record, (), phases
-    thinned = decimated(record, rate)
-    return thinned.record, thinned.faults, phases
-
-
-def _phases(read: _Read) -> tuple[Phase, ...]:
-    known = read.channels
-    if not {"ax", "ay", "az"} <= set(known):
-        return ()
-    return find_phases(read.time, known["ax"], known["ay"], known["az"])
+    speed, altitude, sigma, note = ascent(time, channels["ax"], channels["altitude"])
+    speed = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
+    return {**channels, "velocity": speed, "altitude": altitude}, sigma, note
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:
@@ -482,18 +436,9 @@ def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> 
         return mapping.window
     phase = next((phase for phase in phases if phase.name == mapping.window), None)
     if phase is None:
-        found = (
-            ", ".join(f"{each.name} {each.start_s:.2f} to {each.stop_s:.2f} s" for each in phases) or "none"
-        )
+        found = ", ".join(f"{each.name} {each.start_s:.2f} to {each.stop_s:.2f} s" for each in phases) or "none"
         raise UsageError(
             f"the map's window is '{mapping.window}', a phase that the record from {time[0]:.3f} to {time[-1]:.3f} s "
             f"does not show (it shows {found}). Give times instead: window: [start, stop]."
         )
     return phase.start_s, phase.stop_s
-
-
-def _window_note(mapping: RecordMap, window: tuple[float, float]) -> tuple[str, ...]:
-    if mapping.window is None:
-        return ()
-    name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
-    return (f"window of the map{name}: {window[0]:.3f} to {window[1]:.3f} s",)

@@ -15,17 +15,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import find_spikes, mask_faults, spike_note, without_spikes
-from brv_hypo.flight.clock import dominant_frequency, regularise
+from brv_hypo.flight.clock import regularise, transverse_frequency
 from brv_hypo.flight.inspection import AT_REST, GRAVITY
 from brv_hypo.flight.noise import MAD_TO_SIGMA
-from brv_hypo.flight.record import GYROS, Record, RecordFault
+from brv_hypo.flight.record import GYROS, Channels, Record, RecordFault
 
 CLOCK_STEPS_PER_SAMPLE = 2.0  # of the slower recorder: the grid of offsets that are tried
 CLOCK_LEAST_OVERLAP = 0.3  # of the shorter record
@@ -69,8 +68,10 @@ def clock_offset(
 
     step = max(float(np.median(np.diff(each))) for each in (time, other_time)) / CLOCK_STEPS_PER_SAMPLE
     first, second = _on_grid(time, values, step), _on_grid(other_time, other, step)
-    ones = correlate(np.ones_like(first), np.ones_like(second), method="fft").round()
-    sums = [correlate(a, b, method="fft") for a, b in _products(first, second)]
+    one, two = np.ones_like(first), np.ones_like(second)
+    products = ((first, second), (first, two), (one, second), (first**2, two), (one, second**2))
+    sums = [correlate(a, b, method="fft") for a, b in products]
+    ones = correlate(one, two, method="fft").round()
     with np.errstate(divide="ignore", invalid="ignore"):
         mean_1, mean_2 = sums[1] / ones, sums[2] / ones
         together = sums[0] / ones - mean_1 * mean_2
@@ -97,11 +98,6 @@ def _on_grid(time: FloatArray, values: FloatArray, step: float) -> FloatArray:
     return np.asarray(found - np.mean(found))
 
 
-def _products(first: FloatArray, second: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    one, two = np.ones_like(first), np.ones_like(second)
-    return [(first, second), (first, two), (one, second), (first**2, two), (one, second**2)]
-
-
 def _peak(score: FloatArray, best: int) -> float:
     """Where between the grid's points the parabola through the three best has its top."""
     if not 0 < best < score.size - 1 or not np.all(np.isfinite(score[best - 1 : best + 2])):
@@ -114,24 +110,13 @@ def _peak(score: FloatArray, best: int) -> float:
 # ---- Biases from the pad: what gyros and accelerometers read of a rocket at rest, nose up ----
 
 
-ACROSS = ("ay", "az")
-
-
-@dataclass(frozen=True)
-class PadReadings:
-    """The channels with their biases taken out; 1-sigma tolerances that follow (SI); notes in words."""
-
-    channels: dict[str, FloatArray]
-    tolerances: dict[str, tuple[float, float, float]]
-    notes: tuple[str, ...]
-
-
 def take_out_biases(
     time: FloatArray, channels: Mapping[str, FloatArray], rest: tuple[float, float]
-) -> PadReadings:
-    """Biases of `channels` (n,), SI, from the samples of `time` (n,) s within `rest`.
+) -> tuple[Channels, dict[str, tuple[float, float, float]], list[str]]:
+    """`channels` (n,), SI, less the biases that the samples of `time` (n,) s within `rest` show.
 
-    Raises UsageError where the vehicle is not at rest, nose up, between those times.
+    Also 1-sigma tolerances that follow, SI, and notes. Raises UsageError where the vehicle is not at rest, nose up,
+    between those times.
     """
     inside = (time >= rest[0]) & (time <= rest[1])
     held = {name: values[inside] for name, values in channels.items()}
@@ -149,38 +134,33 @@ def take_out_biases(
             f"{np.degrees(swings):.2g} deg/s, expected gravity along the nose and rest. Likely cause: times after "
             "ignition, another sign of ax, or wrong units. Remedy: correct the times or the map."
         )
-    changed = dict(channels)
-    notes = []
     biases = {name: float(np.nanmean(held[name])) for name in GYROS}
     biases["ax"] = axial - GRAVITY * float(np.exp(-0.5 * PAD_LEANING**2))
-    for name, bias in biases.items():
-        changed[name] = channels[name] - bias
+    changed = {name: values - biases.get(name, 0.0) for name, values in channels.items()}
     biases_text = ", ".join(f"{name} {np.degrees(biases[name]):.3g} deg/s" for name in GYROS)
-    notes.append(f"biases from the pad taken out: {biases_text}, ax {biases['ax']:.3g} m/s^2")
-    across = [abs(float(np.nanmean(held[name]))) for name in ACROSS]
+    across = [abs(float(np.nanmean(held[name]))) for name in ("ay", "az")]
     lean = 0.5 * GRAVITY * PAD_LEANING**2
-    notes.append(
+    notes = [
+        f"biases from the pad taken out: {biases_text}, ax {biases['ax']:.3g} m/s^2",
         f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or lean of the rail: kept, and "
-        "within the tolerance of their bias"
-    )
-    return PadReadings(changed, {"accel_bias": (lean, across[0], across[1])}, tuple(notes))
+        "within the tolerance of their bias",
+    ]
+    return changed, {"accel_bias": (lean, across[0], across[1])}, notes
 
 
-@dataclass(frozen=True)
-class Ascent:
-    """`velocity` (n,) m/s and `altitude` (n,) m, with the standard deviation `sigma` (n,) m/s of the speed."""
-
-    velocity: FloatArray
-    altitude: FloatArray
-    sigma: FloatArray
-    note: str
+# ---- Speed and altitude of a steep climb ----
 
 
-def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> Ascent:
-    """Speed from `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s.
+def ascent(
+    time: FloatArray, ax: FloatArray, altitude: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, str]:
+    """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and a note.
 
-    Raises UsageError where too little of either is known.
+    From `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s. Raises UsageError where
+    too little of either is known.
     """
+    from scipy.integrate import cumulative_trapezoid
+
     both = np.isfinite(ax) & np.isfinite(altitude)
     if np.count_nonzero(both) < ASCENT_FEWEST:
         raise UsageError(
@@ -191,7 +171,9 @@ def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> Ascent:
     first, last = time[both][0], time[both][-1]
     grid = np.arange(first, last, 1.0 / ASCENT_RATE)
     known = np.isfinite(ax)
-    pushed = _mean_between(grid, time[known], ax[known]) - GRAVITY
+    # Mean acceleration over the interval of the grid that ends at each of its points.
+    gained = np.interp(grid, time[known], cumulative_trapezoid(ax[known], time[known], initial=0))
+    pushed = np.diff(gained, prepend=0.0) * ASCENT_RATE - GRAVITY
     heights = np.interp(grid, time[both], altitude[both])
     weights = np.ones(grid.size)
     spread = ASCENT_LEAST_SIGMA
@@ -211,13 +193,7 @@ def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> Ascent:
         f"velocity derived from ax and altitude on a steep climb: known to {np.median(sigma):.2g} m/s (a lean of the "
         f"path of {np.degrees(ASCENT_LEAN):.0f} deg included), altitudes to {spread:.2g} m"
     )
-    return Ascent(at(state[:, 1]), at(state[:, 0]), at(sigma), note)
-
-
-def _mean_between(grid: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:
-    """Mean of `values` over the interval of `grid` (m,) that ends at each of its points."""
-    area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
-    return np.asarray(np.diff(np.interp(grid, time, area), prepend=0.0) * ASCENT_RATE)
+    return at(state[:, 1]), at(state[:, 0]), at(sigma), note
 
 
 def _smoothed(
@@ -252,17 +228,6 @@ def _smoothed(
 # ---- Fewer samples, none of them aliased: a record at the rate that the motion needs ----
 
 
-Channels = dict[str, FloatArray]
-
-
-@dataclass(frozen=True)
-class Decimated:
-    """A record at a lower rate, and the faults that were masked at the rate that it had."""
-
-    record: Record
-    faults: tuple[RecordFault, ...]
-
-
 def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float | None:
     """Samples per second, Hz, that the motion in q and r needs; None where the record has little more."""
     grid, uniform, _ = regularise(time, {name: channels[name] for name in ("q", "r")})
@@ -272,13 +237,12 @@ def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float |
     if before > DECIMATED_LEAST_GAIN * VIBRATION / DECIMATED_PASS_END:
         every = int(before * DECIMATED_PASS_END / VIBRATION)
         thinned = [_filtered(values, low_pass(before, before / every))[::every] for values in thinned]
-    frequency = max(dominant_frequency(values, every / before) for values in thinned)
-    rate = DECIMATED_PER_CYCLE * frequency
+    rate = DECIMATED_PER_CYCLE * transverse_frequency(thinned[0], thinned[1], every / before)
     return float(np.ceil(rate)) if 0.0 < DECIMATED_LEAST_GAIN * rate <= before else None
 
 
-def decimated(record: Record, rate: float) -> Decimated:
-    """The record at `rate` Hz; itself where it has no more samples than that.
+def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, ...]]:
+    """The record at `rate` Hz, itself where it has no more samples than that; the faults that were masked before.
 
     Faults are masked and spikes replaced before the filter, which would spread them.
     """
@@ -292,7 +256,7 @@ def decimated(record: Record, rate: float) -> Decimated:
     time, uniform, resampled = regularise(stamps, clean)
     before = (time.size - 1) / float(time[-1] - time[0])
     if rate >= before:
-        return Decimated(record, ())
+        return record, ()
     taps = low_pass(before, rate)
     grid = np.arange(time[0], time[-1], 1.0 / rate)
     # Between the dense stamps of what is band-limited straight lines do.
@@ -303,7 +267,7 @@ def decimated(record: Record, rate: float) -> Decimated:
         f"{DECIMATED_PASS_END * rate:.3g} and stops {DECIMATED_STOP_BEGIN * rate:.3g} Hz",
     ]
     update = {"time": grid, "channels": channels, "notes": (*record.notes, *notes)}
-    return Decimated(record.model_copy(update=update), faults)
+    return record.model_copy(update=update), faults
 
 
 def low_pass(before: float, after: float) -> FloatArray:

@@ -1,8 +1,11 @@
-"""Columns of foreign tables by name: csv, parquet and mat.
+"""Columns of foreign tables by name: csv, parquet and mat, and what an entry point adds.
+
+`FORMATS` holds the reader of each format by the ending of its files: a function of the path, the names of the columns
+to read and the delimiter of the map, which returns a `ColumnTable`. A package adds a format by an entry point in the
+group `brv_hypo.table_formats`, named as the ending without its point. Entrances: `read_columns`, `column_names`.
 
 A csv is read line by line within a budget: one header row, lines that start with # left out. Parquet and MATLAB
-files are read by `brv_hypo.io.sandbox`; a MATLAB file v7.3 is read as the HDF5 that it is.
-Entrances: `read_columns`, `column_names`.
+files are read in the sandbox.
 """
 
 from __future__ import annotations
@@ -10,59 +13,72 @@ from __future__ import annotations
 import csv
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.io.hdf5 import Tree, read_tree
 from brv_hypo.io.reading import check_regular
-from brv_hypo.io.sandbox import READ_BUDGET, Content, read_table
+from brv_hypo.io.sandbox import READ_BUDGET, read_in_sandbox
+from brv_hypo.io.tables import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.text import nearest as nearest_names
 from brv_hypo.io.text import one_line, refusal
-
-# ---- Text tables: the wanted columns of a csv, read line by line within a budget ----
-
 
 MISSING_TEXT = frozenset({"", "na", "n/a", "nan", "null", "none", "-"})
 LONGEST_LINE = 1 << 20  # characters; 14 channels need 300
 MOST_NAMED = 40  # columns named where one is missing
+ENTRY_POINTS = "brv_hypo.table_formats"
+
+Columns = Mapping[str, FloatArray]
+TableReader = Callable[[Path, tuple[str, ...], str], ColumnTable]
 
 
-def read_csv(path: Path, names: tuple[str, ...], delimiter: str) -> dict[str, FloatArray]:
-    """Columns (n,) of a text table: one header row, lines that start with # left out.
+def read_columns(path: Path, names: tuple[str, ...], delimiter: str = ",") -> Columns:
+    """The columns `names` of a file, each (n,).
 
-    Raises FlightRecordError where the table is unreadable or too large, UsageError where a column is missing.
+    Raises UsageError (another type of file, a missing extra or column) and FlightRecordError (it is unreadable).
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = csv.reader(_lines(stream, path), delimiter=delimiter)
-            places = find_columns(names, [name.strip() for name in next(rows, [])], path)
-            columns = {name: array("d") for name in places}
-            for row in rows:
-                for name, place in places.items() if row else ():
-                    columns[name].append(_number(row, place, name))
-    except (UnicodeDecodeError, csv.Error, OSError) as error:
-        raise _unreadable(path, error) from error
-    except (TypeError, ValueError) as error:  # what csv says of a delimiter that cannot be one
-        raise UsageError(f"the delimiter {delimiter!r} cannot be used ({error}). Give another.") from error
-    return {name: np.array(values) for name, values in columns.items()}
+    table = _reader(path)(path, names, delimiter)
+    check_columns(names, table.names, path)
+    return {name: _vector(table.columns[name], name) for name in names}
 
 
-def csv_names(path: Path, delimiter: str) -> tuple[str, ...]:
-    """The names in the header row of a text table; errors as of `read_csv`."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            return tuple(name.strip() for name in next(csv.reader(_lines(stream, path), delimiter=delimiter), []))
-    except (UnicodeDecodeError, csv.Error, OSError) as error:
-        raise _unreadable(path, error) from error
+def column_names(path: Path, delimiter: str = ",") -> tuple[str, ...]:
+    """The names of all columns of a file; errors as of `read_columns`."""
+    return _reader(path)(path, (), delimiter).names
 
 
-def find_columns(names: Iterable[str], available: list[str], path: Path) -> dict[str, int]:
-    """Where each name stands among the columns of a file; raises UsageError for one that is missing."""
+def _reader(path: Path) -> TableReader:
+    """The reader of a file's format, by its suffix."""
+    check_regular(path, "a record to import", FlightRecordError)
+    suffix = path.suffix.lower()
+    if suffix in FORMATS:
+        return FORMATS[suffix]
+    added = {f".{entry.name}": entry for entry in entry_points(group=ENTRY_POINTS)}
+    if suffix in added:
+        reader: TableReader = added[suffix].load()
+        return reader
+    raise UsageError(
+        f"{path}: found a file of type '{path.suffix}', expected {', '.join((*FORMATS, *added))}. "
+        "Rename it if it is one of these (a text table of any delimiter is .csv), else convert it first."
+    )
+
+
+def _vector(values: np.ndarray, name: str) -> FloatArray:
+    """Numbers as (n,); MATLAB has rows and columns."""
+    if values.dtype.kind not in "fiu":
+        raise refusal(name, "what is not numeric", "numbers", "text or dates", "map a numeric column")
+    array = np.asarray(values, dtype=np.float64)
+    return array.reshape(-1) if array.size == max(array.shape, default=0) else array
+
+
+def check_columns(names: Iterable[str], available: Iterable[str], path: Path) -> None:
+    """Raise UsageError for a name that is not among the columns of a file."""
+    available = list(available)
     for name in names:
         if name not in available:
             known = ", ".join(map(one_line, available[:MOST_NAMED])) or "none"
@@ -70,7 +86,6 @@ def find_columns(names: Iterable[str], available: list[str], path: Path) -> dict
                 f"{path}: there is no column '{name}', which the map asks for{nearest(name, available)}. "
                 f"It has {known}."
             )
-    return {name: available.index(name) for name in names}
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -79,10 +94,32 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f" (is {' or '.join(one_line(repr(one)) for one in guess)} meant?)" if guess else ""
 
 
-def _unreadable(path: Path, error: Exception) -> FlightRecordError:
-    return FlightRecordError(
-        f"{path}: found a table that cannot be read ({one_line(str(error))}). Save it as UTF-8 csv."
-    )
+def found_file(file: str, folders: tuple[Path, ...]) -> Path:
+    """A file that a map names, in the first of `folders` that has it."""
+    return next((folder / file for folder in folders if (folder / file).exists()), folders[0] / file)
+
+
+# ---- csv: the wanted columns, read line by line within a budget ----
+
+
+def _read_csv(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = csv.reader(_lines(stream, path), delimiter=delimiter)
+            header = [name.strip() for name in next(rows, [])]
+            check_columns(names, header, path)
+            columns = {name: array("d") for name in names}
+            places = {name: header.index(name) for name in names}
+            for row in rows if names else ():
+                for name, place in places.items() if row else ():
+                    columns[name].append(_number(row, place, name))
+    except (UnicodeDecodeError, csv.Error, OSError) as error:
+        raise FlightRecordError(
+            f"{path}: found a table that cannot be read ({one_line(str(error))}). Save it as UTF-8 csv."
+        ) from error
+    except (TypeError, ValueError) as error:  # what csv says of a delimiter that cannot be one
+        raise UsageError(f"the delimiter {delimiter!r} cannot be used ({error}). Give another.") from error
+    return ColumnTable({name: np.array(values) for name, values in columns.items()}, tuple(header))
 
 
 def _lines(stream: TextIO, path: Path) -> Iterator[str]:
@@ -118,97 +155,19 @@ def _number(row: list[str], index: int, name: str) -> float:
         ) from error
 
 
-# ---- Columns of foreign tables: csv, parquet and mat, by name ----
+# ---- Parquet and MATLAB, in the sandbox ----
 
 
-Columns = Mapping[str, FloatArray]
-
-
-def read_columns(path: Path, names: tuple[str, ...], delimiter: str = ",") -> Columns:
-    """The columns `names` of a file, each (n,).
-
-    Raises UsageError (another type of file, a missing extra or column) and FlightRecordError (it is unreadable).
-    """
-    readers: dict[str, Callable[[], Columns]] = {
-        ".csv": lambda: read_csv(path, names, delimiter),
-        ".parquet": lambda: _columns(_parquet(path, names), names, path),
-        ".mat": lambda: _read_mat(path, names),
-    }
-    return readers[_kind(path, readers)]()
-
-
-def column_names(path: Path, delimiter: str = ",") -> tuple[str, ...]:
-    """The names of all columns of a file; errors as of `read_columns`."""
-    readers: dict[str, Callable[[], tuple[str, ...]]] = {
-        ".csv": lambda: csv_names(path, delimiter),
-        ".parquet": lambda: _parquet(path, ()).names,
-        ".mat": lambda: _mat_names(path),
-    }
-    return readers[_kind(path, readers)]()
-
-
-def found_file(file: str, folders: tuple[Path, ...]) -> Path:
-    """A file that a map names, in the first of `folders` that has it."""
-    return next((folder / file for folder in folders if (folder / file).exists()), folders[0] / file)
-
-
-def _kind(path: Path, known: Mapping[str, Any]) -> str:
-    check_regular(path, "a record to import", FlightRecordError)
-    if path.suffix.lower() not in known:
-        raise UsageError(
-            f"{path}: found a file of type '{path.suffix}', expected {', '.join(known)}. "
-            "Rename it if it is one of these (a text table of any delimiter is .csv), else convert it first."
-        )
-    return path.suffix.lower()
-
-
-def _parquet(path: Path, names: tuple[str, ...]) -> Content:
+def _read_parquet(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
     if find_spec("pyarrow") is None:
         raise UsageError(
             f"{path}: reading parquet needs pyarrow. Install the extra: pip install 'brv-hypo[tables]'."
         )
-    return read_table("parquet", path, names)
+    return read_in_sandbox("Parquet", parquet_table, path, names)
 
 
-def _read_mat(path: Path, names: tuple[str, ...]) -> Columns:
-    """Columns of a MATLAB file: up to v7 through scipy, v7.3 as the HDF5 that it is."""
-    table = read_table("mat", path, names)
-    if not table.is_hdf5:
-        return _columns(table, names, path)
-    selection: dict[str, list[str]] = {}
-    for name in names:
-        *groups, last = name.split(".")
-        selection.setdefault("/".join(groups), []).append(last)
-    tree = read_tree(path, only=selection)
-    held = dict(_dotted(tree, ""))
-    find_columns(names, [*held, *tree.unread], path)
-    return {name: _vector(held[name], name) for name in names}
-
-
-def _mat_names(path: Path) -> tuple[str, ...]:
-    table = read_table("mat", path, ())
-    if not table.is_hdf5:
-        return table.names
-    return tuple(name for name, values in _dotted(read_tree(path), "") if values.dtype.kind in "fiu")
-
-
-def _columns(table: Content, names: tuple[str, ...], path: Path) -> Columns:
-    """The columns of a table, all of which must be there."""
-    find_columns(names, list(table.names), path)
-    return {held.place: _vector(held.values, held.place) for held in table.held}
-
-
-def _dotted(tree: Tree, prefix: str) -> Iterator[tuple[str, Any]]:
-    """The datasets of a tree under the names that they have in MATLAB."""
-    for name, dataset in tree.datasets.items():
-        yield prefix + name, dataset.values
-    for name, below in tree.groups.items():
-        yield from _dotted(below, f"{prefix}{name}.")
-
-
-def _vector(values: Any, name: str) -> FloatArray:
-    """Numbers as (n,); MATLAB has rows and columns."""
-    if values.dtype.kind not in "fiu":
-        raise refusal(name, "what is not numeric", "numbers", "text or dates", "map a numeric column")
-    array = np.asarray(values, dtype=np.float64)
-    return array.reshape(-1) if array.size == max(array.shape, default=0) else array
+FORMATS: dict[str, TableReader] = {
+    ".csv": _read_csv,
+    ".parquet": _read_parquet,
+    ".mat": lambda path, names, delimiter: read_in_sandbox("MATLAB", mat_table, path, names),
+}

@@ -1,16 +1,17 @@
 """Files written whole or not at all.
 
-A file is written beside its place, flushed to the medium, then renamed: whoever looks sees the old one or the new
-one. What a killed process left behind is removed by the next that writes into the folder.
+A file is written in a temporary folder beside its place, flushed to the medium, then moved: whoever looks sees the old
+one or the new one. What a killed process left behind is removed by the next that writes into the folder.
 """
 
 from __future__ import annotations
 
 import errno
 import os
-import secrets
+import re
 import shutil
 import socket
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -52,13 +53,12 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Tru
     Raises UsageError where the target must not be replaced, or cannot be written.
     """
     check_target(path, overwrite=overwrite)
-    data = content.encode("utf-8") if isinstance(content, str) else content
     target = Path(os.path.realpath(path))
     with writable(path), _temporary(target) as partial:
-        with open(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as stream:
+        with partial.open("xb") as stream:
             if target.exists():
                 os.fchmod(stream.fileno(), target.stat().st_mode & 0o777)
-            stream.write(data)
+            stream.write(content.encode("utf-8") if isinstance(content, str) else content)
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(partial, target)
@@ -109,48 +109,38 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-def _temporary_beside(target: Path) -> Path:
-    """A name for a temporary of this process beside `target`; removes those that dead processes left there."""
-    _remove_stale(target.parent)
-    name = f".{target.name[:NAME_KEPT]}.{_host()}.{os.getpid()}.{secrets.token_hex(3)}{SUFFIX}"
-    return target.with_name(name)
+@contextmanager
+def _temporary(target: Path) -> Iterator[Path]:
+    """A path to write at, to be moved to `target`: in a folder beside it, which bears host and number of the process.
+
+    Removes what dead processes left there.
+    """
+    host = socket.gethostname().replace(".", "-")  # process numbers mean nothing on another
+    left = re.compile(rf"\..+\.{re.escape(host)}\.(\d+)\.\w+{re.escape(SUFFIX)}")
+    with suppress(OSError):
+        for entry in target.parent.iterdir():
+            if (found := left.fullmatch(entry.name)) and not _is_alive(int(found[1])):
+                _remove(entry)
+    prefix = f".{target.name[:NAME_KEPT]}.{host}.{os.getpid()}."
+    folder = Path(tempfile.mkdtemp(SUFFIX, prefix, target.parent))
+    _open.add(folder)
+    try:
+        yield folder / "whole"
+    finally:
+        _remove(folder)
+        _open.discard(folder)
 
 
 def remove_open_temporaries() -> None:
     """Remove what this process is writing: for an end that unwinds nothing."""
-    for partial in list(_open):
-        _remove(partial)
+    for folder in list(_open):
+        _remove(folder)
 
 
-@contextmanager
-def _temporary(target: Path) -> Iterator[Path]:
-    partial = _temporary_beside(target)
-    _open.add(partial)
-    try:
-        yield partial
-    finally:
-        _remove(partial)
-        _open.discard(partial)
-
-
-def _remove(partial: Path) -> None:
-    if partial.is_dir() and not partial.is_symlink():
-        shutil.rmtree(partial, ignore_errors=True)
-        return
-    with suppress(OSError):
-        partial.unlink(missing_ok=True)
-
-
-def _remove_stale(folder: Path) -> None:
-    """Remove temporaries of processes of this host that are no more."""
-    with suppress(OSError), os.scandir(folder) as entries:
-        for entry in entries:
-            parts = entry.name.split(".")
-            if not (entry.name.startswith(".") and entry.name.endswith(SUFFIX) and len(parts) > 5):
-                continue
-            host, process = parts[-4], parts[-3]
-            if host == _host() and process.isdigit() and not _is_alive(int(process)):
-                _remove(Path(entry.path))
+def _remove(temporary: Path) -> None:
+    shutil.rmtree(temporary, ignore_errors=True)
+    with suppress(OSError):  # a version before this one left files
+        temporary.unlink(missing_ok=True)
 
 
 def _is_alive(process: int) -> bool:
@@ -159,10 +149,5 @@ def _is_alive(process: int) -> bool:
     except (ProcessLookupError, OverflowError):
         return False
     except PermissionError:  # it lives, and is another user's
-        return True
+        pass
     return True
-
-
-def _host() -> str:
-    """The host's name, without dots: process numbers mean nothing on another."""
-    return socket.gethostname().replace(".", "-")

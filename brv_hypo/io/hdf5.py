@@ -1,23 +1,34 @@
-"""HDF5 in and out, as a plain tree of datasets with units; reading is done by `io.sandbox`.
+"""HDF5 in and out, as a plain tree of datasets with units.
 
-A file is written whole or not at all, by `io.atomic`.
+`read_tree` runs in `io.sandbox`: headers are checked against the budget before anything is read, and only what is
+requested is opened. `write_tree` writes a file whole or not at all, by `io.atomic`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from brv_hypo.errors import FlightRecordError
 from brv_hypo.io.atomic import check_target, write_whole
-from brv_hypo.io.sandbox import read_hdf5
+from brv_hypo.io.reading import check_regular
+from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 from brv_hypo.io.text import one_line
 
 if TYPE_CHECKING:
     import h5py
+
+MOST_NAMES = 10_000  # members of a group
+DEEPEST = 8  # groups below groups
+MOST_TEXTS = 100_000  # strings in a dataset
+ATTRIBUTE_BYTES = 1 << 20
+MOST_ATTRIBUTES = 256
 
 
 @dataclass(frozen=True)
@@ -45,54 +56,177 @@ def read_tree(path: str | Path, *, only: Mapping[str, Iterable[str] | None] | No
     group and below it. What is not requested is never opened: its names are in `Tree.unread`.
     Raises FlightRecordError where the file is missing, unreadable, damaged or too large.
     """
+    check_regular(path, "a flight record", FlightRecordError)
     selection = None if only is None else {g: None if names is None else [*names] for g, names in only.items()}
-    content = read_hdf5(path, selection)
-    datasets: dict[str, dict[str, Dataset]] = {}
-    for held in content.held:
-        group, _, name = held.place.rpartition("/")
-        units = None if held.units is None else one_line(str(held.units))
-        datasets.setdefault(group, {})[name] = Dataset(held.values, units)
-    return _tree_at("", content.groups, datasets)
+    return read_in_sandbox("HDF5", tree_of, path, selection)
 
 
-def _tree_at(
-    place: str, groups: Mapping[str, dict[str, Any]], datasets: Mapping[str, dict[str, Dataset]]
-) -> Tree:
-    below = {name.rpartition("/")[2]: name for name in groups if name and name.rpartition("/")[0] == place}
-    return Tree(
-        {name: _plain(value) for name, value in groups[place]["attributes"].items()},
-        datasets.get(place, {}),
-        {name: _tree_at(inner, groups, datasets) for name, inner in below.items()},
-        tuple(groups[place]["unread"]),
-    )
+# ---- Reading, in the worker ----
+
+
+def tree_of(path: str, budget: Budget, only: Mapping[str, list[str] | None] | None) -> Tree:
+    """The tree of a file, for a reader in the sandbox; `only` as of `read_tree`."""
+    import h5py
+
+    if not h5py.is_hdf5(path):
+        raise refused(
+            "",
+            "a file that is not HDF5",
+            "a flight record (format 1)",
+            "a text table or MATLAB file, a truncated copy, or no permission to read",
+            "bring a foreign record in with `brv-hypo import`, or copy the file again",
+        )
+    with h5py.File(path, "r") as file:
+        return _Walk({"": None} if only is None else only, budget).group(file, "", False, ())
+
+
+class _Walk:
+    """One pass over a file's groups; only what is requested is opened."""
+
+    def __init__(self, only: Mapping[str, list[str] | None], budget: Budget) -> None:
+        self._only = only
+        self._budget = budget
+
+    def group(self, group: Any, place: str, whole: bool, above: tuple[Any, ...]) -> Tree:
+        """The group at `place`; `whole` takes all that is below it, `above` are the groups that it lies in."""
+        import h5py
+
+        info = h5py.h5o.get_info(group.id)
+        here = (info.fileno, info.addr)
+        if here in above or len(above) > DEEPEST:
+            raise refused(
+                f"group '{place}'",
+                "a group that holds itself" if here in above else f"more than {DEEPEST} groups in one another",
+                "a tree of groups",
+                "a forged or damaged file",
+                "write the record anew from its source",
+            )
+        _check_count(f"group '{place}'", len(group), "members", MOST_NAMES)
+        _check_count(f"group '{place}'", len(group.attrs), "attributes", MOST_ATTRIBUTES)
+        whole = whole or self._only.get(place, ()) is None
+        datasets: dict[str, Dataset] = {}
+        groups: dict[str, Tree] = {}
+        unread: list[str] = []
+        for name in group:
+            inner = f"{place}/{name}".lstrip("/")
+            wanted = whole or name in (self._only.get(place) or ())
+            entered = whole or any(key == inner or key.startswith(f"{inner}/") for key in self._only)
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                if wanted and not whole:
+                    raise refused(
+                        f"dataset '{inner}'",
+                        "a link to another place",
+                        "the dataset itself",
+                        "a file that collects others",
+                        "copy what it links to into the file (`h5repack` or `h5copy`)",
+                    )
+                unread.append(name)
+            elif not (wanted or entered):
+                if not _is_group(group, name):
+                    unread.append(name)
+            elif isinstance(item := group[name], h5py.Dataset):
+                if wanted:
+                    datasets[name] = self._dataset(item, inner)
+                else:
+                    unread.append(name)
+            elif isinstance(item, h5py.Group) and entered:
+                groups[name] = self.group(item, inner, whole, (*above, here))
+        attributes = {name: _attribute(group, name) for name in group.attrs}
+        return Tree(attributes, datasets, groups, tuple(unread))
+
+    def _dataset(self, item: Any, place: str) -> Dataset:
+        """The header checked, then the values read."""
+        import h5py
+
+        place = f"dataset '{place}'"
+        is_text = h5py.check_string_dtype(item.dtype) is not None
+        if item.shape is None or not (is_text or item.dtype.kind in "fiubc"):
+            raise refused(
+                place,
+                f"values of type {item.dtype}" if item.shape is not None else "no values",
+                "numbers",
+                "text, or a compound or reference type",
+                "write it as floating-point numbers",
+            )
+        if item.is_virtual or item.external:
+            raise refused(
+                place,
+                "values that lie in other files",
+                "values in the file itself",
+                "a file that collects others",
+                "copy the values into one file (`h5repack`)",
+            )
+        if item.chunks is not None:
+            self._budget.check(math.prod(item.chunks) * item.dtype.itemsize, place)
+        units = one_line(str(_attribute(item, "units"))) if "units" in item.attrs else None
+        if is_text:
+            _check_count(place, item.size, "texts", MOST_TEXTS, "header")
+            return Dataset(np.asarray(item.asstr(errors="replace")[()]).astype(str), units)
+        self._budget.take(item.size * item.dtype.itemsize, place)
+        values = np.asarray(item[()])
+        return Dataset(values.astype(np.uint8) if values.dtype.kind == "b" else values, units)
+
+
+def _check_count(place: str, count: int, things: str, most: int, damaged: str = "file") -> None:
+    if count > most:
+        cause = f"a damaged or forged {damaged}"
+        raise refused(place, f"{count} {things}", f"at most {most}", cause, "write the record anew")
+
+
+def _is_group(group: Any, name: str) -> bool:
+    """Whether a member that is not requested is a group; damage in it does not matter."""
+    import h5py
+
+    try:
+        return group.get(name, getclass=True) is h5py.Group
+    except Exception:  # of whatever kind
+        return False
+
+
+def _attribute(item: Any, name: str) -> Any:
+    """Text, a number, a tuple of these; for anything else a text that says what it is."""
+    stored = item.attrs.get_id(name)
+    if stored.dtype.kind not in "fiubSO" or stored.shape is None:
+        return f"<{stored.dtype}>"
+    if math.prod(stored.shape) * stored.dtype.itemsize > ATTRIBUTE_BYTES:
+        return f"<{math.prod(stored.shape)} values>"
+    return _plain(item.attrs[name])
 
 
 def _plain(value: Any) -> Any:
-    """An attribute of several values as a tuple, which compares and prints like any value."""
-    return tuple(value) if isinstance(value, list) else value
+    if isinstance(value, bytes):
+        return value.decode("utf-8", errors="replace")
+    if isinstance(value, np.ndarray):
+        items = value.reshape(-1)
+        return _plain(items[0]) if items.size == 1 else tuple(_plain(one) for one in items)
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    return value if isinstance(value, bool | int | float | str) else f"<{type(value).__name__}>"
 
 
-def write_tree(
-    path: str | Path, tree: Tree, *, dimension: str | None = "time", overwrite: bool = False
-) -> None:
-    """Write `tree`; the root dataset `dimension` becomes the scale of all root datasets of its length.
+# ---- Writing ----
+
+
+def write_tree(path: str | Path, tree: Tree, *, overwrite: bool = False) -> None:
+    """Write `tree`; its root dataset `time` becomes the scale of all root datasets of its length.
 
     Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
     """
-    check_target(path, overwrite=overwrite)
-    write_whole(path, _image(tree, dimension), overwrite=overwrite)
-
-
-def _image(tree: Tree, dimension: str | None) -> bytes:
-    """The bytes of the HDF5 file, made in memory: a medium that fails must not fail inside the library."""
     import h5py
 
+    check_target(path, overwrite=overwrite)
+    # Made in memory first: a medium that fails must not fail inside the library.
     with h5py.File("image", "w", driver="core", backing_store=False) as handle:
         _write_group(handle, tree)
-        if dimension is not None:
-            _attach_scale(handle, dimension)
+        if "time" in tree.datasets:
+            scale = handle["time"]
+            scale.make_scale("time")
+            for name, item in handle.items():
+                if name != "time" and isinstance(item, h5py.Dataset) and item.shape[:1] == scale.shape:
+                    item.dims[0].attach_scale(scale)
         handle.flush()
-        return bytes(handle.id.get_file_image())
+        image = bytes(handle.id.get_file_image())
+    write_whole(path, image, overwrite=overwrite)
 
 
 def _write_group(group: h5py.Group, tree: Tree) -> None:
@@ -104,14 +238,3 @@ def _write_group(group: h5py.Group, tree: Tree) -> None:
             written.attrs["units"] = dataset.units
     for name, below in tree.groups.items():
         _write_group(group.create_group(name), below)
-
-
-def _attach_scale(handle: h5py.File, dimension: str) -> None:
-    """Make `dimension` the scale of the first axis of every root dataset of its length."""
-    import h5py
-
-    scale = handle[dimension]
-    scale.make_scale(dimension)
-    for name, item in handle.items():
-        if name != dimension and isinstance(item, h5py.Dataset) and item.shape[:1] == scale.shape:
-            item.dims[0].attach_scale(scale)

@@ -1,111 +1,98 @@
-"""HDF5, Parquet and MATLAB files, read by a process of their own.
+"""Readers of binary files run in a process of their own, within limits of memory and time that the system enforces.
 
-Damaged files crash these libraries, and small ones can ask for terabytes. One child process, begun at the first
-file and kept, reads for this one, within limits of memory and time that the system enforces; if it ends, the file
-is refused and the next one gets a new child.
+Damaged files crash the HDF5, Parquet and MATLAB libraries, and small ones can ask for terabytes. One worker process,
+begun at the first file and kept, runs `reader(path, budget, ...)` and sends back what it returns or refuses, pickled;
+if the worker ends, the file is refused and the next one gets a new worker. Entrance: `read_in_sandbox`.
+
+The worker is a plain child and no process of `multiprocessing` or loky: these import the user's main script again,
+which a notebook or a script without a guard does not survive, or take 0.3 s more to start; and neither may be begun
+by a daemonic worker of a pool.
 """
 
 from __future__ import annotations
 
 import atexit
-import json
+import math
 import os
+import pickle
 import subprocess
 import sys
 import threading
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, TypeVar
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.io.reading import check_regular
 from brv_hypo.io.text import one_line
 
 READ_BUDGET = 256 << 20  # bytes of values in one file: 14 channels at 1 kHz for 40 minutes
 READ_CPU_SECONDS = 5  # of processor time for one file; 256 MB of compressed HDF5 take 2
 LONGEST_READ_SECONDS = 120.0  # by the clock, for a medium that does not answer
+MEMORY_BUDGETS = 3  # how many times the budget of values may be taken to read them
+SPARE_BYTES = 256 << 20
 
-_CHILD = Path(__file__).with_name("sandbox_worker.py")
-_LIBRARIES = {"hdf5": "HDF5", "parquet": "Parquet", "mat": "MATLAB"}
+_PROGRAM = "from brv_hypo.io.sandbox import serve; serve()"
 
-
-@dataclass(frozen=True)
-class Held:
-    """One array or list of texts in a file; `units` None where none are stated."""
-
-    place: str
-    values: NDArray[Any]
-    units: Any = None
+Content = TypeVar("Content")
 
 
-@dataclass(frozen=True)
-class Content:
-    """What a file holds of what was asked for.
+class Budget:
+    """Bytes of values that may still be read."""
 
-    `groups`: by place ("" is the root), attributes and names of datasets not read. `names`: all columns of a table.
+    def __init__(self, most: int) -> None:
+        self._most = self._left = most
+
+    def take(self, size: int, place: str) -> None:
+        """Take `size` bytes; raises FlightRecordError where that is more than what is left."""
+        self._left -= size
+        self.check(self._most - self._left, place)
+
+    def check(self, size: int, place: str) -> None:
+        """Raise FlightRecordError where `size` bytes are more than there ever were."""
+        if size > self._most:
+            raise refused(
+                place,
+                f"{size / 2**20:.6g} MB declared",
+                f"at most {self._most / 2**20:.6g} MB of values in one file",
+                "a damaged or forged header, or a record of many flights",
+                "copy the file again, cut it into flights, or lower the sample rate",
+            )
+
+
+def refused(place: str, *parts: str) -> FlightRecordError:
+    """A refusal of what stands at `place` ("" is the file): found, expected, cause and remedy, in hostile words."""
+    found, expected, cause, remedy = map(one_line, parts)
+    where = f"{one_line(place)}: " if place else ""
+    return FlightRecordError(f"{where}found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}.")
+
+
+def read_in_sandbox(
+    library: str, reader: Callable[..., Content], path: str | Path, *arguments: Any
+) -> Content:
+    """What `reader(path, budget, *arguments)`, a function of a module, returns; `library` names it in a refusal.
+
+    Raises FlightRecordError where the reader does, fails, crashes, or takes more memory or time than it may.
     """
-
-    held: tuple[Held, ...]
-    groups: dict[str, dict[str, Any]] = field(default_factory=dict)
-    names: tuple[str, ...] = ()
-    is_hdf5: bool = False
-
-
-def read_hdf5(path: str | Path, only: dict[str, list[str] | None] | None = None) -> Content:
-    """Groups with attributes and datasets; `only` names, by group, the datasets to read (None: all below it).
-
-    Raises FlightRecordError where the file cannot be read, is damaged or beyond the budget.
-    """
-    return _ask("hdf5", path, {"only": only})
-
-
-def read_table(kind: str, path: str | Path, names: tuple[str, ...]) -> Content:
-    """The columns `names`, as far as they exist, of a file of that kind ("parquet" or "mat"), as float arrays.
-
-    Raises FlightRecordError where the file cannot be read, is damaged or beyond the budget.
-    """
-    return _ask(kind, path, {"names": list(names)})
-
-
-def _ask(kind: str, path: str | Path, details: dict[str, Any]) -> Content:
-    check_regular(
-        path, "a flight record" if kind == "hdf5" else f"a {_LIBRARIES[kind]} table", FlightRecordError
-    )
-    limits = {"budget": READ_BUDGET, "seconds": READ_CPU_SECONDS}
     try:
-        header, arrays = _child.ask({"kind": kind, "path": os.path.abspath(path), **limits, **details})
+        answer = _worker.ask((reader, os.path.abspath(path), READ_BUDGET, READ_CPU_SECONDS, arguments))
     except EOFError as ended:
-        raise _damaged(path, kind, f"the {_LIBRARIES[kind]} library {ended}") from None
-    if "refused" in header:
-        parts = {name: one_line(text) for name, text in header["refused"].items()}
-        place = f"{parts['place']}: " if parts["place"] else ""
+        answer = RuntimeError(f"the {library} library {ended}")
+    if isinstance(answer, FlightRecordError):
+        raise FlightRecordError(f"{path}: {answer}")
+    if isinstance(answer, Exception):
         raise FlightRecordError(
-            f"{path}: {place}found {parts['found']}, expected {parts['expected']}. "
-            f"Likely cause: {parts['cause']}. Remedy: {parts['remedy']}."
+            f"{path}: found {library} that cannot be read ({one_line(str(answer))}), expected an intact file. "
+            "Likely cause: a truncated or damaged copy. Remedy: copy or write the file again from its source."
         )
-    if "memory" in header:
-        raise _damaged(path, kind, "it asks for more memory than its values would take")
-    if "library" in header:
-        raise _damaged(path, kind, one_line(header["library"]))
-    held = []
-    for entry in header.get("datasets", ()):
-        values = np.array(entry["texts"]) if "texts" in entry else arrays.pop(0)
-        held.append(Held(entry["place"], values.reshape(entry["shape"]), entry.get("units")))
-    names = tuple(header.get("names", ()))
-    return Content(tuple(held), header.get("groups", {}), names, header.get("is_hdf5", False))
+    content: Content = answer
+    return content
 
 
-def _damaged(path: str | Path, kind: str, found: str) -> FlightRecordError:
-    return FlightRecordError(
-        f"{path}: found {_LIBRARIES[kind]} that cannot be read ({found}), expected an intact file. "
-        "Likely cause: a truncated or damaged copy. Remedy: copy or write the file again from its source."
-    )
+# ---- In this process: the worker, begun, asked and ended ----
 
 
-class _Child:
+class _Worker:
     """The reading process of this process."""
 
     def __init__(self) -> None:
@@ -113,20 +100,20 @@ class _Child:
         self._process: subprocess.Popen[bytes] | None = None
         self._owner = 0
 
-    def ask(self, request: dict[str, Any]) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-        """Header and arrays of the answer. Raises EOFError that says how the child ended instead."""
+    def ask(self, request: tuple[Any, ...]) -> Any:
+        """What the reader returned or raised. Raises EOFError that says how the worker ended instead."""
         with self._lock:
             process = self._running()
+            assert process.stdin is not None
+            assert process.stdout is not None
             clock = threading.Timer(LONGEST_READ_SECONDS, process.kill)
             clock.daemon = True
             clock.start()
             try:
-                assert process.stdin is not None
-                assert process.stdout is not None
-                process.stdin.write(json.dumps(request).encode("ascii") + b"\n")
+                pickle.dump(request, process.stdin)
                 process.stdin.flush()
-                return _answer(process.stdout)
-            except (EOFError, BrokenPipeError):
+                return pickle.load(process.stdout)
+            except (EOFError, BrokenPipeError, pickle.UnpicklingError):
                 raise EOFError(_how_ended(process)) from None
             except BaseException:  # an answer half read cannot be followed by another
                 self.end()
@@ -135,7 +122,7 @@ class _Child:
                 clock.cancel()
 
     def end(self) -> None:
-        """End the child, if this process has one."""
+        """End the worker, if this process has one."""
         if self._process is not None and self._owner == os.getpid():
             self._process.kill()
             self._process.wait()
@@ -144,60 +131,76 @@ class _Child:
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
             self._owner = os.getpid()
+            # One thread, and an allocator that the limit of memory can count.
+            own = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+            modules = os.pathsep.join(path for path in sys.path if path)
             self._process = subprocess.Popen(
-                [sys.executable, "-P", str(_CHILD)],
+                [sys.executable, "-P", "-c", _PROGRAM],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env=_environment(),
+                env={**os.environ, **own, "PYTHONPATH": modules, "ARROW_DEFAULT_MEMORY_POOL": "system"},
                 start_new_session=True,  # an interrupt from the keyboard is this process's to handle
             )
         return self._process
 
 
-def _environment() -> dict[str, str]:
-    """The same modules as here; one thread, and an allocator that the limit of memory can count."""
-    own = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    modules = os.pathsep.join(path for path in sys.path if path)
-    return {**os.environ, **own, "PYTHONPATH": modules, "ARROW_DEFAULT_MEMORY_POOL": "system"}
-
-
-def _answer(stream: Any) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    header: dict[str, Any] = json.loads(_exactly(stream, int.from_bytes(_exactly(stream, 8), "little")))
-    arrays = []
-    for entry in header.get("datasets", ()):
-        if "dtype" in entry:
-            array = np.empty(entry["shape"], dtype=np.dtype(entry["dtype"]))
-            _fill(stream, array)
-            arrays.append(array)
-    return header, arrays
-
-
-def _exactly(stream: BinaryIO, size: int) -> bytes:
-    content = stream.read(size)
-    if len(content) < size:
-        raise EOFError
-    return content
-
-
-def _fill(stream: Any, array: NDArray[Any]) -> None:
-    """Read the array's bytes into it."""
-    view = memoryview(array.reshape(-1).view(np.uint8).data)
-    while view:
-        count = stream.readinto(view)
-        if not count:
-            raise EOFError
-        view = view[count:]
-
-
 def _how_ended(process: subprocess.Popen[bytes]) -> str:
     import signal
 
+    process.kill()  # it has ended already, unless it wrote what is no answer
     code = process.wait()
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
         return "did not finish in the time that a sound file takes"
     return f"crashed on it ({signal.Signals(-code).name})" if code < 0 else f"ended on it (code {code})"
 
 
-_child = _Child()
-atexit.register(_child.end)
+_worker = _Worker()
+atexit.register(_worker.end)
+
+
+# ---- In the worker ----
+
+
+def serve() -> None:
+    """Answer requests until standard input ends."""
+    answers, requests = sys.stdout.buffer, sys.stdin.buffer
+    sys.stdout = sys.stderr  # what a library prints must not mix with the answers
+    answer: Any
+    while True:
+        try:
+            reader, path, budget, seconds, arguments = pickle.load(requests)
+        except EOFError:
+            return
+        try:
+            _limit(budget, seconds)
+            answer = reader(path, Budget(budget), *arguments)
+        except FlightRecordError as refusal:
+            answer = FlightRecordError(str(refusal))
+        except MemoryError:
+            answer = RuntimeError("it asks for more memory than its values would take")
+        except Exception as error:  # the libraries raise errors of every kind on damaged files
+            answer = RuntimeError(f"{type(error).__name__}: {error}")
+        pickle.dump(answer, answers, protocol=5)
+        answers.flush()
+
+
+def _limit(budget: int, seconds: int) -> None:
+    """Let the system end this process where it takes too much memory or time for one file."""
+    try:
+        import resource
+    except ImportError:  # a system without such limits: the parent still has its own clock
+        return
+
+    def lower(what: int, limit: int) -> None:
+        hard = resource.getrlimit(what)[1]
+        resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+
+    lower(resource.RLIMIT_CORE, 0)
+    lower(resource.RLIMIT_CPU, math.ceil(time.process_time()) + seconds)
+    try:
+        with open("/proc/self/statm", encoding="ascii") as stream:
+            address_space = int(stream.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return
+    lower(resource.RLIMIT_AS, address_space + MEMORY_BUDGETS * budget + SPARE_BYTES)

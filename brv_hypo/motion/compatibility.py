@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.derived import averaged, standard_density
+from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
 from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
@@ -386,7 +386,7 @@ def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
     if flight.planet == "earth" and flight.altitude is not None:
         every = max(1, flight.samples // 50)
         altitude = height * flight.altitude[::every]
-        expected = 0.5 * standard_density(altitude) * (speed * flight.velocity[::every]) ** 2
+        expected = 0.5 * atmosphere(altitude, "density") * (speed * flight.velocity[::every]) ** 2
         ratios = pressure * flight.dynamic_pressure[::every] / expected
     elif density is not None:
         expected = 0.5 * density * (speed * flight.velocity) ** 2

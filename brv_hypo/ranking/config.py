@@ -22,8 +22,8 @@ class CompareConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     mechanisms: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
-    """Hypotheses, a plus joining several mechanisms; None compares all that are installed. The name of a nuisance effect
-     of another package puts it into every hypothesis."""
+    """Hypotheses, a plus joining several mechanisms; None compares all that are installed. The name of a nuisance
+     effect of another package puts it into every hypothesis."""
     options: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Options by mechanism name."""
     method: Method = "joint"

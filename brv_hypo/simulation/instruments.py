@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, Record, VehicleRecord
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, Record, checked_vehicle
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
@@ -202,7 +202,7 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
     return Record(
         time=time,
         channels=channels,
-        vehicle=VehicleRecord(**vars(flight.vehicle)),
+        vehicle=checked_vehicle(vars(flight.vehicle)),
         instruments=instruments.declared(),
         planet=config.environment.planet,
         title=config.title,

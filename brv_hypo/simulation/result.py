@@ -116,7 +116,7 @@ class SimulatedFlight(Histories):
         raw = Flight(
             time=record.time,
             **channels,
-            vehicle=record.vehicle.vehicle(),
+            vehicle=record.vehicle,
             instruments=record.instruments,
             planet=record.planet,
             title=record.title,

@@ -17,6 +17,7 @@ import yaml
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight import CHANNELS, Flight, load_flight, save_flight
 from brv_hypo.importing import import_record, tables
+from brv_hypo.importing.guess import guess_map
 from tests.flight.records import UNITS, VEHICLE, motion, write_raw
 
 DEGREE = np.pi / 180.0
@@ -121,9 +122,7 @@ def test_delimiter_missing_cells_and_fill_values(tmp_path: Path) -> None:
 
 
 def test_an_imported_flight_is_saved_and_read_back(tmp_path: Path) -> None:
-    found = import_record(
-        write_csv(tmp_path / "d.csv", foreign_columns()), write_map(tmp_path, foreign_map())
-    )
+    found = import_record(write_csv(tmp_path / "d.csv", foreign_columns()), write_map(tmp_path, foreign_map()))
     save_flight(found, tmp_path / "flight.h5")
     np.testing.assert_array_equal(load_flight(tmp_path / "flight.h5").q, found.q)
 
@@ -213,10 +212,36 @@ def test_text_in_a_column_is_refused_by_name(tmp_path: Path) -> None:
         import_record(data, write_map(tmp_path, foreign_map()))
 
 
-def test_parquet_without_its_extra_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_parquet_without_its_extra_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = write_parquet(tmp_path / "d.parquet", foreign_columns())
     monkeypatch.setattr(tables, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
         import_record(data, write_map(tmp_path, foreign_map()))
+
+
+FIXED_WIDTH = """
+import numpy as np
+from brv_hypo.io.tables import ColumnTable
+
+def read(path, names, delimiter):
+    header, *rows = [line.split() for line in path.read_text().splitlines()]
+    columns = {name: np.array([float(row[header.index(name)]) for row in rows]) for name in names}
+    return ColumnTable(columns, tuple(header))
+"""
+
+
+def test_a_package_adds_a_format_in_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "fixed_width.py").write_text(FIXED_WIDTH)
+    installed = tmp_path / "fixed_width-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: fixed-width\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text("[brv_hypo.table_formats]\ndat = fixed_width:read\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    columns = foreign_columns()
+    rows = [" ".join(columns), *(" ".join(map(repr, map(float, row))) for row in zip(*columns.values(), strict=True))]
+    (tmp_path / "data.dat").write_text("\n".join(rows))
+    found = import_record(tmp_path / "data.dat", write_map(tmp_path, foreign_map()))
+    np.testing.assert_allclose(found.q, motion()["q"], rtol=1e-12)
+    assert "not used: col_q" in guess_map(tmp_path / "data.dat").text
+    with pytest.raises(UsageError, match=r"expected \.csv, \.parquet, \.mat, \.dat"):
+        import_record(write_csv(tmp_path / "d.xls", columns), write_map(tmp_path, foreign_map()))

@@ -26,23 +26,22 @@ CRASHES = {
 
 
 @pytest.fixture
-def child_that(tmp_path, monkeypatch):
+def worker_that(monkeypatch):
     """Replace the reading process by a script; the real one is back for the next test."""
 
     def replaced(script):
-        (tmp_path / "child.py").write_text(script)
-        monkeypatch.setattr(sandbox, "_CHILD", tmp_path / "child.py")
-        monkeypatch.setattr(sandbox, "_child", sandbox._Child())
+        monkeypatch.setattr(sandbox, "_PROGRAM", script)
+        monkeypatch.setattr(sandbox, "_worker", sandbox._Worker())
         monkeypatch.setattr(sandbox, "LONGEST_READ_SECONDS", 3.0)
 
     return replaced
 
 
 @pytest.mark.parametrize("how", CRASHES)
-def test_a_library_that_fails_is_a_refusal_and_the_next_file_is_read(tmp_path, child_that, how, monkeypatch):
+def test_a_library_that_fails_is_a_refusal_and_the_next_file_is_read(tmp_path, worker_that, how, monkeypatch):
     path = write_raw(tmp_path / "flight.h5", motion())
     script, says = CRASHES[how]
-    child_that(script)
+    worker_that(script)
     with pytest.raises(FlightRecordError, match=says):
         load_flight(path)
     monkeypatch.undo()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.importing.tables import read_csv
+from brv_hypo.importing.tables import read_columns
 from brv_hypo.io import mappings
 from brv_hypo.io.mappings import read_json, read_yaml
 from brv_hypo.io.reading import read_text
@@ -119,11 +119,11 @@ def test_a_hostile_table_is_refused(tmp_path, content, error, says):
     path = tmp_path / "data.csv"
     path.write_bytes(content)
     with pytest.raises(error, match=says):
-        read_csv(path, ("t", "p"), ",")
+        read_columns(path, ("t", "p"), ",")
 
 
 def test_a_delimiter_that_cannot_be_one_is_a_usage_error(tmp_path):
     path = tmp_path / "data.csv"
     path.write_text("t,p\n1,2\n")
     with pytest.raises(UsageError, match="delimiter"):
-        read_csv(path, ("t", "p"), "too long")
+        read_columns(path, ("t", "p"), "too long")
