@@ -5,7 +5,6 @@ mechanism is known.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -116,15 +115,6 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
 # ---- `brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty ----
 
 
-class Method(StrEnum):
-    """The report's methods 3, 1 and 2, and Appendix A's."""
-
-    JOINT = "joint"
-    VELOCITY = "velocity"
-    RATES = "rates"
-    POLAR = "polar"
-
-
 @in_session("json", "report", "figures", "force")
 def reconstruct(
     session: Session,
@@ -133,7 +123,8 @@ def reconstruct(
         Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
     ] = None,
     method: Annotated[
-        Method | None, typer.Option("--method", help="How to find the wind; joint if left out.")
+        str | None,
+        typer.Option("--method", help="How to find the wind: joint if left out; or velocity, rates, polar."),
     ] = None,
     config: options.Config = None,
     start: options.Start = None,
@@ -148,7 +139,7 @@ def reconstruct(
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
     from brv_hypo.settings import read_settings
 
-    chosen = {} if method is None else {"method": method.value}
+    chosen = {} if method is None else {"method": method}
     settings = read_settings(ReconstructionConfig, config, **chosen)
     result = reconstructed(load_for_analysis(flight, start, stop, instruments), settings)
     if output is not None:

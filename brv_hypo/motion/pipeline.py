@@ -1,13 +1,13 @@
 """`reconstruct`: from a flight record to its wind-relative motion and moments; the entrance of this package.
 
 A record that cannot hold an answer is refused first (`require_answerable`); then the inertial record, one of
-`METHODS` for the crossflow, the moments, and warnings about what limits the result (`limits_of`).
+the methods for the crossflow, the moments, and warnings about what limits the result (`limits_of`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,18 +15,15 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.config import Method, ReconstructionConfig
+from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, gravity_magnitude, inertial_record
-from brv_hypo.motion.joint import joint
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, plane_from_body, windward_meridian
 from brv_hypo.motion.method import UNKNOWN_ANGLE, WindHistory
+from brv_hypo.motion.methods import method_of
 from brv_hypo.motion.moments import axial_share, error_of_differentiation, moment_estimate, static_in_plane
 from brv_hypo.motion.motion import Motion, recorded
-from brv_hypo.motion.polar import polar
-from brv_hypo.motion.rates import rates
 from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected
-from brv_hypo.motion.velocity import velocity
 from brv_hypo.thresholds import (
     FASTEST_RATE,
     LARGEST_MOMENT,
@@ -175,19 +172,6 @@ def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
     )
 
 
-# ---- The reconstruction methods of Section 3.2, one file each, on one interface ----
-
-
-_Finder = Callable[[InertialRecord, ReconstructionConfig, Sequence[Perturbation]], WindHistory]
-
-METHODS: dict[Method, _Finder] = {
-    "joint": joint,
-    "velocity": velocity,
-    "rates": rates,
-    "polar": polar,
-}
-
-
 # ---- From a flight record to its wind-relative motion and moments: the entrance of this package ----
 
 
@@ -205,10 +189,7 @@ def reconstruct(
     config = config or ReconstructionConfig()
     require_answerable(flight)
     record = inertial_record(flight, config)
-    if config.method == "joint":
-        wind = joint(record, config, perturbations)
-    else:
-        wind = METHODS[config.method](record, config, perturbations)
+    wind: WindHistory = method_of(config.method)(record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     motion = recorded(_motion(record, wind, moments))

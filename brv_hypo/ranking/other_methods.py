@@ -19,6 +19,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.methods import method_names
 from brv_hypo.motion.motion import at_nodes
 from brv_hypo.ranking.repeated import Criteria, Repeated, criteria, criteria_at
 from brv_hypo.regression.build import normal_force_slope
@@ -29,7 +30,7 @@ from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.problem import Problem
 
 # They take a start and follow it: what they give does not depend on how the record was reconstructed.
-OPEN_LOOP: tuple[Method, ...] = ("velocity", "rates", "polar")
+OPEN_LOOP: tuple[Method, ...] = method_names()[1:]
 
 
 def on_other_motions(problem: Problem, fits: Sequence[HypothesisFit]) -> Repeated:
