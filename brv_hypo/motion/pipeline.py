@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
@@ -24,6 +24,7 @@ from brv_hypo.motion.moments import axial_share, error_of_differentiation, momen
 from brv_hypo.motion.motion import Motion, recorded
 from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected
+from brv_hypo.motion.signals import rms
 from brv_hypo.thresholds import (
     FASTEST_RATE,
     LARGEST_MOMENT,
@@ -99,8 +100,7 @@ def _attitude_lost(record: InertialRecord) -> str | None:
 
 def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
     alpha = angle_of_attack(wind.crossflow)[record.measured]
-    sigma = wind.alpha_sigma[record.measured]
-    share = float(np.sqrt(np.mean(sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
+    share = rms(wind.alpha_sigma[record.measured]) / max(rms(alpha), 1e-150)
     if share < WARNED_ALPHA:
         return None
     known = f"known to {100.0 * share:.0f} % of its rms only"
@@ -118,24 +118,20 @@ def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> str | None
     usable = moments.usable
     if not usable.any():
         return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
-    size = _rms(moments.body[usable]) / np.sqrt(2.0)
-    if _rms(moments.noise_sigma[usable]) < WARNED_MOMENTS * max(size, 1e-300):
+    size = rms(moments.body[usable]) / np.sqrt(2.0)
+    if rms(moments.noise_sigma[usable]) < WARNED_MOMENTS * max(size, 1e-300):
         return None
     pressure = record.flight.dynamic_pressure[usable]
-    shown = _rms(record.moment[usable] * pressure) / np.sqrt(2.0)
-    percent = 100.0 * _rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
+    shown = rms(record.moment[usable] * pressure) / np.sqrt(2.0)
+    percent = 100.0 * rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
     text = (
         f"the error of differentiating the gyros is {percent:.0f} % of the moments that they show (rms); "
         "only strong mechanisms can be distinguished"
     )
-    share = 100.0 * _rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
+    share = 100.0 * rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
     if share < WARNED_LEFT:
         text += f". The errors of the record that were fitted leave {share:.2g} % of these moments"
     return text
-
-
-def _rms(values: FloatArray | ComplexArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
 
 def _samples_per_cycle(record: InertialRecord) -> str | None:
@@ -249,7 +245,14 @@ def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:
     """What is known of each error, in its units."""
     sigma = np.sqrt(np.diag(fit.covariance))
     return tuple(
-        EffectEstimate(e.effect, e.component, e.units, e.size, e.size * float(value), e.size * float(error))
+        EffectEstimate(
+            effect=e.effect,
+            component=e.component,
+            units=e.units,
+            size=e.size,
+            value=e.size * float(value),
+            std_error=e.size * float(error),
+        )
         for e, value, error in zip(fit.responses.effects, fit.value, sigma, strict=True)
     )
 

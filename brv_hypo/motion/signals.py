@@ -38,6 +38,11 @@ SMOOTH_PENALTIES = (-14.0, 15.0, 117)  # powers of ten, four a decade, from none
 SMOOTH_ORDER = 3  # of the differences that are penalised: a parabola is smooth
 
 
+def rms(values: FloatArray | ComplexArray) -> float:
+    """Root mean square, of the size where `values` (n, ...) are complex."""
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
 # ---- White-noise level of a channel, from the record itself ----
 
 
@@ -99,24 +104,28 @@ _WIDE = 400
 
 @dataclass(frozen=True)
 class Derivative:
-    """First derivative of a sampled signal, and what the filter does to white noise.
-
-    `signal` (n,) as it was, `value`, `rate` (n,): smoothed signal and its derivative; `rate_gain` (n,):
-    standard deviation of the rate per unit of white noise, 1/s; `value_gain` the same of the value;
-    `interior` (n,): where the filter is centred, so that `noise_correlation` (2 half_width + 1,) holds;
-    `rate_bias` rms bias of each part of the rate, as estimated.
-    """
+    """First derivative of a sampled signal, and what the filter does to white noise."""
 
     signal: ComplexArray
+    """As it was (n,)."""
     value: ComplexArray
+    """Smoothed (n,)."""
     rate: ComplexArray
+    """Its derivative (n,), per s."""
     value_gain: FloatArray
+    """Standard deviation (n,) of the value per unit of white noise."""
     rate_gain: FloatArray
+    """The same of the rate, 1/s; inf in segments too short for the filter."""
     interior: BoolArray
+    """Where the filter is centred (n,), so that `noise_correlation` holds."""
     order: int
+    """Degree of the local polynomials."""
     half_width: int
+    """Samples on either side of the middle of the window."""
     noise_correlation: FloatArray
+    """That of the rate's noise at lags of 0, 1, ... samples (2 half_width + 1,)."""
     rate_bias: float
+    """Estimated rms bias of each part of the rate, per s."""
 
 
 def differentiate(
@@ -225,7 +234,8 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     windows of many cycles smooth everything away whatever their order, and only the second sees it.
     """
     longest = max(piece.size for piece in pieces)
-    parts = [_real_parts(piece) for piece in pieces]
+    parts = [(np.ascontiguousarray(each.real), np.ascontiguousarray(each.imag)) for each in pieces]
+    parts = [(real, imaginary) if np.any(imaginary) else (real,) for real, imaginary in parts]
     best, choice = np.inf, (DERIVATIVE_ORDERS[0], 1, 0.0)
     for order in DERIVATIVE_ORDERS:
         valley = np.inf
@@ -244,12 +254,6 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     return choice
 
 
-def _real_parts(piece: ComplexArray) -> tuple[FloatArray, FloatArray | None]:
-    """Real and imaginary part (n,); None for a signal that has none."""
-    imaginary = np.ascontiguousarray(piece.imag)
-    return np.ascontiguousarray(piece.real), imaginary if np.any(imaginary) else None
-
-
 def _half_widths(smallest: int, longest: int) -> list[int]:
     """Half-widths in steps of about a quarter, the window at most a fifth of the longest piece."""
     widths, width = [smallest], float(smallest)
@@ -263,24 +267,27 @@ def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
     """Weights of a derivative's filter less those of the next even order, and less those of the narrowest of all."""
     weights = middle_weights(order, half_width)
     narrowest = middle_weights(DERIVATIVE_ORDERS[-1], DERIVATIVE_ORDERS[-1] // 2)
-    found = []
-    for reference in (middle_weights(order + 2, half_width), narrowest):
+
+    def less(reference: FloatArray) -> FloatArray:
         widest = max(weights.size, reference.size)
-        wide = [np.pad(each, (widest - each.size) // 2) for each in (weights, reference)]
-        found.append(wide[0] - wide[1])
-    return found[0], found[1]
+        return np.asarray(np.subtract(*(np.pad(each, (widest - each.size) // 2) for each in (weights, reference))))
+
+    return less(middle_weights(order + 2, half_width)), less(narrowest)
 
 
 def _squared_bias(
-    pieces: list[tuple[FloatArray, FloatArray | None]], difference: FloatArray, sigma: float, margin: float
+    pieces: list[tuple[FloatArray, ...]], difference: FloatArray, sigma: float, margin: float
 ) -> float:
-    """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none."""
-    power, count = 0.0, 0
-    for parts in pieces:
-        if parts[0].size >= difference.size:
-            count += parts[0].size - difference.size + 1
-            gaps = [_correlated(part, difference) for part in parts if part is not None]
-            power += sum(float(gap @ gap) for gap in gaps)
+    """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none.
+
+    `pieces` are the real and, where it has one, the imaginary part of each.
+    """
+    long = [parts for parts in pieces if parts[0].size >= difference.size]
+    count = sum(parts[0].size - difference.size + 1 for parts in long)
+    power = 0.0
+    for parts in long:
+        gaps = [_correlated(part, difference) for part in parts]
+        power += sum(float(gap @ gap) for gap in gaps)
     noise = 2.0 * sigma**2 * float(difference @ difference)
     excess = power / count - noise
     return excess if excess > margin * noise * np.sqrt(DERIVATIVE_CORRELATED / count) else 0.0
@@ -307,14 +314,14 @@ class Smooth:
 
 @dataclass(frozen=True)
 class InputError:
-    """What smoothing leaves of an input's noise: rad/s of the roll rate, a fraction of the pressure.
-
-    `scale` are shapes of unit standard deviation, as coefficients of a cubic spline over `span` (s).
-    """
+    """What smoothing leaves of an input's noise, as independent shapes in time of unit standard deviation."""
 
     name: str
+    """Of the input: errors of the roll rate are in rad/s, those of the pressure a fraction of it."""
     span: tuple[float, float]
+    """First and last time of the record, s."""
     scale: FloatArray
+    """The shapes (coefficients, shapes) by the coefficients of a cubic spline over the span."""
 
     @property
     def count(self) -> int:
@@ -393,8 +400,6 @@ def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _splines(place: FloatArray, count: int) -> FloatArray:
-    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and as evenly three more on each
-    side.
-    """
+    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and three more on each side."""
     knots = np.arange(-3, count + 1) / (count - 3)
     return np.asarray(BSpline.design_matrix(place, knots, 3).toarray(), dtype=float)
