@@ -38,6 +38,7 @@ from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.kinematics import effective
 from brv_hypo.motion.measurement import BENT, LocalScaling, MeasurementModel
 from brv_hypo.motion.responses import EffectFit, EffectResponses, projected_variance
+from brv_hypo.motion.signals import rms
 
 MOTION_MOST_STEPS = 25  # Gauss-Newton steps; bounds the time where they do not settle
 MOTION_CONVERGED = 1e-2  # of the crossflow's standard deviation given the globals, by which the last step changes it
@@ -65,15 +66,16 @@ class Columns(Protocol):
 
 @dataclass(frozen=True)
 class LinearMeasurement:
-    """One observation at each sample: residual (n,), gain h (n,), columns A (n, k), noise sigma (n,).
-
-    `sigma` is the standard deviation of each part of the complex noise; inf where nothing is measured.
-    """
+    """One observation at each of n samples."""
 
     residual: ComplexArray
+    """(n,)"""
     gain: ComplexArray
+    """h (n,)."""
     columns: Columns
+    """A (n, k)."""
     sigma: FloatArray
+    """Standard deviation (n,) of each part of the complex noise; inf where nothing is measured."""
 
 
 @dataclass(frozen=True)
@@ -108,19 +110,16 @@ class WalkEquations:
         walk = self.answer[:, : weights.size] @ weights + 1j * (self.answer[:, weights.size :] @ weights)
         return WalkSolution(walk, theta, covariance, float(cost))
 
-    def residual(self, index: int, solution: WalkSolution) -> ComplexArray:
-        """Residual (n,) of the measurement number `index`."""
-        measurement = self.measurements[index]
-        fitted = [measurement.columns[rows] @ solution.theta for rows in blocks(measurement.residual.size)]
-        return np.asarray(measurement.residual - np.concatenate(fitted) - measurement.gain * solution.walk)
+    def residual(self, solution: WalkSolution) -> ComplexArray:
+        """Residual (n,) of the last measurement."""
+        last = self.measurements[-1]
+        fitted = [last.columns[rows] @ solution.theta for rows in blocks(last.residual.size)]
+        return np.asarray(last.residual - np.concatenate(fitted) - last.gain * solution.walk)
 
 
 @dataclass(frozen=True)
 class WalkSolution:
-    """Walk (n,), globals (k,) and their covariance (k, k).
-
-    `cost`: minus twice the log of likelihood times prior, but for a constant.
-    """
+    """Walk (n,), globals (k,), their covariance (k, k), and minus twice the log of likelihood times prior."""
 
     walk: ComplexArray
     theta: FloatArray
@@ -151,9 +150,7 @@ def walk_equations(
 
 
 def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:
-    """Inner products (k + 1, k + 1) of residual and columns, whitened; and their projection on the walk (n, 2 k +
-    2).
-    """
+    """Inner products (k + 1, k + 1) of whitened residual and columns; their projection on the walk (n, 2 k + 2)."""
     n, count = measurements[0].residual.size, measurements[0].columns[:1].shape[1] + 1
     gram, projected = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
     for measurement in measurements:
@@ -195,25 +192,30 @@ _RAN_AWAY = (
 
 @dataclass(frozen=True)
 class SmoothedMotion:
-    """A converged fit: where the nominal motion starts, the coefficients of the measurements, and the crossflow.
-
-    `residual` (n,) is that of the last measurement; `score` is the Bayesian information criterion.
-    `response` is the crossflow's change (n, k), in wind axes, per unit of each global; None where how well it
-    is known is not needed, for it is large. `walk_sigma` (n,) is its
-    standard deviation given the globals; `turn` (n,) the unit number from wind to body axes.
-    """
+    """A converged fit."""
 
     measurements: tuple[MeasurementModel, ...]
+    """What was fitted."""
     start: WindStart
+    """Where the nominal motion starts."""
     coefficients: tuple[FloatArray, ...]
+    """Those of each measurement (unknowns,)."""
     crossflow: ComplexArray
+    """(n,)"""
     residual: ComplexArray
+    """Of the last measurement (n,)."""
     covariance: FloatArray
+    """Of the globals (k, k)."""
     effects: EffectFit
+    """The estimated errors of the record."""
     response: Columns | None
+    """Change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large."""
     walk_sigma: FloatArray
+    """Standard deviation (n,) of the crossflow given the globals."""
     turn: ComplexArray
+    """Unit number (n,) from wind to body axes."""
     score: float
+    """Bayesian information criterion."""
 
     @property
     def near(self) -> StartingPoint:
@@ -274,18 +276,18 @@ class RandomWalkSmoother:
         """Unit velocity (n, 3) in the axes of the first sample."""
         return direction_by_impulse(self.record, start, self.impulse)
 
-    def solve_from_scratch(self, measurements: tuple[MeasurementModel, ...]) -> SmoothedMotion:
-        """Fit from the nose's mean, and from the linear fit of the measurements about it; the better of the two."""
-        starts = [
-            self.nose_start,
-            *(s for measurement in measurements if (s := self._linear_start(measurement)) is not None),
-        ]
-        fits = [self._iterate(measurements, start) for start in starts]
-        return min(fits, key=lambda fit: fit.score)
+    def solve(
+        self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None
+    ) -> SmoothedMotion:
+        """Fit from a motion that is near; without one from the nose's mean, or better.
 
-    def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint) -> SmoothedMotion:
-        """Fit from one that is near."""
-        return self._iterate(measurements, near.start, near.crossflow)
+        The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
+        """
+        if near is not None:
+            return self._iterate(measurements, near.start, near.crossflow)
+        starts = [self.nose_start, *map(self._linear_start, measurements)]
+        fits = [self._iterate(measurements, start) for start in starts if start is not None]
+        return min(fits, key=lambda fit: fit.score)
 
     def _linear_start(self, measurement: MeasurementModel) -> WindStart | None:
         """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
@@ -294,14 +296,9 @@ class RandomWalkSmoother:
         turn = self._turn(transverse_axes(direction))
         valid = np.isfinite(measurement.sigma)
         weight = 1.0 / measurement.sigma[valid]
-        ones = np.ones_like(xi)
+        turned = measurement.scale * turn
         columns = np.column_stack(
-            [
-                measurement.scale * effective(xi),
-                measurement.scale * turn,
-                measurement.scale * turn * self.record.time,
-                ones,
-            ]
+            [measurement.scale * effective(xi), turned, turned * self.record.time, np.ones_like(xi)]
         )
         answer = np.linalg.lstsq(columns[valid] * weight[:, None], measurement.observed[valid] * weight, rcond=None)[0]
         offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
@@ -323,9 +320,7 @@ class RandomWalkSmoother:
             axes = transverse_axes(direction)
             nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
             xi = crossflow
-            coefficients = coefficients or tuple(
-                self._first_coefficients(measurement, xi) for measurement in measurements
-            )
+            coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
             drift = _Drift(self.record, self.responses, axes)
             equations = None  # large, and about to be replaced
             equations = self._linear(measurements, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
@@ -336,15 +331,17 @@ class RandomWalkSmoother:
                 raise UnanswerableError(_RAN_AWAY)
             share, last = share if last is None else relaxed(share, last, step), step
             crossflow = np.asarray(xi + share * step)
-            start = _moved(
-                start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:_GRAVITY]
-            )
-            coefficients = _added(coefficients, share * solution.theta[self.shared :])
+            start = _moved(start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:_GRAVITY])
+            ends = np.cumsum([values.size for values in coefficients])[:-1]
+            steps = np.split(share * solution.theta[self.shared :], ends)
+            coefficients = tuple(old + new for old, new in zip(coefficients, steps, strict=True))
             walk_sigma = np.sqrt(equations.walk_variance) / self.speed
-            if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * _rms(xi))):
+            if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))):
                 break
         assert equations is not None
-        observations = sum(2 * int(np.count_nonzero(np.isfinite(measurement.sigma))) for measurement in measurements)
+        observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
+        errors = slice(_GRAVITY, self.shared)
+        value, covariance = self.known + solution.theta[errors], solution.covariance[errors, errors]
         return SmoothedMotion(
             measurements=measurements,
             start=start,
@@ -352,18 +349,12 @@ class RandomWalkSmoother:
             crossflow=crossflow,
             residual=_unscaled(equations, solution),
             covariance=solution.covariance,
-            effects=self._effects(solution),
+            effects=EffectFit(self.responses, self.known, value, covariance),
             response=_Response(equations, drift, self.speed),
             walk_sigma=walk_sigma,
             turn=turn,
-            score=solution.cost
-            + sum(measurement.unknowns for measurement in measurements) * float(np.log(observations)),
+            score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
         )
-
-    def _effects(self, solution: WalkSolution) -> EffectFit:
-        errors = slice(_GRAVITY, self.shared)
-        value = self.known + solution.theta[errors]
-        return EffectFit(self.responses, self.known, value, solution.covariance[errors, errors])
 
     def _linear(
         self,
@@ -374,32 +365,27 @@ class RandomWalkSmoother:
         offset: ComplexArray,
         drift: _Drift,
     ) -> WalkEquations:
-        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind
-        axes."""
+        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes."""
         ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
         rows = []
         for measurement, values, at in zip(measurements, coefficients, ends, strict=False):
-            own = measurement.columns(xi)
+            own, sigma = measurement.columns(xi), measurement.sigma
+            residual = measurement.observed - own @ values
             slope = measurement.gain(xi, values) * turn
-            gain = slope / self.speed
-            local_scaling, residual, sigma = (
-                measurement.local_scaling(xi, values),
-                measurement.observed - own @ values,
-                measurement.sigma,
-            )
-            if local_scaling is not None:
-                residual, own, sigma = local_scaling.of(residual), local_scaling.of(own), sigma * local_scaling.noise
+            scaling = measurement.local_scaling(xi, values)
+            if scaling is not None:
+                residual, own, sigma = scaling.of(residual), scaling.of(own), sigma * scaling.noise
             columns = _MeasurementColumns(
-                measurement,
-                gain,
-                drift,
-                measurement.modelled(xi, values),
-                own,
-                int(at),
-                int(ends[-1]),
-                local_scaling,
+                measurement=measurement,
+                gain=slope / self.speed,
+                drift=drift,
+                modelled=measurement.modelled(xi, values),
+                own=own,
+                first=int(at),
+                size=int(ends[-1]),
+                local_scaling=scaling,
             )
-            rows.append(LinearMeasurement(residual + slope * offset, gain, columns, sigma))
+            rows.append(LinearMeasurement(residual + slope * offset, columns.gain, columns, sigma))
         return walk_equations(rows, self.step_variance, (MOTION_START * self.speed[0]) ** 2)
 
     def _priors(
@@ -423,14 +409,15 @@ class RandomWalkSmoother:
         turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
         return np.asarray(turn / np.maximum(np.abs(turn), 1e-12))
 
-    def _first_coefficients(self, measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
-        """Coefficients that fit the observation about the crossflow as it stands."""
-        valid = np.isfinite(measurement.sigma)
-        weight = 1.0 / measurement.sigma[valid]
-        columns = measurement.columns(xi)[valid] * weight[:, None]
-        right = measurement.observed[valid] * weight
-        stacked = np.concatenate([columns.real, columns.imag])
-        return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
+
+def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
+    """Coefficients that fit the observation about the crossflow as it stands."""
+    valid = np.isfinite(measurement.sigma)
+    weight = 1.0 / measurement.sigma[valid]
+    columns = measurement.columns(xi)[valid] * weight[:, None]
+    right = measurement.observed[valid] * weight
+    stacked = np.concatenate([columns.real, columns.imag])
+    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
 
 
 class _Drift:
@@ -468,20 +455,24 @@ class _Drift:
 
 @dataclass(frozen=True)
 class _MeasurementColumns:
-    """Columns (n, size) of one measurement: gravity and errors, and from `first` on its `own` (n, unknowns).
-
-    `gain` (n,) is the derivative by the velocity, scaled by `local_scaling` where it has one; `modelled` (n,)
-    the modelled part of the observation that follows the crossflow.
-    """
+    """Columns (n, size) of one measurement: gravity, errors, and its own unknowns."""
 
     measurement: MeasurementModel
+    """Which adds what errors of the record add to its observation."""
     gain: ComplexArray
+    """Derivative by the velocity (n,)."""
     drift: _Drift
+    """The velocity by gravity and errors."""
     modelled: ComplexArray
+    """The modelled part of the observation that follows the crossflow (n,)."""
     own: ComplexArray
+    """Columns of its unknowns (n, unknowns), scaled already."""
     first: int
+    """Their place among the globals."""
     size: int
+    """How many globals there are."""
     local_scaling: LocalScaling | None
+    """By which everything is scaled."""
 
     def __getitem__(self, rows: slice) -> ComplexArray:
         own, drift = self.own[rows], self.drift[rows]
@@ -512,10 +503,9 @@ class _Response:
 
 def _unscaled(equations: WalkEquations, solution: WalkSolution) -> ComplexArray:
     """Residual of the last measurement (n,), as it was observed."""
-    last = len(equations.measurements) - 1
-    left, columns = equations.residual(last, solution), equations.measurements[last].columns
-    local_scaling = columns.local_scaling if isinstance(columns, _MeasurementColumns) else None
-    return left if local_scaling is None else local_scaling.back(left)
+    left, columns = equations.residual(solution), equations.measurements[-1].columns
+    scaling = columns.local_scaling if isinstance(columns, _MeasurementColumns) else None
+    return left if scaling is None else scaling.back(left)
 
 
 def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) -> WindStart:
@@ -533,15 +523,6 @@ def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
     change = step - before
     fall = -float(np.vdot(change, before).real)
     return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), MOTION_LEAST_RELAXED), 1.0 / share)
-
-
-def _rms(xi: ComplexArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(xi) ** 2)))
-
-
-def _added(coefficients: tuple[FloatArray, ...], step: FloatArray) -> tuple[FloatArray, ...]:
-    ends = np.cumsum([values.size for values in coefficients])[:-1]
-    return tuple(old + new for old, new in zip(coefficients, np.split(step, ends), strict=True))
 
 
 def _step_variance(record: InertialRecord) -> FloatArray:
