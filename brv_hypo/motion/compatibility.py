@@ -27,6 +27,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from threadpoolctl import threadpool_limits
 
+from brv_hypo import thresholds as limits
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import averaged, standard_density
@@ -35,34 +36,6 @@ from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
 from brv_hypo.motion.inertial import gravity_magnitude
 from brv_hypo.motion.signals import differentiate, white_noise_level
-from brv_hypo.thresholds import (
-    COMPATIBILITY_AXIAL_SIGMAS,
-    COMPATIBILITY_AXIAL_SPREAD,
-    COMPATIBILITY_AXIAL_WITHIN,
-    COMPATIBILITY_BROKEN,
-    COMPATIBILITY_BROKEN_ALONE,
-    COMPATIBILITY_CORRECTED,
-    COMPATIBILITY_DECISIVE,
-    COMPATIBILITY_DECISIVE_IF_STRAINED,
-    COMPATIBILITY_DENSITY_SPREAD,
-    COMPATIBILITY_FURTHER_MISTAKE,
-    COMPATIBILITY_KEPT,
-    COMPATIBILITY_NEARLY_EQUAL,
-    COMPATIBILITY_NOISE_SPREAD,
-    COMPATIBILITY_NORMAL_SLOPE,
-    COMPATIBILITY_NORMAL_SPREAD,
-    COMPATIBILITY_NORMAL_WITHIN,
-    COMPATIBILITY_PRESSURE_WITHIN,
-    COMPATIBILITY_QUIET,
-    COMPATIBILITY_STEADY,
-    COMPATIBILITY_STRAINED,
-    COMPATIBILITY_TIMES_NOISE,
-    COMPATIBILITY_TOO_NOISY,
-    COMPATIBILITY_UNRELATED,
-    COMPATIBILITY_WIND,
-    COMPATIBILITY_WIND_TOLERANCES,
-    MINIMUM_SAMPLES,
-)
 
 COMPATIBILITY_FEWEST_SAMPLES = 64  # of a segment that is judged
 COMPATIBILITY_MOST_SAMPLES = 300  # that it is thinned to; bounds the time
@@ -75,7 +48,7 @@ COMPATIBILITY_GRAVITY_UNKNOWN = 1.0  # the same without altitude: all of it
 COMPATIBILITY_LIFT_DOUBT = 1.0
 COMPATIBILITY_ANY_SPEED = 1e3  # m/s, 1-sigma of the speed that a segment starts with: open
 COMPATIBILITY_AXIAL_SAMPLES = 60  # that tell the deceleration; the time goes with their cube
-COMPATIBILITY_AXIAL_REACH = 4.0 * COMPATIBILITY_AXIAL_SPREAD  # logarithms of it that are tried
+COMPATIBILITY_AXIAL_REACH = 4.0 * limits.COMPATIBILITY_AXIAL_SPREAD  # logarithms of it that are tried
 COMPATIBILITY_AXIAL_STEPS = 41  # values tried, a fifth of a spread apart
 COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts beyond
 COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
@@ -151,8 +124,10 @@ class Compatibility:
     def better_than(self, other: Compatibility) -> float:
         """By how much ln likelihood is higher, over the relations that can be judged under both."""
         both = self.informative & other.informative
-        logs = [np.log(np.maximum(one.left, np.maximum(COMPATIBILITY_KEPT, one.noise))) for one in (other, self)]
-        return float(np.sum((logs[0] - logs[1])[both])) + other.cost - self.cost
+        before, after = (
+            np.log(np.maximum(one.left, np.maximum(limits.COMPATIBILITY_KEPT, one.noise))) for one in (other, self)
+        )
+        return float(np.sum((before - after)[both])) + other.cost - self.cost
 
 
 def prepared(flight: Flight) -> PreparedRecord:
@@ -189,7 +164,9 @@ def prepared(flight: Flight) -> PreparedRecord:
         rate_sigma=rate_sigma,
         force_sigma=force_sigma,
         velocity_sigma=white_noise_level(flight.velocity, flight.segments),
-        wind_sigma=max(COMPATIBILITY_WIND, COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind)),
+        wind_sigma=max(
+            limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind)
+        ),
         gravity=gravity_magnitude(flight) or COMPATIBILITY_GRAVITY,
     )
 
@@ -204,7 +181,7 @@ def compatibility_of(record: PreparedRecord, correction: Correction) -> Compatib
     total = np.sum([tally.squares for tally in tallies], axis=0) if tallies else np.zeros((3, 3))
     size = np.maximum(total[:, 0], 1e-300)
     noise = total[:, 2] / size
-    informative = (total[:, 0] > 0.0) & (noise < COMPATIBILITY_TOO_NOISY)
+    informative = (total[:, 0] > 0.0) & (noise < limits.COMPATIBILITY_TOO_NOISY)
     left = np.where(informative, np.clip(total[:, 1] / size, 0.0, 1.0), 1.0)
     slope = None
     if informative[0]:
@@ -215,14 +192,14 @@ def compatibility_of(record: PreparedRecord, correction: Correction) -> Compatib
     axial, axial_sigma = _axial(record, pieces, correction)
     pressure = _pressure_ratio(record.flight, correction)
     cost = (
-        _of_ratio(slope and slope / COMPATIBILITY_NORMAL_SLOPE, COMPATIBILITY_NORMAL_SPREAD)
+        _of_ratio(slope and slope / limits.COMPATIBILITY_NORMAL_SLOPE, limits.COMPATIBILITY_NORMAL_SPREAD)
         + _of_axial(axial, axial_sigma)
-        + _of_ratio(pressure, COMPATIBILITY_DENSITY_SPREAD)
+        + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
         # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
         + _of_ratio(max([1.0, *(tally.steady for tally in tallies)]), 1.0)
         + _of_noise(rate_sigma)
         + _of_noise(force_sigma)
-        + COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
+        + limits.COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
 
@@ -285,7 +262,7 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
     gyro_crossflow = path_of_gyros / piece.velocity * away
     static = [_integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
     third, _ = _fit(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
-    steady = abs(complex(np.mean(force))) / (COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
+    steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
     return _Tally(np.array([first, second, third]), slope, steady)
 
 
@@ -367,7 +344,7 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
 def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
     """Speed (n,) m/s that the normal force takes: f^2 over q_inf S C_N / m, and never more than f."""
     normal = np.hypot(piece.forces[1], piece.forces[2])
-    stiffness = COMPATIBILITY_NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
+    stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
     angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
     return _integral(piece.time, normal * angle)
 
@@ -398,7 +375,7 @@ def _of_ratio(ratio: float | None, spread: float) -> float:
 def _of_axial(ratio: float, sigma: float) -> float:
     """What a deceleration of `ratio` to that sensed costs: shared by an error of scale and by wind and gravity."""
     logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
-    costs = 0.5 * (logs / COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
+    costs = 0.5 * (logs / limits.COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
     return min(float(np.min(costs)), COMPATIBILITY_MOST_PER_CHECK)
 
 
@@ -408,7 +385,7 @@ def _of_noise(sigma: FloatArray) -> float:
         return 0.0
     logs = np.log(sigma)
     squares = float(np.sum((logs - np.median(logs)) ** 2))
-    return min(0.5 * squares / COMPATIBILITY_NOISE_SPREAD**2, COMPATIBILITY_MOST_OF_NOISE)
+    return min(0.5 * squares / limits.COMPATIBILITY_NOISE_SPREAD**2, COMPATIBILITY_MOST_OF_NOISE)
 
 
 # ---- The trial of a record, before anything is fitted to it: `try_record` ----
@@ -430,7 +407,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     so is a flight that is no valid record, or of which masking leaves nothing. A window of a sound record that is too
     short for any record is not tried.
     """
-    if flight.time.size < MINIMUM_SAMPLES:
+    if flight.time.size < limits.MINIMUM_SAMPLES:
         return flight, RecordTrial(sound=True, faults=())
     try:
         masked, faults = masked_flight(flight)
@@ -453,14 +430,15 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if not broken:
         return ()
     found = []
-    least = COMPATIBILITY_DECISIVE if set(broken) - {"path, strained"} else COMPATIBILITY_DECISIVE_IF_STRAINED
+    strained = set(broken) == {"path, strained"}
+    least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
     tried = [(one, compatibility_of(record, one)) for one in corrections()]
     ranked = sorted(((one, after.better_than(as_read), after) for one, after in tried), key=lambda entry: -entry[1])
     corrected = ranked[0][2]
     likely = [
         correction
         for correction, gain, after in ranked
-        if gain >= max(least, ranked[0][1] - COMPATIBILITY_NEARLY_EQUAL) and _corrects(after, as_read, broken)
+        if gain >= max(least, ranked[0][1] - limits.COMPATIBILITY_NEARLY_EQUAL) and _corrects(after, as_read, broken)
     ]
     if likely and likely[0] is ranked[0][0]:
         found.append(_named(flight, likely))
@@ -481,17 +459,17 @@ def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
 def _broken(found: Compatibility) -> Sequence[str]:
     """The checks that the record fails by more than any tolerance."""
     failed = []
-    beyond_noise = found.left[0] - COMPATIBILITY_TIMES_NOISE * found.noise[0]
-    if found.informative[0] and beyond_noise > COMPATIBILITY_STRAINED:
-        failed.append("path" if beyond_noise > COMPATIBILITY_BROKEN else "path, strained")
-    if not found.informative[0] and found.informative[2] and found.left[2] > COMPATIBILITY_BROKEN_ALONE:
+    beyond_noise = found.left[0] - limits.COMPATIBILITY_TIMES_NOISE * found.noise[0]
+    if found.informative[0] and beyond_noise > limits.COMPATIBILITY_STRAINED:
+        failed.append("path" if beyond_noise > limits.COMPATIBILITY_BROKEN else "path, strained")
+    if not found.informative[0] and found.informative[2] and found.left[2] > limits.COMPATIBILITY_BROKEN_ALONE:
         failed.append("gyros")
-    doubt = COMPATIBILITY_AXIAL_SIGMAS * found.axial_sigma
-    if found.axial + doubt < COMPATIBILITY_AXIAL_WITHIN[0] or found.axial - doubt > COMPATIBILITY_AXIAL_WITHIN[1]:
+    doubt, (least, most) = limits.COMPATIBILITY_AXIAL_SIGMAS * found.axial_sigma, limits.COMPATIBILITY_AXIAL_WITHIN
+    if found.axial + doubt < least or found.axial - doubt > most:
         failed.append("axial")
     for name, value, (low, high) in (
-        ("pressure", found.pressure, COMPATIBILITY_PRESSURE_WITHIN),
-        ("slope", found.normal_slope, COMPATIBILITY_NORMAL_WITHIN),
+        ("pressure", found.pressure, limits.COMPATIBILITY_PRESSURE_WITHIN),
+        ("slope", found.normal_slope, limits.COMPATIBILITY_NORMAL_WITHIN),
     ):
         if value is not None and not low < value < high:
             failed.append(name)
@@ -501,17 +479,17 @@ def _broken(found: Compatibility) -> Sequence[str]:
 def _corrects(corrected: Compatibility, as_read: Compatibility, broken: Sequence[str]) -> bool:
     """Whether a correction restores any of the broken checks, and breaks no other."""
     still = set(_broken(corrected))
-    if corrected.left[0] < COMPATIBILITY_CORRECTED * as_read.left[0]:
+    if corrected.left[0] < limits.COMPATIBILITY_CORRECTED * as_read.left[0]:
         still -= {"path", "path, strained"}
-    if corrected.left[2] < COMPATIBILITY_CORRECTED * as_read.left[2]:
+    if corrected.left[2] < limits.COMPATIBILITY_CORRECTED * as_read.left[2]:
         still.discard("gyros")
     return still < set(broken)
 
 
 def _unrelated(found: Compatibility) -> bool:
     """Whether much of each instrument does not follow from the others, though noise would let it."""
-    conclusive = found.informative & (found.noise < COMPATIBILITY_QUIET)
-    return bool(conclusive[0] and (found.left[conclusive] > COMPATIBILITY_UNRELATED).all())
+    conclusive = found.informative & (found.noise < limits.COMPATIBILITY_QUIET)
+    return bool(conclusive[0] and (found.left[conclusive] > limits.COMPATIBILITY_UNRELATED).all())
 
 
 def _fault(flight: Flight, channel: str, fault: str, action: str) -> RecordFault:

@@ -27,8 +27,8 @@ from brv_hypo.motion.signals import (
     ColouredNoise,
     Derivative,
     differentiate,
+    differentiated,
     transverse_noise_level,
-    white_noise_level,
 )
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
@@ -132,8 +132,7 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     force, force_sigma = sensed_force(flight), np.full(flight.samples, accel_sigma)
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     if np.any(arm):
-        p_noise = white_noise_level(flight.p, flight.segments)
-        p_change = differentiate(flight.p.astype(complex), flight.step, p_noise, flight.segments).rate.real
+        p_change = differentiated(flight, flight.p).rate.real
         force = force - arm_acceleration(flight.p, p_change, rate, change, arm)
         gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)
         force_sigma = np.sqrt(accel_sigma**2 + (np.linalg.norm(arm) * gyro_sigma * gain) ** 2)

@@ -15,7 +15,15 @@ from brv_hypo.motion.inertial import arm_acceleration, sensed_force
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.kinematics import derolled_attitude
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.signals import InputError, Smooth, differentiate, smoothed, unsmoothed, white_noise_level
+from brv_hypo.motion.signals import (
+    InputError,
+    Smooth,
+    smooth_channel,
+    smoothed,
+    unsmoothed,
+    white_noise_level,
+    with_smooth_air,
+)
 
 DENSITY_PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
 DENSITY_LEAST = 1e-3  # of the largest: where the pressure is lost in its noise its logarithm means nothing
@@ -130,25 +138,6 @@ def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
     left = [(measured - smooth)[a:b] for a, b in flight.segments]
     white = float(np.std(np.concatenate([np.diff(each) for each in left]))) / np.sqrt(2.0)
     return bool(np.std(np.concatenate(left)) <= INPUT_FOLLOWED * white)
-
-
-def with_smooth_air(flight: Flight) -> Flight:
-    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
-
-    The density is far smoother than the pressure, which follows drag and lift through the speed.
-    """
-    speed = smooth_channel(flight, flight.velocity)
-    density = flight.dynamic_pressure / speed**2
-    least = 1e-6 * float(np.max(density))
-    logarithm = smooth_channel(flight, np.log(np.maximum(density, least)))
-    return replace(flight, velocity=speed, dynamic_pressure=np.exp(logarithm) * speed**2)
-
-
-def smooth_channel(flight: Flight, channel: FloatArray) -> FloatArray:
-    """A channel (n,) through the filter of least mean-square error."""
-    noise = white_noise_level(channel, flight.segments)
-    sigma = max(noise, 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
-    return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
 
 
 def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatArray:

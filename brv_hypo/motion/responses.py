@@ -28,7 +28,7 @@ from brv_hypo.motion.interpolation import (
     spacing,
 )
 from brv_hypo.motion.kinematics import body_attitude, windward_meridian
-from brv_hypo.motion.signals import differentiate, white_noise_level
+from brv_hypo.motion.signals import differentiated
 
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
@@ -315,34 +315,21 @@ def nonzero_responses(responses: EffectResponses) -> EffectResponses:
 def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
     """The record as instruments without noise would read: smoothed, with that transverse force (n,) m/s^2."""
     flight = record.flight
-    p, p_change = _smoothed(record, flight.p)
-    axial, _ = _smoothed(record, record.force[:, 0])
+    roll_rate = differentiated(flight, flight.p)
+    p, p_change = roll_rate.value.real, roll_rate.rate.real
+    axial, velocity, pressure = (
+        differentiated(flight, channel).value.real
+        for channel in (record.force[:, 0], flight.velocity, flight.dynamic_pressure)
+    )
     rate, change = record.transverse_rate, record.rate_change
     at_cg = np.stack([axial, force.real, force.imag], axis=1)
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, arm)).T
-    quiet = replace(
-        flight,
-        p=p,
-        q=rate.real,
-        r=rate.imag,
-        ax=ax,
-        ay=ay,
-        az=az,
-        velocity=_smoothed(record, flight.velocity)[0],
-        dynamic_pressure=_smoothed(record, flight.dynamic_pressure)[0],
-    )
+    channels = {"p": p, "q": rate.real, "r": rate.imag, "ax": ax, "ay": ay, "az": az}
+    quiet = replace(flight, **channels, velocity=velocity, dynamic_pressure=pressure)
     roll, attitude = body_attitude(record.time, p, rate)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     return replace(record, flight=quiet, roll=roll, attitude=attitude, spin_angle=spin_angle, force=at_cg)
-
-
-def _smoothed(record: InertialRecord, channel: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A channel (n,) less its noise, and its derivative, 1/s."""
-    segments = record.flight.segments
-    noise = white_noise_level(channel, segments)
-    found = differentiate(channel.astype(complex), record.flight.step, noise, segments)
-    return found.value.real, found.rate.real
 
 
 def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:

@@ -11,7 +11,7 @@ errors account for it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeVar
 
@@ -23,6 +23,7 @@ from scipy.signal import oaconvolve, savgol_filter
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.record import Flight
 
 NOISE_STILL = 0.5  # share of a channel's steps that are none, from which its rounding is its noise
 DERIVATIVE_ORDERS = (2, 4, 6)  # degrees of the local polynomials that are tried
@@ -163,6 +164,29 @@ def differentiate(
         noise_correlation=correlation / correlation[0],
         rate_bias=float(np.sqrt(0.5 * squared_bias)) / step,
     )
+
+
+def differentiated(flight: Flight, channel: FloatArray, least: float = 0.0) -> Derivative:
+    """A channel (n,) of a flight through that filter; its white noise is taken for `least` at least."""
+    sigma = max(white_noise_level(channel, flight.segments), least)
+    return differentiate(channel.astype(complex), flight.step, sigma, flight.segments)
+
+
+def smooth_channel(flight: Flight, channel: FloatArray) -> FloatArray:
+    """A channel (n,) of a flight, freed of noise."""
+    return differentiated(flight, channel, 1e-9 * float(np.max(np.abs(channel))) + 1e-300).value.real
+
+
+def with_smooth_air(flight: Flight) -> Flight:
+    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
+
+    The density is far smoother than the pressure, which follows drag and lift through the speed.
+    """
+    speed = smooth_channel(flight, flight.velocity)
+    density = flight.dynamic_pressure / speed**2
+    least = 1e-6 * float(np.max(density))
+    logarithm = smooth_channel(flight, np.log(np.maximum(density, least)))
+    return replace(flight, velocity=speed, dynamic_pressure=np.exp(logarithm) * speed**2)
 
 
 @dataclass(frozen=True)

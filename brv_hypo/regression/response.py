@@ -30,11 +30,11 @@ from brv_hypo.motion.inertial import (
     transverse_axes,
     wind_direction,
 )
-from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
+from brv_hypo.motion.inputs import ROLL_RATE
 from brv_hypo.motion.interpolation import running_integral, spacing
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, perturbed
-from brv_hypo.motion.signals import InputError
+from brv_hypo.motion.signals import InputError, smooth_channel
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.force import ForceModel
 from brv_hypo.regression.moment_model import MomentModel, MovedRecord

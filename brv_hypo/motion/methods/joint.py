@@ -16,7 +16,6 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
-from brv_hypo.motion.inputs import with_smooth_air
 from brv_hypo.motion.measurement import MeasurementModel, force_measurement, moment_measurement
 from brv_hypo.motion.method import WindHistory
 from brv_hypo.motion.responses import (
@@ -26,7 +25,7 @@ from brv_hypo.motion.responses import (
     no_responses,
     nonzero_responses,
 )
-from brv_hypo.motion.signals import rms
+from brv_hypo.motion.signals import rms, with_smooth_air
 from brv_hypo.motion.smoother import RandomWalkSmoother, SmoothedMotion, StartingPoint
 
 ROUGH_SLOPE_COUNT = 3  # coefficients of the force's slope before it is chosen: a parabola
