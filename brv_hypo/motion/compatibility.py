@@ -21,14 +21,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from threadpoolctl import threadpool_limits
 
 from brv_hypo import thresholds as limits
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import averaged, standard_density
 from brv_hypo.flight.format import masked_flight
@@ -52,12 +51,6 @@ COMPATIBILITY_AXIAL_REACH = 4.0 * limits.COMPATIBILITY_AXIAL_SPREAD  # logarithm
 COMPATIBILITY_AXIAL_STEPS = 41  # values tried, a fifth of a spread apart
 COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts beyond
 COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
-
-
-Values = TypeVar("Values", FloatArray, ComplexArray)
-
-
-# ---- Gyros against accelerometers against air data: how well a record obeys what holds for every body ----
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,6 @@ FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
 
 
-# ---- What the instruments say before any wind is assumed: attitude, forces at the c.g., noise levels ----
-
-
 @dataclass(frozen=True)
 class InertialRecord:
     """A flight of n samples, its gyros integrated; transverse pairs are y + i z."""
@@ -198,6 +195,9 @@ def arm_acceleration(
 def sensed_force(flight: Flight) -> FloatArray:
     """What the accelerometers read (n, 3), m/s^2."""
     return np.stack([flight.ax, flight.ay, flight.az], axis=1)
+
+
+# ---- The velocity from a start, by forces and gravity ----
 
 
 # Surface gravity m/s^2 and mean radius m.

@@ -11,19 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
 from scipy.interpolate import CubicSpline
 from scipy.linalg.lapack import dpttrf, dpttrs
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import FloatArray, IntArray, Values
 
 RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest motion
 
-
-Values = TypeVar("Values", FloatArray, ComplexArray)
 
 # Samples from which splines have no knot at the second and the last but one.
 _FEWEST = 4

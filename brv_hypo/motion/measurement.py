@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.inertial import InertialRecord, measured
-from brv_hypo.motion.kinematics import effective
+from brv_hypo.motion.kinematics import effective, unit
 from brv_hypo.motion.responses import EffectResponses, Responses
 
 # What bends may be as large at this angle of attack (rad, about ten degrees) as what is in proportion (1 sigma).
@@ -100,10 +100,8 @@ class MeasurementModel:
         across = self.ratio(xi, coefficients).real
         along = across + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
         factor = across / np.where(along == 0.0, 1e-300, along)
-        turn = xi / np.maximum(np.abs(xi), 1e-12)
-        return LocalScaling(
-            np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING), turn**2
-        )
+        bounded = np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING)
+        return LocalScaling(bounded, unit(xi) ** 2)
 
     def add_effects(self, columns: ComplexArray, rows: slice, modelled: ComplexArray) -> None:
         """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.

@@ -13,12 +13,12 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
 from brv_hypo.motion.interpolation import Places, Spline, lagrange
 from brv_hypo.motion.kinematics import (
     angle_of_attack,
@@ -37,9 +37,6 @@ NODE_LATE = 0.5
 NODE_WOUND = 0.5
 NODE_HALVINGS = 7  # of a sample: what turns faster does so in less than a hundredth of a sample
 NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zero all the time
-
-
-# ---- `Motion`: all that a mechanism may know of a vehicle's flight, as arrays ----
 
 
 SMOOTH = (
@@ -286,7 +283,7 @@ def _unwrapped_near(angle: FloatArray, reference: FloatArray) -> FloatArray:
     return np.asarray(angle + 2.0 * np.pi * turns, dtype=float)
 
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
+# ---- Between the samples, where the meridian turns too fast for them ----
 
 
 @dataclass(frozen=True)

@@ -38,9 +38,6 @@ from brv_hypo.thresholds import (
 WARNED_LEFT = 10.0  # percent of the moments that fitted errors of the record leave, below which a warning tells it
 
 
-# ---- Refuses records that cannot hold an answer, before any numerics meet them ----
-
-
 def require_answerable(flight: Flight) -> None:
     """Raises UnanswerableError where the rates stand still or cannot be true, or the air is too thin."""
     rates = np.hypot(flight.q, flight.r)

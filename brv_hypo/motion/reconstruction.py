@@ -20,8 +20,6 @@ from brv_hypo.motion.motion import Motion, Quadrature, at_nodes, quadrature
 from brv_hypo.motion.signals import InputError, rms
 from brv_hypo.results import HasCharts, Histories
 
-# ---- The result of a reconstruction: motion, moments and how well each is known ----
-
 
 @dataclass(frozen=True)
 class MomentEstimate:

@@ -11,11 +11,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration
@@ -34,9 +34,6 @@ from brv_hypo.motion.signals import differentiated
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
-
-
-# ---- What an error of the record, of whatever origin, does to what is integrated from it ----
 
 
 _TURNING = ("p", "q", "r")
@@ -130,7 +127,8 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
     return arm_acceleration(flight.p, p_change, record.transverse_rate, record.rate_change, arm)
 
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
+# ---- Linear responses, and what the record says of its errors ----
+
 
 # Samples of perturbed records that are held at once, some 200 bytes each.
 AT_ONCE = 60_000

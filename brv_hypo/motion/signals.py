@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
@@ -21,7 +20,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
 from scipy.signal import oaconvolve, savgol_filter
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
 from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import Flight
 
@@ -33,6 +32,7 @@ DERIVATIVE_DOUBT = 4.0  # standard errors by which the bias against a noisy refe
 DERIVATIVE_CORRELATED = 4.0  # samples over which its noise is correlated
 DERIVATIVE_WIDENING = 1.25  # from one window that is tried to the next
 DERIVATIVE_WINDOWS = 5  # of the widest window, that the longest stretch holds at least
+_WIDE = 400  # weights from which on a filter is quicker by Fourier transforms
 SMOOTH_INTERVALS = 64  # of a smoothing spline, at most: roll rate and density vary slowly
 SMOOTH_PER_INTERVAL = 6  # samples at least, so that noise can be told from the signal
 SMOOTH_PENALTIES = (-14.0, 15.0, 117)  # powers of ten, four a decade, from none to a parabola
@@ -97,10 +97,7 @@ def _quantisation(channel: FloatArray) -> float:
     return max(smallest / math.sqrt(12.0), 1e-12 * float(np.max(np.abs(channel), initial=1.0)))
 
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
-
-# Weights from which on a filter is quicker by Fourier transforms.
-_WIDE = 400
+# ---- The first derivative: the local polynomial of the least mean-square error ----
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from brv_hypo.motion.inertial import (
     transverse_axes,
 )
 from brv_hypo.motion.interpolation import blocks
-from brv_hypo.motion.kinematics import effective
+from brv_hypo.motion.kinematics import effective, unit
 from brv_hypo.motion.measurement import BENT, LocalScaling, MeasurementModel
 from brv_hypo.motion.responses import EffectFit, EffectResponses, projected_variance
 from brv_hypo.motion.signals import rms
@@ -225,10 +225,9 @@ class SmoothedMotion:
     def sigmas(self) -> tuple[FloatArray, FloatArray]:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
         assert self.response is not None
-        along = self.crossflow / np.maximum(np.abs(self.crossflow), 1e-12)
-        turned = (self.turn * np.conj(along))[:, None]
-        radial, tangential = np.empty((2, along.size))
-        for rows in blocks(along.size):
+        turned = (self.turn * np.conj(unit(self.crossflow)))[:, None]
+        radial, tangential = np.empty((2, turned.size))
+        for rows in blocks(turned.size):
             projected = self.response[rows] * turned[rows]
             for sigma, part in ((radial, projected.real), (tangential, projected.imag)):
                 sigma[rows] = np.sqrt(self.walk_sigma[rows] ** 2 + projected_variance(part, self.covariance))
@@ -406,8 +405,7 @@ class RandomWalkSmoother:
     def _turn(self, axes: _Axes) -> ComplexArray:
         """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
         second, third = (self.record.to_body(axis) for axis in axes)
-        turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
-        return np.asarray(turn / np.maximum(np.abs(turn), 1e-12))
+        return unit(second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2]))
 
 
 def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray, Values
 from brv_hypo.constants import MOMENT_SLOPE_STEP
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
@@ -32,7 +32,7 @@ _TURNED = ("y", "z", "rate y", "rate z")
 _SCALARS = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 _READ = (*_SCALARS, "q", "r")
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
+
 MovedRecord = tuple[InertialRecord, ComplexArray]
 """A record of a flight's times, and its crossflow (n,)."""
 
