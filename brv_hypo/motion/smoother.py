@@ -11,7 +11,7 @@ record and coefficients of the measurement models.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -62,6 +62,16 @@ class Columns(Protocol):
 
     def __getitem__(self, rows: slice, /) -> ComplexArray:
         """These rows of all columns."""
+
+
+class _Made:
+    """Columns whose rows are made when they are asked for."""
+
+    def __init__(self, make: Callable[[slice], ComplexArray]) -> None:
+        self._make = make
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        return self._make(rows)
 
 
 @dataclass(frozen=True)
@@ -322,7 +332,8 @@ class RandomWalkSmoother:
             coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
             drift = _Drift(self.record, self.responses, axes)
             equations = None  # large, and about to be replaced
-            equations = self._linear(measurements, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
+            offset = (xi - nominal) * np.conj(turn)
+            equations, scaling = self._linear(measurements, coefficients, xi, turn, offset, drift)
             solution = equations.solve(*self._priors(measurements, coefficients, start))
             shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
             step = nominal + turn * shift - xi
@@ -338,18 +349,27 @@ class RandomWalkSmoother:
             if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))):
                 break
         assert equations is not None
+        final = equations
         observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
         errors = slice(_GRAVITY, self.shared)
+        left = equations.residual(solution)
+
+        def response(rows: slice) -> ComplexArray:
+            moved, out = drift[rows], final.sensitivity(rows)
+            out[:, : moved.shape[1]] += moved
+            out /= self.speed[rows, np.newaxis]
+            return out
+
         value, covariance = self.known + solution.theta[errors], solution.covariance[errors, errors]
         return SmoothedMotion(
             measurements=measurements,
             start=start,
             coefficients=coefficients,
             crossflow=crossflow,
-            residual=_unscaled(equations, solution),
+            residual=left if scaling is None else scaling.back(left),
             covariance=solution.covariance,
             effects=EffectFit(self.responses, self.known, value, covariance),
-            response=_Response(equations, drift, self.speed),
+            response=_Made(response),
             walk_sigma=walk_sigma,
             turn=turn,
             score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
@@ -363,29 +383,43 @@ class RandomWalkSmoother:
         turn: ComplexArray,
         offset: ComplexArray,
         drift: _Drift,
-    ) -> WalkEquations:
-        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes."""
+    ) -> tuple[WalkEquations, LocalScaling | None]:
+        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes.
+
+        With it the scaling of the last measurement.
+        """
         ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
-        rows = []
-        for measurement, values, at in zip(measurements, coefficients, ends, strict=False):
-            own, sigma = measurement.columns(xi), measurement.sigma
+
+        def linear(
+            measurement: MeasurementModel, values: FloatArray, first: int
+        ) -> tuple[LinearMeasurement, LocalScaling | None]:
+            own, sigma, modelled = measurement.columns(xi), measurement.sigma, measurement.modelled(xi, values)
             residual = measurement.observed - own @ values
             slope = measurement.gain(xi, values) * turn
+            gain = slope / self.speed
             scaling = measurement.local_scaling(xi, values)
             if scaling is not None:
                 residual, own, sigma = scaling.of(residual), scaling.of(own), sigma * scaling.noise
-            columns = _MeasurementColumns(
-                measurement=measurement,
-                gain=slope / self.speed,
-                drift=drift,
-                modelled=measurement.modelled(xi, values),
-                own=own,
-                first=int(at),
-                size=int(ends[-1]),
-                local_scaling=scaling,
-            )
-            rows.append(LinearMeasurement(residual + slope * offset, columns.gain, columns, sigma))
-        return walk_equations(rows, self.step_variance, (MOTION_START * self.speed[0]) ** 2)
+
+            def columns(rows: slice) -> ComplexArray:
+                here, moved = own[rows], drift[rows]
+                out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
+                errors, shared = out[:, _GRAVITY : self.shared], out[:, : self.shared]
+                measurement.add_effects(errors, rows, modelled)
+                if scaling is not None:
+                    errors[:] = scaling.of(errors, rows)
+                shared += gain[rows, np.newaxis] * moved
+                out[:, first : first + here.shape[1]] = here
+                return out
+
+            return LinearMeasurement(residual + slope * offset, gain, _Made(columns), sigma), scaling
+
+        each = [
+            linear(measurement, values, int(first))
+            for measurement, values, first in zip(measurements, coefficients, ends, strict=False)
+        ]
+        variance = (MOTION_START * self.speed[0]) ** 2
+        return walk_equations([one for one, _ in each], self.step_variance, variance), each[-1][1]
 
     def _priors(
         self, measurements: Sequence[MeasurementModel], coefficients: Sequence[FloatArray], start: WindStart
@@ -449,61 +483,6 @@ class _Drift:
         moved = self._fallen @ unknowns[:_GRAVITY] - of_errors
         second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
         return np.asarray(second + 1j * third)
-
-
-@dataclass(frozen=True)
-class _MeasurementColumns:
-    """Columns (n, size) of one measurement: gravity, errors, and its own unknowns."""
-
-    measurement: MeasurementModel
-    """Which adds what errors of the record add to its observation."""
-    gain: ComplexArray
-    """Derivative by the velocity (n,)."""
-    drift: _Drift
-    """The velocity by gravity and errors."""
-    modelled: ComplexArray
-    """The modelled part of the observation that follows the crossflow (n,)."""
-    own: ComplexArray
-    """Columns of its unknowns (n, unknowns), scaled already."""
-    first: int
-    """Their place among the globals."""
-    size: int
-    """How many globals there are."""
-    local_scaling: LocalScaling | None
-    """By which everything is scaled."""
-
-    def __getitem__(self, rows: slice) -> ComplexArray:
-        own, drift = self.own[rows], self.drift[rows]
-        out = np.zeros((own.shape[0], self.size), dtype=complex)
-        shared = drift.shape[1]
-        self.measurement.add_effects(out[:, _GRAVITY:shared], rows, self.modelled)
-        if self.local_scaling is not None:
-            out[:, _GRAVITY:shared] = self.local_scaling.of(out[:, _GRAVITY:shared], rows)
-        out[:, :shared] += self.gain[rows, np.newaxis] * drift
-        out[:, self.first : self.first + own.shape[1]] = own
-        return out
-
-
-@dataclass(frozen=True)
-class _Response:
-    """Change of the crossflow (n, k), in wind axes, per unit of each global."""
-
-    equations: WalkEquations
-    drift: _Drift
-    speed: FloatArray
-
-    def __getitem__(self, rows: slice) -> ComplexArray:
-        drift, out = self.drift[rows], self.equations.sensitivity(rows)
-        out[:, : drift.shape[1]] += drift
-        out /= self.speed[rows, np.newaxis]
-        return out
-
-
-def _unscaled(equations: WalkEquations, solution: WalkSolution) -> ComplexArray:
-    """Residual of the last measurement (n,), as it was observed."""
-    left, columns = equations.residual(solution), equations.measurements[-1].columns
-    scaling = columns.local_scaling if isinstance(columns, _MeasurementColumns) else None
-    return left if scaling is None else scaling.back(left)
 
 
 def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) -> WindStart:
