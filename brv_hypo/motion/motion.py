@@ -19,7 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
-from brv_hypo.motion.interpolation import Places, Spline, lagrange
+from brv_hypo.motion.interpolation import Spline, lagrange
 from brv_hypo.motion.kinematics import (
     angle_of_attack,
     angle_rates,
@@ -252,7 +252,7 @@ class _Past:
             xi = crossflow(motion.alpha, motion.windward_meridian) if name == _CROSSFLOW else None
             values = getattr(motion, name) if xi is None else np.stack([xi.real, xi.imag], axis=1)
             self.splines[name] = Spline(samples, values)
-        return self.splines[name](Places.among(samples, np.maximum(time, samples[0])))
+        return self.splines[name](np.maximum(time, samples[0]))
 
 
 class EarlierMotion(Motion):

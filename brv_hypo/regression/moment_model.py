@@ -21,7 +21,7 @@ from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.moment import evaluated, summed
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.interpolation import Places, Spline
+from brv_hypo.motion.interpolation import Spline
 from brv_hypo.motion.kinematics import CROSSFLOW_FLOOR, crossflow
 from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -134,8 +134,8 @@ class MomentModel:
             return known
         time = self.motion.time
         since = time - ago - time[0]
-        places = Places.among(time, time[0] + np.maximum(since, 0.0))
-        found = {name: Spline(time, change)(places) for name, change in known.items()}
+        asked = time[0] + np.maximum(since, 0.0)
+        found = {name: Spline(time, change)(asked) for name, change in known.items()}
         early = since < 0.0
         xi, rate = (each[0] for each in _crossflow(self.motion))
         xi = xi if abs(xi) > CROSSFLOW_FLOOR else CROSSFLOW_FLOOR  # the meridian is undefined there
