@@ -245,7 +245,7 @@ def effect_responses(
     smooth, kept = noise_free(record, force), _kept(record, crossflow)
     width = max(1, AT_ONCE // kept.count)
     drift = np.empty((kept.size, 3, len(effects)))
-    forces, pressures, moments = _Gathered(kept), _Gathered(kept), _Gathered(kept)
+    changes: dict[str, dict[int, Any]] = {"force": {}, "pressure": {}, "moment": {}}
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
         steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
@@ -253,18 +253,28 @@ def effect_responses(
         drifts = kept.of(_drift(smooth, crossflow, records))
         drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
         for k, (more, less) in enumerate(zip(records[: len(some)], records[len(some) :], strict=True), start=first):
-            forces.add(k, more.transverse_force - less.transverse_force)
-            pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
-            moments.add(k, more.moment - less.moment)
+            for name, change in (
+                ("force", more.transverse_force - less.transverse_force),
+                ("pressure", (more.force_scale - less.force_scale) / smooth.force_scale),
+                ("moment", more.moment - less.moment),
+            ):
+                if np.any(change):
+                    changes[name][k] = kept.of(change)
     drift /= RESPONSE_STEP
+    force, pressure, moment = (_gathered(each, kept) for each in changes.values())
     return EffectResponses(
-        effects=tuple(effects),
-        rows=kept,
-        drift=drift,
-        force=forces.all_of(complex),
-        pressure=pressures.all_of(float),
-        moment=moments.all_of(complex),
+        effects=tuple(effects), rows=kept, drift=drift, force=force, pressure=pressure, moment=moment
     )
+
+
+def _gathered(changes: dict[int, Any], kept: DecimatedGrid) -> Responses[Any]:
+    """Changes (kept,) by effect, per unit of them; they are let go one by one."""
+    which = np.array(list(changes), dtype=np.int64)
+    kind = changes[int(which[0])].dtype if changes else float
+    values: Any = np.empty((kept.size, which.size), dtype=kind, order="F")
+    for place, effect in enumerate(which.tolist()):
+        np.divide(changes.pop(effect), RESPONSE_STEP, out=values[:, place])
+    return Responses(which, kept, values)
 
 
 def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
@@ -275,36 +285,15 @@ def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
     return decimated_grid(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, RESPONSE_PER_CYCLE))
 
 
-class _Gathered:
-    """Changes of one quantity, effect by effect; those that are none are not kept."""
-
-    def __init__(self, kept: DecimatedGrid) -> None:
-        self._kept = kept
-        self._found: dict[int, Any] = {}
-
-    def add(self, effect: int, change: Any) -> None:
-        """The change (n,) by one effect."""
-        if np.any(change):
-            self._found[effect] = self._kept.of(change)
-
-    def all_of(self, kind: type) -> Responses[Any]:
-        """All of them per unit of the effects, which are let go one by one."""
-        which = np.array(list(self._found), dtype=np.int64)
-        values: Any = np.empty((self._kept.size, which.size), dtype=kind, order="F")
-        for place, effect in enumerate(which.tolist()):
-            np.divide(self._found.pop(effect), RESPONSE_STEP, out=values[:, place])
-        return Responses(which, self._kept, values)
-
-
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything at all."""
+    each = {name: getattr(responses, name) for name in ("force", "pressure", "moment")}
     nonzero = np.any(responses.drift != 0.0, axis=(0, 1))
-    for each in (responses.force, responses.pressure, responses.moment):
-        nonzero[each.which] = True
+    for one in each.values():
+        nonzero[one.which] = True
     if np.all(nonzero):
         return responses
     place = np.cumsum(nonzero) - 1
-    each = {name: getattr(responses, name) for name in ("force", "pressure", "moment")}
     moved = {name: replace(one, which=place[one.which]) for name, one in each.items()}
     left = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
     return replace(responses, effects=left, drift=responses.drift[:, :, nonzero], **moved)
