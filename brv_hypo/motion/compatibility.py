@@ -261,7 +261,7 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
 
 def _integral(time: FloatArray, values: Values) -> Values:
     """Integral of `values` (n,) from the first sample on, by trapezoids."""
-    return np.asarray(cumulative_trapezoid(values, time, initial=0.0))
+    return np.asarray(cumulative_trapezoid(values, time, initial=0))
 
 
 def _force(piece: Readings, position: tuple[float, float, float]) -> tuple[FloatArray, ComplexArray]:
@@ -434,19 +434,13 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
         if gain >= max(least, ranked[0][1] - limits.COMPATIBILITY_NEARLY_EQUAL) and _corrects(after, as_read, broken)
     ]
     if likely and likely[0] is ranked[0][0]:
-        found.append(_named(flight, likely))
+        best, others = likely[0], "; or ".join(one.words for one in likely[1 : 1 + MOST_OTHERS])
+        nearly = f" (nearly as likely: {others})" if others else ""
+        found.append(_fault(flight, best.channel, best.fault, f"{best.words}{nearly}: correct the map"))
     if "path" in broken and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
         found.append(_fault(flight, "p, q, r, ay, az", "axes", words))
     return tuple(found)
-
-
-def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
-    """The fault of the likeliest correction; others that restore the record nearly as well are named."""
-    best, others = likely[0], likely[1 : 1 + MOST_OTHERS]
-    nearly = f" (nearly as likely: {'; or '.join(one.words for one in others)})" if others else ""
-    action = f"{best.words}{nearly}: correct the map"
-    return _fault(flight, best.channel, best.fault, action)
 
 
 def _broken(found: Compatibility) -> Sequence[str]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -130,4 +131,5 @@ def _of_triad(
     triad: str, channels: tuple[str, ...], fault: str, words: str, matrix: FloatArray, changes: int = 1
 ) -> Correction:
     values: Matrix = tuple((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
-    return replace(Correction(channels, fault, words, changes=changes), **{triad: values})
+    factors: dict[str, Any] = {triad: values}
+    return Correction(channels, fault, words, changes=changes, **factors)

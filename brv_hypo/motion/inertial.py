@@ -226,6 +226,11 @@ def gravity_magnitude(flight: Flight) -> float | None:
     return surface * (radius / (radius + height)) ** 2
 
 
+def gravity_size(flight: Flight) -> float:
+    """How large gravity may be, m/s^2."""
+    return gravity_magnitude(flight) or FREE_GRAVITY
+
+
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
     if forces:

@@ -14,12 +14,11 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import (
-    FREE_GRAVITY,
     InertialRecord,
     WindStart,
     body_crossflow,
     cycles,
-    gravity_magnitude,
+    gravity_size,
     start_from_nose,
     wind_direction,
 )
@@ -51,15 +50,13 @@ class WindHistory:
     gravity: FloatArray
     """(3,) m/s^2 in body axes at the first sample."""
     normal_force_slope: FloatArray
-    """(n,) 1/rad at alpha = 0, a spline of `normal_force_terms`; NaN where the method does not estimate it."""
+    """(n,) 1/rad at alpha = 0, NaN where the method does not estimate it."""
     accel_sigma: float
     """White noise of the accelerometers as estimated by the fit, m/s^2."""
     effects: EffectFit
     """The estimated errors of the record."""
     warnings: tuple[str, ...] = ()
     """What limits the result."""
-    normal_force_terms: int = 0
-    """Coefficients of the slope; 0 where it is not estimated."""
     normal_force_bend: float = 0.0
     """What the slope gains with the square of alpha, 1/rad^3."""
 
@@ -83,7 +80,7 @@ def nose_start(
     The mean errs by what a broken cycle adds, and gravity, which follows from the nose's drift, by that over time.
     Where gravity is left out it is its own standard deviation.
     """
-    size = config.gravity_magnitude or gravity_magnitude(record.flight) or FREE_GRAVITY
+    size = config.gravity_magnitude or gravity_size(record.flight)
     start = start_from_nose(record, size if config.gravity else 0.0, forces=forces)
     xi = body_crossflow(record, wind_direction(record, start, forces=forces))
     sigma = float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2)) / (np.pi * cycles(record)))

@@ -32,7 +32,6 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
         sigma=np.sqrt(noise**2 + 0.5 * responses.variance(effects.covariance)),
         noise_sigma=noise,
         usable=record.measured & spin.interior,
-        filter_half_width=spin.half_width,
         noise_correlation=spin.noise_correlation,
         spin_angle=record.spin_angle,
     )

@@ -367,11 +367,7 @@ def at_nodes(motion: Motion, nodes: Quadrature) -> Motion:
     there, rate = nodes.of(xi), nodes.of(crossflow_rate(motion, xi))
     smooth = ("p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds", _MOMENT)
     read = {name: getattr(motion, name) for name in (*smooth, "roll_acceleration", "axial_share", "common_time")}
-    moved = replace(
-        motion,
-        time=nodes.time,
-        windward_meridian=np.unwrap(windward_meridian(there)),
-        history=None,
-        **{name: None if values is None else nodes.of(values) for name, values in read.items()},
-    )
+    found: dict[str, Any] = {name: None if values is None else nodes.of(values) for name, values in read.items()}
+    meridian = np.unwrap(windward_meridian(there))
+    moved = replace(motion, time=nodes.time, windward_meridian=meridian, history=None, **found)
     return recorded(with_crossflow(moved, there, rate))

@@ -198,7 +198,6 @@ def reconstruct(
         phi_w_sigma=np.minimum(meridian_sigma, UNKNOWN_ANGLE),
         gravity_body=wind.gravity,
         normal_force_slope=wind.normal_force_slope,
-        normal_force_terms=wind.normal_force_terms,
         normal_force_bend=wind.normal_force_bend,
         gyro_sigma=record.gyro_sigma,
         accel_sigma=wind.accel_sigma,

@@ -37,8 +37,6 @@ class MomentEstimate:
     """The same by the gyros' noise alone."""
     usable: BoolArray
     """False (n,) where no estimate is made."""
-    filter_half_width: int
-    """Of the differentiation, samples."""
     noise_correlation: FloatArray
     """Correlation of the noise at lags of 0, 1, ... samples (2 half_width + 1,)."""
     spin_angle: FloatArray
@@ -112,8 +110,6 @@ class Reconstruction(HasCharts, Histories):
     """What limits the result and what would help."""
     input_errors: tuple[InputError, ...] = ()
     """What smoothing left of the noise of inputs, where `flight` holds them smoothed."""
-    normal_force_terms: int = 0
-    """Coefficients of the slope's spline in time; 0 where it is not estimated."""
     normal_force_bend: float = 0.0
     """What the slope gains with the square of alpha, 1/rad^3."""
     clock_sigma: float = 0.0

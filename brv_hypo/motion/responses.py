@@ -72,8 +72,10 @@ def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
         vehicle = out.vehicle
         if variant.vehicle is not flight.vehicle:
             each = zip(astuple(vehicle), astuple(variant.vehicle), astuple(flight.vehicle), strict=True)
-            *sizes, place = ((np.asarray(known) + np.subtract(new, old)).tolist() for known, new, old in each)
-            vehicle = Vehicle(*sizes, tuple(place))
+            mass, ixx, iyy, length, area, place = (
+                (np.asarray(known) + np.subtract(new, old)).tolist() for known, new, old in each
+            )
+            vehicle = Vehicle(mass, ixx, iyy, length, area, tuple(place))
         out = replace(out, vehicle=vehicle, **changed)
     return out
 
@@ -287,7 +289,7 @@ def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
 
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything at all."""
-    each = {name: getattr(responses, name) for name in ("force", "pressure", "moment")}
+    each: dict[str, Any] = {name: getattr(responses, name) for name in ("force", "pressure", "moment")}
     nonzero = np.any(responses.drift != 0.0, axis=(0, 1))
     for one in each.values():
         nonzero[one.which] = True

@@ -255,8 +255,10 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     windows of many cycles smooth everything away whatever their order, and only the second sees it.
     """
     longest = max(piece.size for piece in pieces)
-    parts = [(np.ascontiguousarray(each.real), np.ascontiguousarray(each.imag)) for each in pieces]
-    parts = [(real, imaginary) if np.any(imaginary) else (real,) for real, imaginary in parts]
+    parts = [[np.ascontiguousarray(each.real)] for each in pieces]
+    for each, own in zip(pieces, parts, strict=True):
+        if np.any(each.imag):
+            own.append(np.ascontiguousarray(each.imag))
     best, choice = np.inf, (DERIVATIVE_ORDERS[0], 1, 0.0)
     for order in DERIVATIVE_ORDERS:
         valley = np.inf
@@ -297,7 +299,7 @@ def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _squared_bias(
-    pieces: list[tuple[FloatArray, ...]], difference: FloatArray, sigma: float, margin: float
+    pieces: list[list[FloatArray]], difference: FloatArray, sigma: float, margin: float
 ) -> float:
     """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none.
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import (
-    FREE_GRAVITY,
     InertialRecord,
     WindStart,
     body_crossflow,
-    gravity_magnitude,
+    gravity_size,
     inertial_record,
     transverse_axes,
     wind_direction,
@@ -36,11 +34,6 @@ GRAVITY = ("gravity x", "gravity y", "gravity z")
 def walk_name(axis: str, number: int) -> str:
     """Name of a sine of the walk about an axis, y or z."""
     return f"walk {axis} {number}"
-
-
-def gravity_size(flight: Flight) -> float:
-    """How large gravity may be, m/s^2."""
-    return gravity_magnitude(flight) or FREE_GRAVITY
 
 
 @dataclass(frozen=True)

@@ -274,7 +274,6 @@ def _history(problem: RandomWalkSmoother, fit: SmoothedMotion, warnings: tuple[s
             return replace(
                 found,
                 normal_force_slope=force.slope(coefficients).real,
-                normal_force_terms=int(force.slope_basis.shape[1]),
                 normal_force_bend=force.bend(coefficients),
                 accel_sigma=float(np.median(force.sigma[np.isfinite(force.sigma)])),
             )
