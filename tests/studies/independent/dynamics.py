@@ -16,6 +16,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from tests.studies.independent.air import GRAVITY, Wind, atmosphere, sound_speed, viscosity
+from tests.studies.independent.imperfections import Imperfections
 from tests.studies.independent.instruments import Errors, inertia_tensor
 from tests.studies.independent.mechanisms import Planted, Running
 from tests.studies.independent.vehicles import Craft, Start
@@ -73,12 +74,22 @@ class History:
 class Body:
     """Equations of motion of one flight with its planted mechanism and its vehicle's and air's errors."""
 
-    def __init__(self, craft: Craft, start: Start, errors: Errors, planted: Planted, pad: float) -> None:
-        self.craft, self.start, self.planted = craft, start, planted
+    def __init__(
+        self,
+        craft: Craft,
+        start: Start,
+        errors: Errors,
+        planted: Planted,
+        pad: float,
+        imperfections: Imperfections | None = None,
+    ) -> None:
+        self.craft, self.start, self.planted, self.imperfections = craft, start, planted, imperfections
         self.wind = Wind(errors.wind, craft.duration, planted.gust)
-        self.still = self.wind.still
+        self.still = self.wind.still and imperfections is None
         vehicle = craft.vehicle
         tensor = inertia_tensor(vehicle.ixx, vehicle.iyy, errors)
+        if imperfections is not None:
+            tensor = imperfections.inertia(tensor)
         self.tensor = tensor.tolist()
         self.inverse = np.linalg.inv(tensor).tolist()
         self.centre = (0.0, *(float(value) for value in errors.cg_offset))
@@ -90,6 +101,15 @@ class Body:
         pressure = 0.5 * density * craft.speed**2
         self.frequency = math.sqrt(pressure * self.scale * abs(craft.static_slope) / vehicle.iyy)
         self.roll_moment = start.roll_acceleration * vehicle.ixx / (pressure * self.scale)
+
+    def winds(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Wind (3,) m/s and its rate (3,) m/s^2: the slow one, and what is imperfect."""
+        wind, rate = self.wind.at(time)
+        if self.imperfections is None:
+            return wind, rate
+        climb = self.craft.speed * math.sin(self.craft.flight_path)
+        more, quicker = self.imperfections.winds(time, climb)
+        return wind + more, rate + quicker
 
     def static_slope(self, speed: float) -> float:
         craft = self.craft
@@ -112,7 +132,7 @@ class Body:
             coning * sine - nutation * cosine,
             coning * cosine + nutation * sine,
         ]
-        velocity = craft.speed * along + self.wind.at(time)[0]
+        velocity = craft.speed * along + self.winds(time)[0]
         quaternion = _quaternion(np.stack([nose, body_y, body_z], axis=1))
         return np.concatenate([[0.0, 0.0, -craft.altitude], velocity, quaternion, turn])
 
@@ -129,7 +149,7 @@ class Body:
         m = _matrix(quaternion)
         gx, gy, gz = 0.0, 0.0, GRAVITY
         if not self.still:
-            wind, gust = self.wind.at(time)
+            wind, gust = self.winds(time)
             vx, vy, vz = vx - wind[0], vy - wind[1], vz - wind[2]
             gx, gy, gz = -gust[0], -gust[1], GRAVITY - gust[2]
         u, v, w = (m[0][k] * vx + m[1][k] * vy + m[2][k] * vz for k in range(3))
@@ -138,6 +158,8 @@ class Body:
         alpha = math.atan2(cross, u)
         per_cross = alpha / cross if cross > 1e-9 else 1.0 / u
         density, temperature = atmosphere(-down)
+        if self.imperfections is not None:
+            density *= self.imperfections.density(-down)
         pressure = 0.5 * density * speed * speed
         push = pressure * vehicle.reference_area
         normal = craft.normal_slope * craft.bent(craft.normal_bend, alpha)
@@ -159,18 +181,23 @@ class Body:
         running = self._running(time, (u, v, w), (ud, vd, wd), alpha, (p, q, r), reduced, slope, air)
         planted = self.planted.contribution(running)
         meridian = running.meridian
+        _, cy, cz = self.centre
+        unlisted, torque_share = 0j, 1.0
+        if self.imperfections is not None:
+            unlisted, torque_share = self.imperfections.moment(running), self.imperfections.torque_share(time)
+            dy, dz = self.imperfections.centre(time)
+            cy, cz = cy + dy, cz + dz
         moment = (
             slope * craft.bent(craft.static_bend, alpha) * per_cross * (w - 1j * v)
             + craft.damping * (q + 1j * r) * reduced
-            + planted * cmath.exp(-1j * meridian)
+            + (planted + unlisted) * cmath.exp(-1j * meridian)
         )
         roll = self.roll_moment + craft.roll_damping * p * reduced
         twist = pressure * self.scale
-        _, cy, cz = self.centre
         torque = (
-            twist * roll - (cy * fz - cz * fy),
-            twist * moment.real - cz * fx,
-            twist * moment.imag + cy * fx,
+            (twist * roll - (cy * fz - cz * fy)) * torque_share,
+            (twist * moment.real - cz * fx) * torque_share,
+            (twist * moment.imag + cy * fx) * torque_share,
         )
         change = _spin_change(self.tensor, self.inverse, (p, q, r), torque)
         rate = [
@@ -242,7 +269,7 @@ class Body:
 
     def _flow_of(self, time: float, state: np.ndarray) -> complex:
         m = _matrix(state[6:10].tolist())
-        vx, vy, vz = (state[3:6] - (0.0 if self.still else self.wind.at(time)[0])).tolist()
+        vx, vy, vz = (state[3:6] - (0.0 if self.still else self.winds(time)[0])).tolist()
         u, v, w = (m[0][k] * vx + m[1][k] * vy + m[2][k] * vz for k in range(3))
         cross = math.hypot(v, w)
         return complex(w, v) * (math.atan2(cross, u) / cross if cross > 1e-9 else 1.0 / u)
@@ -342,8 +369,15 @@ def _spin_change(
     return x, y, z
 
 
-def flown(craft: Craft, start: Start, errors: Errors, planted: Planted, pad: float = PAD) -> Body:
-    body = Body(craft, start, errors, planted, pad)
+def flown(
+    craft: Craft,
+    start: Start,
+    errors: Errors,
+    planted: Planted,
+    pad: float = PAD,
+    imperfections: Imperfections | None = None,
+) -> Body:
+    body = Body(craft, start, errors, planted, pad, imperfections)
     body.fly()
     return body
 

@@ -18,6 +18,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.flight.tolerances import of_grade
 from tests.studies.independent.air import atmosphere, sound_speed, viscosity
 from tests.studies.independent.dynamics import PAD, Body, History, Look, flown, stack
+from tests.studies.independent.imperfections import ordinary
 from tests.studies.independent.instruments import (
     GRADES,
     Errors,
@@ -35,7 +36,7 @@ LARGEST_GROWTH = 0.7  # e-folds that a nominal amplitude may add to the coning o
 SMALLEST_AMPLITUDE = 3e-3  # of a nominal one, drawn by `draw_flight`
 # What feeds or brakes the coning in proportion to it, rather than pushing it.
 _GROWING = ("damping", "lag", "sticking", "magnus", "vortex", "mach_damping", "reynolds_damping")
-_STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4}
+_STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4, "imperfections": 6}
 
 
 @dataclass(frozen=True)
@@ -135,13 +136,16 @@ def make_flight(
     start: Start | None = None,
     beside: Planted | None = None,
     planted: Planted | None = None,
+    imperfect: tuple[str, ...] = (),
+    imperfect_size: float = 1.0,
 ) -> Made:
     """Fly and record one case.
 
     `amplitude` times the nominal amplitude that the seed draws (SHARE of the moment's rms); `factor` times the
     grade's tolerances, a number or a mapping by key; `errors` sets actual errors by key, SI (a number fills the
     vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn; `beside` acts as well; `planted`
-    in place of all that would be drawn. The same seed gives the same start, errors and noise whatever is planted.
+    in place of all that would be drawn; `imperfect` names kinds of `imperfections.KINDS`, at `imperfect_size` times
+    their ordinary size. The same seed gives the same start, errors and noise whatever is planted.
     """
     if truth not in (*TRUTHS, *THROUGHOUT):
         raise ValueError(f"got the truth '{truth}', expected one of {', '.join((*TRUTHS, *THROUGHOUT))}")
@@ -155,11 +159,15 @@ def make_flight(
     if planted is None:
         nominal, share = _nominal(craft, start, truth, time, stream(seed, "mechanism"), region, values)
         planted = replace(nominal, amplitude=amplitude * nominal.amplitude, beside=beside)
-    body = flown(craft, start, drawn, planted, max(PAD, 1.5 * abs(drawn.time_skew)))
+    flaws = ordinary(craft, imperfect, stream(seed, "imperfections"), imperfect_size) if imperfect else None
+    if flaws is not None:
+        planted = replace(planted, onset=flaws.onset)
+    body = flown(craft, start, drawn, planted, max(PAD, 1.5 * abs(drawn.time_skew)), flaws)
     true = _truth(body, time, drawn, noise, share)
-    flight = _record(
-        true, body.history, grade, stream(seed, "noise"), f"independent {craft.name}, seed {seed}"
-    )
+    rng = stream(seed, "noise")
+    flight = _record(true, body.history, grade, rng, f"independent {craft.name}, seed {seed}")
+    if flaws is not None:
+        flight = flaws.recorded(flight, rng, (noise.gyro, noise.accel))
     return Made(flight, planted.name, amplitude, craft.name, seed, grade, true)
 
 
@@ -276,7 +284,7 @@ def _truth(body: Body, time: np.ndarray, errors: Errors, noise: Noise, nominal_s
 def _parts(planted: Planted, looks: list[Look]) -> np.ndarray:
     """What each of the planted effects contributes (n, effects)."""
     running = [look.running for look in looks]
-    return np.array([[part.claim(now) * part.acts(now.time) for part in planted.parts] for now in running])
+    return np.array([[part.claim(now) * part.weight(now.time) for part in planted.parts] for now in running])
 
 
 def _record(true: TrueMotion, history: History, grade: str, rng: np.random.Generator, title: str) -> Flight:

@@ -61,6 +61,8 @@ class Planted:
     stop: float = 0.0
     values: dict[str, Any] = field(default_factory=dict)
     beside: Planted | None = None
+    onset: float = 0.0
+    """s over which it begins, about `start`; 0: a step."""
 
     @property
     def parts(self) -> tuple[Planted, ...]:
@@ -83,7 +85,10 @@ class Planted:
         """Times at which the moment or its first derivatives jump."""
         planted = [part for part in self.parts if part.name != "none"]
         found = {
-            edge + k * part.delay for part in planted for edge in (part.start, part.stop) for k in range(3)
+            edge + k * part.delay
+            for part in planted
+            for edge in (part.start - 0.5 * part.onset, part.start + 0.5 * part.onset, part.stop)
+            for k in range(3)
         }
         return tuple(sorted(found))
 
@@ -92,10 +97,17 @@ class Planted:
         return max((part.delay for part in self.parts if part.acts(time)), default=0.0)
 
     def acts(self, time: float) -> bool:
-        return self.start <= time < self.stop
+        return self.start - 0.5 * self.onset <= time < self.stop
+
+    def weight(self, time: float) -> float:
+        """Its share at a time: 1 where it acts, on the way there a smooth step."""
+        if not self.acts(time):
+            return 0.0
+        way = (time - self.start) / self.onset + 0.5 if self.onset else 1.0
+        return 1.0 if way >= 1.0 else way * way * (3.0 - 2.0 * way)
 
     def contribution(self, now: Running) -> complex:
-        return sum((part.claim(now) for part in self.parts if part.acts(now.time)), 0j)
+        return sum((part.weight(now.time) * part.claim(now) for part in self.parts if part.acts(now.time)), 0j)
 
     def claim(self, now: Running) -> complex:
         """Its own contribution, region or no."""

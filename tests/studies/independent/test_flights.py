@@ -260,6 +260,7 @@ STUDIES = (
     "near_zero.py",
     "integrals.py",
     "instrument_errors.py",
+    "imperfect_study.py",
     "test_near_zero.py",
     "test_verdicts.py",
     "test_bent_aerodynamics.py",
