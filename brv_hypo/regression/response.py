@@ -26,6 +26,7 @@ from brv_hypo.motion.inertial import (
     InertialRecord,
     WindStart,
     body_crossflow,
+    gravity_size,
     propagated_crossflows,
     transverse_axes,
     wind_direction,
@@ -38,7 +39,7 @@ from brv_hypo.motion.signals import InputError, smooth_channel
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.force import ForceModel
 from brv_hypo.regression.moment_model import MomentModel, MovedRecord
-from brv_hypo.regression.propagated_motion import GRAVITY, START, PropagatedMotion, gravity_size, walk_name
+from brv_hypo.regression.propagated_motion import GRAVITY, START, PropagatedMotion, walk_name
 from brv_hypo.regression.wander import (
     walk_modes,
     walk_noise,
