@@ -23,19 +23,17 @@ Measurements = Literal["auto", "force", "moment", "both"]
 
 
 class ReconstructionConfig(BaseModel):
-    """Options of `reconstruct`; the defaults suit an unknown flight.
+    """Options of `reconstruct`; the defaults suit an unknown flight."""
 
-    `method`: "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), "polar" (Appendix A).
-    `gravity`: let gravity turn the velocity; the report neglects it. `measurements`: what measures the attitude to
-    the wind in the joint method: the normal force, the static moment, both, or the force alone unless that is too
-    little ("auto").
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     method: Method = "joint"
+    """The report's "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), or "polar" (Appendix A)."""
     gravity: bool = True
+    """Whether gravity turns the velocity; the report neglects it."""
     measurements: Measurements = "auto"
+    """What measures the attitude to the wind in the joint method: the normal force, the static moment, both, or the
+    force alone unless that is too little ("auto")."""
     gravity_magnitude: float | None = Field(
         default=None, gt=0.0, description="m/s^2; from planet and altitude if None"
     )

@@ -255,18 +255,17 @@ def effect_responses(
         drifts = kept.of(_drift(smooth, crossflow, records))
         drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
         for k, (more, less) in enumerate(zip(records[: len(some)], records[len(some) :], strict=True), start=first):
-            for name, change in (
-                ("force", more.transverse_force - less.transverse_force),
-                ("pressure", (more.force_scale - less.force_scale) / smooth.force_scale),
-                ("moment", more.moment - less.moment),
-            ):
+            of_one: dict[str, Any] = {
+                "force": more.transverse_force - less.transverse_force,
+                "pressure": (more.force_scale - less.force_scale) / smooth.force_scale,
+                "moment": more.moment - less.moment,
+            }
+            for name, change in of_one.items():
                 if np.any(change):
                     changes[name][k] = kept.of(change)
     drift /= RESPONSE_STEP
-    force, pressure, moment = (_gathered(each, kept) for each in changes.values())
-    return EffectResponses(
-        effects=tuple(effects), rows=kept, drift=drift, force=force, pressure=pressure, moment=moment
-    )
+    gathered: dict[str, Any] = {name: _gathered(each, kept) for name, each in changes.items()}
+    return EffectResponses(effects=tuple(effects), rows=kept, drift=drift, **gathered)
 
 
 def _gathered(changes: dict[int, Any], kept: DecimatedGrid) -> Responses[Any]:
