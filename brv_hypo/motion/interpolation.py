@@ -155,6 +155,36 @@ def lagrange(nodes: FloatArray, places: FloatArray) -> sparse.csr_array:
     )
 
 
+def applied(operator: sparse.csr_array, values: Values) -> Values:
+    """A sparse operator (m, n) on values (n, ...), real or complex."""
+    flat = np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
+    return np.asarray(operator @ flat).view(values.dtype).reshape(-1, *values.shape[1:])
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """The nodes of a flight, at which what is integrated is evaluated."""
+
+    time: FloatArray
+    """(m,) s."""
+    samples: IntArray
+    """Which of them the samples are (n,)."""
+    spread: sparse.csr_array | None = None
+    """What makes values at the nodes of those at the samples (m, n); None where the samples are all."""
+
+    def of(self, values: Values) -> Values:
+        """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""
+        if self.spread is None:
+            return values
+        found = applied(self.spread, values)
+        found[self.samples] = values
+        return found
+
+    def rows(self, first: int, stop: int) -> slice:
+        """The nodes from one sample to before another, those after the last of them left out."""
+        return slice(int(self.samples[first]), int(self.samples[stop - 1]) + 1)
+
+
 # ---- What is as slow as the motion, kept on as many samples as the motion needs ----
 
 
@@ -208,8 +238,7 @@ class DecimatedGrid:
         """All samples, or these `rows`, of what was kept (m, ...)."""
         if self.spread is None:
             return kept[rows]
-        flat = np.asarray(self.spread[rows] @ np.ascontiguousarray(kept).reshape(self.size, -1))
-        return flat.reshape(-1, *kept.shape[1:])
+        return applied(self.spread[rows], kept)
 
 
 def full_grid(count: int) -> DecimatedGrid:

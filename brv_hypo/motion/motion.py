@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
-from brv_hypo.motion.interpolation import Spline, lagrange
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.interpolation import Quadrature, Spline, lagrange
 from brv_hypo.motion.kinematics import (
     angle_of_attack,
     angle_rates,
@@ -284,30 +284,6 @@ def _unwrapped_near(angle: FloatArray, reference: FloatArray) -> FloatArray:
 
 
 # ---- Between the samples, where the meridian turns too fast for them ----
-
-
-@dataclass(frozen=True)
-class Quadrature:
-    """The nodes of a flight: `time` (m,) s, which of them the samples are (n,), and what makes values there of those at
-    the samples (m, n); None where the samples are all.
-    """
-
-    time: FloatArray
-    samples: IntArray
-    spread: sparse.csr_array | None = None
-
-    def of(self, values: Values) -> Values:
-        """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""
-        if self.spread is None:
-            return values
-        flat = np.ascontiguousarray(values).reshape(self.samples.size, -1).view(float)
-        found = np.asarray(self.spread @ flat)
-        found[self.samples] = flat
-        return found.view(values.dtype).reshape(-1, *values.shape[1:])
-
-    def rows(self, first: int, stop: int) -> slice:
-        """The nodes from one sample to before another, those after the last of them left out."""
-        return slice(int(self.samples[first]), int(self.samples[stop - 1]) + 1)
 
 
 def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadrature:

@@ -15,8 +15,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.hdf5 import Dataset, Tree, write_tree
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.inertial import WindStart, measured
+from brv_hypo.motion.interpolation import Quadrature
 from brv_hypo.motion.kinematics import crossflow
-from brv_hypo.motion.motion import Motion, Quadrature, at_nodes, quadrature
+from brv_hypo.motion.motion import Motion, at_nodes, quadrature
 from brv_hypo.motion.signals import InputError, rms
 from brv_hypo.results import HasCharts, Histories
 

@@ -20,8 +20,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.term import TimeBasis
-from brv_hypo.motion.interpolation import SplineGrid, among, running_integral
-from brv_hypo.motion.motion import Quadrature
+from brv_hypo.motion.interpolation import Quadrature, SplineGrid, among, running_integral
 
 # Share of the last step before a segment's end within which what begins is nothing of it: the difference of two
 # integrals up to there is rounding, and least squares would fit the last sample's noise by any multiple of that.
