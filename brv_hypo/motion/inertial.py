@@ -22,7 +22,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.kinematics import body_attitude
+from brv_hypo.motion.kinematics import body_attitude, unit
 from brv_hypo.motion.signals import (
     ColouredNoise,
     Derivative,
@@ -320,6 +320,12 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
         second - ((direction @ second) / size)[:, None] * both,
         third - ((direction @ third) / size)[:, None] * both,
     )
+
+
+def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
+    """Unit number (n,) that turns a transverse pair from wind axes, of a velocity direction (n, 3), into body axes."""
+    second, third = (record.to_body(axis) for axis in transverse_axes(direction))
+    return unit(second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2]))
 
 
 def cycles(record: InertialRecord) -> float:

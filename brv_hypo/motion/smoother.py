@@ -33,6 +33,7 @@ from brv_hypo.motion.inertial import (
     gravity_magnitude,
     start_from_nose,
     transverse_axes,
+    wind_to_body,
 )
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.kinematics import effective, unit
@@ -64,7 +65,7 @@ class Columns(Protocol):
         """These rows of all columns."""
 
 
-class _Made:
+class _OnDemand:
     """Columns whose rows are made when they are asked for."""
 
     def __init__(self, make: Callable[[slice], ComplexArray]) -> None:
@@ -302,7 +303,7 @@ class RandomWalkSmoother:
         """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
         direction = self.direction(self.nose_start)
         xi = body_crossflow(self.record, direction)
-        turn = self._turn(transverse_axes(direction))
+        turn = wind_to_body(self.record, direction)
         valid = np.isfinite(measurement.sigma)
         weight = 1.0 / measurement.sigma[valid]
         turned = measurement.scale * turn
@@ -327,7 +328,7 @@ class RandomWalkSmoother:
         for _ in range(MOTION_MOST_STEPS):
             direction = self.direction(start)
             axes = transverse_axes(direction)
-            nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
+            nominal, turn = body_crossflow(self.record, direction), wind_to_body(self.record, direction)
             xi = crossflow
             coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
             drift = _Drift(self.record, self.responses, axes)
@@ -369,7 +370,7 @@ class RandomWalkSmoother:
             residual=left if scaling is None else scaling.back(left),
             covariance=solution.covariance,
             effects=EffectFit(self.responses, self.known, value, covariance),
-            response=_Made(response),
+            response=_OnDemand(response),
             walk_sigma=walk_sigma,
             turn=turn,
             score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
@@ -412,7 +413,7 @@ class RandomWalkSmoother:
                 out[:, first : first + here.shape[1]] = here
                 return out
 
-            return LinearMeasurement(residual + slope * offset, gain, _Made(columns), sigma), scaling
+            return LinearMeasurement(residual + slope * offset, gain, _OnDemand(columns), sigma), scaling
 
         each = [
             linear(measurement, values, int(first))
@@ -435,12 +436,6 @@ class RandomWalkSmoother:
                 information[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
             at += measurement.unknowns
         return mean, information
-
-    def _turn(self, axes: _Axes) -> ComplexArray:
-        """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
-        second, third = (self.record.to_body(axis) for axis in axes)
-        return unit(second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2]))
-
 
 def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
     """Coefficients that fit the observation about the crossflow as it stands."""

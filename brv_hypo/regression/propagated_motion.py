@@ -17,13 +17,14 @@ from brv_hypo.motion.inertial import (
     inertial_record,
     transverse_axes,
     wind_direction,
+    wind_to_body,
 )
 from brv_hypo.motion.inputs import with_smooth_inputs
 from brv_hypo.motion.interpolation import SplineGrid
 from brv_hypo.motion.moments import axial_share
 from brv_hypo.motion.motion import crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.wander import walk_modes, walk_sines, wind_to_body
+from brv_hypo.regression.wander import walk_modes, walk_sines
 
 # Names of a motion's unknowns: what a fit says that it has too much of.
 MOTION = "motion"

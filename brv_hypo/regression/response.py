@@ -30,6 +30,7 @@ from brv_hypo.motion.inertial import (
     propagated_crossflows,
     transverse_axes,
     wind_direction,
+    wind_to_body,
 )
 from brv_hypo.motion.inputs import ROLL_RATE
 from brv_hypo.motion.interpolation import running_integral, spacing
@@ -44,7 +45,6 @@ from brv_hypo.regression.wander import (
     walk_modes,
     walk_noise,
     walk_sines,
-    wind_to_body,
 )
 
 Moved = TypeVar("Moved")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import WALK_FEWEST_MODES, WALK_LEFT_OUT, WALK_MODES_PER_CYCLE, WALK_MOST_MODES
-from brv_hypo.motion.inertial import InertialRecord, transverse_axes
+from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -58,10 +58,3 @@ def _orders(count: int) -> FloatArray:
 def _noise_at(record: InertialRecord, order: FloatArray) -> FloatArray:
     """Sigma of white noise, rad/s, as loud as the gyros' is at each of these frequencies, rad over the record."""
     return record.gyro_walk.sigma_at(order * record.flight.step / record.time[-1])
-
-
-def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
-    """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
-    second, third = (record.to_body(axes) for axes in transverse_axes(direction))
-    turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
-    return np.asarray(turn / np.maximum(np.abs(turn), 1e-12), dtype=complex)
