@@ -49,11 +49,6 @@ class OwnTime:
         """Common time that goes by in one of the flight's own, at its own time (s), any shape."""
         return np.asarray(np.interp(time, self.time, np.gradient(self.common, self.time)), dtype=float)
 
-    @property
-    def mach_range(self) -> float:
-        """The width of the range of Mach numbers that it flies."""
-        return abs(float(self.mach[-1] - self.mach[0]))
-
     def flies(self, common: float) -> bool:
         """Whether the flight comes by that common time (s)."""
         return bool(self.common[0] <= common <= self.common[-1])
@@ -74,7 +69,8 @@ class CommonTime:
 
     def mach(self, common: float) -> float:
         """The Mach number of a common time, s: that of the flight of the widest range that comes by it."""
-        own = max((own for own in self.flights if own.flies(common)), key=lambda own: own.mach_range, default=None)
+        there = (own for own in self.flights if own.flies(common))
+        own = max(there, key=lambda own: abs(float(own.mach[-1] - own.mach[0])), default=None)
         if own is not None:
             return float(np.interp(common, own.common, own.mach))
         # Between flights that share nothing, or beyond all: at the reference flight's mean pace.

@@ -3,7 +3,7 @@
 `Spline` and `running_integral` are cubic splines without a knot at the second and the last but one sample; signals on
 the same samples share one factorisation (de Boor, A Practical Guide to Splines, Chapter IV). `lagrange` is the
 polynomial through the six nearest nodes as one sparse matrix, with an error of 2e-6 of a sine at 24 nodes a cycle.
-`decimated_grid` keeps only the samples that a motion needs; all others follow by that matrix.
+By that matrix a `Quadrature` has nodes between the samples, and a `DecimatedGrid` keeps only those that a motion needs.
 """
 
 from __future__ import annotations
