@@ -1,32 +1,14 @@
-"""Every constant that decides a verdict, a finding or a fault of the record, in the order in which data flow.
+"""Every constant that decides a verdict or a finding of the ranking and the residuals, in the order in which data flow.
 
 Beside each stands what it is of and why it is as it is; over each section the studies that its constants were set by,
 or whose figures (brv_hypo/docs/validation.md) hold with them. A constant that names no source or study of its own was
 set by judgement.
 
-Not here: what guards arithmetic (rounding, ridges, cutoffs near machine precision), bounds memory or the size of
-inputs, is physics, units or part of a format (the grades of instruments), the parameters that a mechanism or effect
-offers (its plugin), what `import --guess` proposes to a user, what is drawn or listed, what a study plants, and the
-numerics of `brv_hypo.subset` and `brv_hypo.likelihood`, which know nothing of flights.
+Not here: what decides a fault of the record (`brv_hypo.thresholds`), and what guards arithmetic (rounding, ridges,
+cutoffs near machine precision), bounds memory or time, or is drawn or listed.
 """
 
 from __future__ import annotations
-
-# ---- Foreign records: clocks, pad, phases, ascent, rate ----
-# Judgement; held by tests/flight/test_rocket_log.py, which makes logs of known flights, and test_launch12.py, which
-# reads the measured log of L-12.
-
-
-# ---- Trial of the record, channel by channel: clock, stuck, spikes, bursts, gaps ----
-# Judgement; clock steps and bursts were revised with `tests.studies.record_faults`, clock steps, spikes and gaps with
-# `tests.studies.independent.faulty_records` (every fault in turn, sound records and blemishes), whose figures hold
-# with all.
-
-
-# ---- Trial of the record: gyros against accelerometers against air data ----
-# Held by `tests.studies.record_faults` and `tests.studies.independent.faulty_records` (faults named, sound records
-# refused), and by `tests.studies.independent.study` (sound records refused).
-
 
 # ---- Motion: filters, smoothing, the fit of forces and rates ----
 # Held by `tests.motion.study` and `tests.studies.independent.study`: errors of angles and moments against those stated.
@@ -34,10 +16,6 @@ from __future__ import annotations
 RESPONSE_TURN = 1e-5  # rad, half the width of differences by the start's direction
 RESPONSE_PULL = 5e-3  # m/s^2, the same by gravity
 MOMENT_SLOPE_STEP = 1e-6  # of a quantity, or of its unit where that is more, half the width of a moment's slope by it
-
-# ---- Motion: nodes between samples ----
-# Set after seed 75265 of `tests.studies.independent.study`, with `tests.studies.independent.integrals`.
-
 
 # ---- Priors of the model, and the time that flights share ----
 # Judgement about bodies, that of the schedule after results on the measured entry had been seen; held by

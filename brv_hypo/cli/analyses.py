@@ -144,7 +144,7 @@ def trace(
     from brv_hypo.report.trace import trace_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import trace as traced
-    from brv_hypo.residuals.model_file import model_text
+    from brv_hypo.residuals.saved import model_text
     from brv_hypo.settings import read_settings
 
     chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
@@ -182,7 +182,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
-    from brv_hypo.residuals.model_file import is_model, read_structure
+    from brv_hypo.residuals.saved import is_model, read_structure
 
     if path.suffix in YAML_ENDINGS:
         return read_structure(path)

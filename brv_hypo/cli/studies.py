@@ -61,7 +61,6 @@ def study(
                 cluster=cluster,
                 overwrite=session.force,
                 progress=_advance(progress),
-                note=session.warn,
             )
     except KeyboardInterrupt as interrupt:
         raise type(interrupt)(f", and the same command goes on with what {output} holds") from None

@@ -24,7 +24,7 @@ from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.nuisance import beyond_tolerance
-from brv_hypo.regression.regressed import Regressed
+from brv_hypo.regression.uncertainty import Regressed
 
 # Change of any estimate, in standard errors and to first order, by other corrections of the block means, from which the
 # fit is repeated; rounds of that.

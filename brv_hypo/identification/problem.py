@@ -28,7 +28,7 @@ from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.measurement import BENT
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.regressed import Regressed
+from brv_hypo.regression.uncertainty import Regressed
 
 IDENTIFIED_STEPS = 30  # of `identify` alone, if a user says nothing else
 IDENTIFIED_FORCE_DEGREE = 1  # Legendre degree of the normal-force slope in time, the same

@@ -32,7 +32,7 @@ from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.kinematics import angle_of_attack, crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.regressed import Regressed
+from brv_hypo.regression.uncertainty import Regressed
 
 # ---- What instruments without noise or error would read of a fitted motion ----
 

@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and lines appended whole or not at all.
+"""Files written whole or not at all.
 
 A file is written beside its place, flushed to the medium, then renamed: whoever looks sees the old one or the new
 one. What a killed process left behind is removed by the next that writes into the folder.
@@ -166,71 +166,3 @@ def _is_alive(process: int) -> bool:
 def _host() -> str:
     """The host's name, without dots: process numbers mean nothing on another."""
     return socket.gethostname().replace(".", "-")
-
-
-class LineLog:
-    """A file that grows by whole lines: what a kill or a full medium tore off is dropped."""
-
-    def __init__(self, path: Path) -> None:
-        """Open or begin, and drop a torn last line; `torn` says whether there was one. Raises UsageError."""
-        self._path = path
-        kind = kind_of(path)
-        if kind not in (None, "a file"):
-            raise UsageError(f"{path} is {kind}, where a file is to be written. Name another folder.")
-        with writable(path):
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
-            self._claim()
-            self._size, self.torn = self._whole()
-            if self.torn:
-                os.ftruncate(self._descriptor, self._size)
-
-    def lines(self) -> list[bytes]:
-        """The whole lines that are there."""
-        return os.pread(self._descriptor, self._size, 0).splitlines()
-
-    def append(self, line: str) -> None:
-        """Add a line, on the medium when this returns. Raises UsageError, the file being as it was before."""
-        data = line.encode("utf-8") + b"\n"
-        with writable(self._path):
-            try:
-                written = os.write(self._descriptor, data)
-                if written < len(data):
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-                os.fsync(self._descriptor)
-            except BaseException:
-                os.ftruncate(self._descriptor, self._size)
-                raise
-        self._size += len(data)
-
-    def clear(self) -> None:
-        """Drop every line."""
-        with writable(self._path):
-            os.ftruncate(self._descriptor, 0)
-        self._size = 0
-
-    def close(self) -> None:
-        """Let others have the file."""
-        os.close(self._descriptor)
-
-    def _claim(self) -> None:
-        """Two processes that append to one file would each fly what the other has flown."""
-        try:
-            import fcntl
-        except ImportError:  # a system without such locks
-            return
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(self._descriptor)
-            raise UsageError(
-                f"{self._path} is in use by another process. Wait for it, or choose another folder."
-            ) from None
-        except OSError:  # a file system without locks
-            return
-
-    def _whole(self) -> tuple[int, bool]:
-        """Size of the whole lines, and whether more follows them."""
-        size = os.fstat(self._descriptor).st_size
-        content = os.pread(self._descriptor, size, 0)
-        whole = content.rfind(b"\n") + 1
-        return whole, whole < size

@@ -9,11 +9,15 @@ from brv_hypo.constants import ONE_STRETCH, OTHER_FLOOR, OUTSIDE
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor
-from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.turning import RATE, turning_moment
-from brv_hypo.regression.unlisted import unlisted_moment
+from brv_hypo.regression.unlisted import (
+    RATE,
+    particular_share,
+    plain_columns,
+    turning_moment,
+    unlisted_moment,
+)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,9 @@
-"""`compare`: from flight records to ranked mechanisms."""
+"""`compare`: from flight records to ranked mechanisms.
+
+Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows; and the model
+confidence set, the hypotheses that held-out blocks cannot tell from the best. It rests on prediction alone and needs
+no prior: a hypothesis outside it predicts worse than another by more than blocks differ among themselves.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import qr
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.constants import BOUND_SIGMAS, CONFIDENCE_BLOCKS, REPETITIONS
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.constants import (
+    BOUND_SIGMAS,
+    CONFIDENCE_BLOCKS,
+    CONFIDENCE_DRAWS,
+    CONFIDENCE_SEED,
+    CONFIDENCE_SIZE,
+    CONFIDENCE_TIE,
+    REPETITIONS,
+)
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -24,24 +39,95 @@ from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.alternative import alternatives
-from brv_hypo.ranking.confidence_set import confidence_p_values, confidence_set
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.criteria import criteria_of
 from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
-from brv_hypo.ranking.histories import coefficient_series
+from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.likelihood import identify_standing
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
-from brv_hypo.ranking.sizes import size_series
 from brv_hypo.ranking.stability import repetitions, stability
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.ranking.tolerances import tolerance_warnings
 from brv_hypo.ranking.verdict import Contest, Score, judge
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, held_out
+from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, block_of_whitened_row, held_out
+from brv_hypo.regression.linear import lengths
+from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of
+from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
+
+# ---- The hypotheses that held-out blocks cannot tell from the best: a model confidence set ----
+
+
+def confidence_p_values(losses: FloatArray) -> FloatArray:
+    """p-value of each hypothesis (hypotheses,), of `losses` (blocks, hypotheses): the least size of test that drops it.
+
+    Range statistic, blocks drawn with replacement (Hansen, Lunde and Nason, Econometrica 79, 2011, 453-497). Blocks are
+    far longer than the noise is correlated, and may come in any order. Hypotheses of equal losses have one p-value.
+    """
+    apart = np.max(np.abs(losses[:, :, np.newaxis] - losses[:, np.newaxis, :]), axis=0)
+    distinct, which = np.unique(np.argmax(apart < CONFIDENCE_TIE, axis=1), return_inverse=True)
+    if distinct.size == 1:
+        return np.ones(losses.shape[1])
+    from arch.bootstrap import MCS  # here: it takes as long to load as a comparison
+
+    test = MCS(
+        losses[np.ix_(np.lexsort(losses.T), distinct)],
+        size=CONFIDENCE_SIZE,
+        reps=CONFIDENCE_DRAWS,
+        block_size=1,
+        method="R",
+        seed=CONFIDENCE_SEED,
+    )
+    test.compute()
+    found = test.pvalues["Pvalue"].sort_index().to_numpy(dtype=float)
+    return np.asarray(found[which])
+
+
+def confidence_set(names: Sequence[str], p_values: FloatArray) -> tuple[str, ...]:
+    """Those that are not dropped, likeliest of the best first."""
+    order = np.argsort(-p_values, kind="stable")
+    return tuple(names[k] for k in order if p_values[k] > CONFIDENCE_SIZE)
+
+
+# ---- The seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows ----
+
+
+def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
+    """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
+    designs = [problem.design(fit.frame, fit.columns) for fit in fits]
+    size = len(problem.baseline)
+    complete = _independent(
+        np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)])
+    )
+    null = least_squares(_independent(designs[0][:, :size]), problem.response)
+    reference = Reference(
+        rss_forced=null.rss,
+        n_forced=size,
+        complete=least_squares(complete, problem.response),
+        complete_rank=complete.shape[1],
+        blocks=_blocks(problem, block_count),
+    )
+    return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
+
+
+def _independent(design: FloatArray) -> FloatArray:
+    """The columns without those that depend on the ones before, by pivoted QR."""
+    triangle, order = qr(design / lengths(design), mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    kept = np.sort(order[: diagonal.size][diagonal > 1e-9 * diagonal[0]])
+    return np.asarray(design[:, kept], dtype=float)
+
+
+def _blocks(problem: Problem, count: int) -> IntArray:
+    """Block of each whitened row (rows,); rows of the priors belong to the last one."""
+    block = block_of_whitened_row(problem, count)
+    return np.where(block < 0, block.max(), block)
+
+
+# ---- `compare`: from flight records to ranked mechanisms ----
 
 
 def compare(

@@ -1,9 +1,12 @@
-"""Every hypothesis fitted in one problem, which is linear about the leader."""
+"""Every hypothesis fitted in one problem, which is linear about the leader.
+
+Hypotheses that stop in different minima lend each other the knots and delays that they found (`exchanged`).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,11 +18,13 @@ from brv_hypo.constants import (
     LINEARISED_AGAIN,
     LINEARISED_IN_VAIN,
     NOISE_LEADER_SHARE,
+    SEARCH_EXCHANGES,
     SEARCH_HOPELESS,
     SEARCH_OUT_OF_REACH,
     SEARCHED_AGAIN,
 )
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Misfit, misfit
 from brv_hypo.ranking.config import CompareConfig
@@ -28,11 +33,11 @@ from brv_hypo.ranking.preparation import Settings, about, cleaned, settled
 from brv_hypo.ranking.verdict import OTHER, probabilities
 from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
 from brv_hypo.regression.channels import Noise
-from brv_hypo.regression.exchange import exchanged
 from brv_hypo.regression.fit import (
     HypothesisFit,
     fit_hypothesis,
     fit_on_grid,
+    gains,
     likeliest,
     narrower,
     plainer,
@@ -40,12 +45,44 @@ from brv_hypo.regression.fit import (
     scanned,
     scanned_finely,
 )
+from brv_hypo.regression.fit import settled as refitted
 from brv_hypo.regression.noise import raised_noise
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import SETTLED
-from brv_hypo.regression.search import on_grid
+from brv_hypo.regression.search import in_place_of, on_grid
 from brv_hypo.regression.uncertainty import with_covariance, with_design
+
+
+def exchanged(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The likeliest fit that a sequence of exchanges leads to; the fit itself where none gains.
+
+    Bounds of coefficients are left aside, as they are in the search. Two knots that came to one place become one; the
+    others may still stand where the grid has them, which a finer scan mends.
+    """
+    given, fit = fit, renewed(problem, fit)
+    for _ in range(SEARCH_EXCHANGES if problem.refine else 0):
+        tried = [
+            refitted(problem, fit, (*problem.baseline, *columns), kept)
+            for kept, taken in _without_each(fit.selected)
+            for columns in in_place_of(problem, fit.frame, fit.mechanisms, kept, len(taken))
+        ]
+        best = likeliest([fit, *tried])
+        if not gains(best, fit):
+            break
+        fit = scanned_finely(problem, plainer(problem, best))
+    return likeliest([fit, given])
+
+
+def _without_each(selected: Sequence[Regressor]) -> Iterator[tuple[tuple[Regressor, ...], tuple[Regressor, ...]]]:
+    """What is kept and what is taken out, for the columns of each course and delay in turn."""
+    for place in dict.fromkeys((column.mechanism, column.theta, column.time_basis) for column in selected):
+        taken = tuple(c for c in selected if (c.mechanism, c.theta, c.time_basis) == place)
+        yield tuple(column for column in selected if column not in taken), taken
+
+
+# ---- Every hypothesis fitted in one problem, which is linear about the leader ----
+
 
 Progress = Callable[[str], None]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]
@@ -74,7 +111,9 @@ def searched(
     reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
 ) -> Fitted:
     """Every hypothesis fitted where the problem is linear; searched again there where something else stands."""
-    found = _with_errors(_as_heard(_relinearised(_first(reconstructions, config, hypotheses, say), config, say)))
+    problem, settings = settled(reconstructions, config)
+    first = Fitted(problem, _fitted(problem, hypotheses, say), settings)
+    found = _with_errors(_as_heard(_relinearised(first, config, say)))
     for _ in range(SEARCHED_AGAIN):
         if not _something_stands(found, config.other_prior):
             break
@@ -86,14 +125,6 @@ def searched(
     return found
 
 
-def _first(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
-) -> Fitted:
-    """Every hypothesis fitted in the problem as it is prepared."""
-    problem, settings = settled(reconstructions, config)
-    return Fitted(problem, _fitted(problem, hypotheses, say), settings)
-
-
 def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted:
     """The fits in a problem linearised about the leader, until that lowers what is left no more.
 
@@ -102,7 +133,7 @@ def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted
     """
     patience = LINEARISED_IN_VAIN
     for _ in range(LINEARISATIONS):
-        fallen = _has_fallen(found)
+        fallen = _deviance(found) <= found.deviance - CONVERGED_FALL
         patience -= not fallen
         if patience < 0 or not (_is_amiss(found, config.other_prior) or (fallen and _errors_moved(found))):
             break
@@ -229,11 +260,6 @@ def _about_leader(found: Fitted) -> LinearisationPoint | None:
     fit = converged(found.problem, leader)
     point = point_of(found.problem, fit.frame, fit.columns, fit.mechanisms)
     return point if _apart(found, point) or null.rss - leader.rss > LINEARISED_AGAIN else None
-
-
-def _has_fallen(found: Fitted) -> bool:
-    """Whether what the leader leaves has become less by the last linearisation."""
-    return _deviance(found) <= found.deviance - CONVERGED_FALL
 
 
 def _deviance(found: Fitted) -> float:

@@ -1,7 +1,9 @@
-"""Coefficients over time with their uncertainty, of every hypothesis: Figures 4.10 to 4.14 of the report.
+"""Histories of a comparison for charts: coefficients over time with their uncertainty (Figures 4.10 to 4.14 of the
+report), and the in-plane moment of models of several sizes (Figures 5.12 to 5.15).
 
-From the likelihood where it converged, else from the regression: a coefficient is f(x)' theta, its variance
-f' M^-1 f, at the estimated motion.
+Coefficients come from the likelihood where it converged, else from the regression: a coefficient is f(x)' theta, its
+variance f' M^-1 f, at the estimated motion. Where the curves of two sizes differ by much, the smaller model cannot be
+believed.
 """
 
 from __future__ import annotations
@@ -15,10 +17,21 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification import Identification, coefficient_histories
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.motion.motion import recorded
-from brv_hypo.ranking.drawn import drawn
-from brv_hypo.ranking.result import CoefficientSeries
-from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.ranking.result import CoefficientSeries, SizeSeries
+from brv_hypo.regression.fit import HypothesisFit, likeliest, solved
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.search import on_grid
+
+# Samples of a stretch of time up to which all are drawn.
+MOST_DRAWN = 10_000
+
+
+def drawn(samples: int) -> slice:
+    """Which of so many samples are drawn: all of them, or every so many-th."""
+    return slice(None, None, max(1, -(-samples // MOST_DRAWN)))
+
 
 _STEP = 1e-4
 """Relative central difference of alpha."""
@@ -115,3 +128,54 @@ def _planes(fit: HypothesisFit, frame: RateFrame) -> ComplexArray:
 
 def _alpha(frame: RateFrame) -> FloatArray:
     return np.concatenate([frame.motions[s.flight].alpha[s.rows] for s in frame.segments])
+
+
+# ---- The in-plane moment of models of several sizes over time: Figures 5.12 to 5.15 of the report ----
+
+
+def size_series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[SizeSeries, ...]:
+    """C_N' at no angle of attack and its slope, of the likeliest hypothesis that has a mechanism, by its terms.
+
+    The baseline alone, the best subsets on the grid of knots and delays with the fewest and the most terms that are
+    searched exactly, and the model that was chosen.
+    """
+    searched = [fit for fit in fits if fit.mechanisms]
+    if not searched:
+        return ()
+    leader = likeliest(searched)
+    grid = on_grid(problem, leader.mechanisms, 1)
+    reduced = Reduced(problem, grid.frame)
+    sizes = sorted({min(grid.best, default=0), max(grid.best, default=0)} - {0, len(leader.selected)})
+    models = [fit for fit in fits if not fit.mechanisms]
+    for size in sizes:
+        columns = (*problem.baseline, *grid.best[size][0][1])
+        models.append(solved(reduced, leader.name, leader.mechanisms, columns, leader.searched))
+    return tuple(series for fit in (*models, leader) for series in _of(fit, fit is leader))
+
+
+def _of(fit: HypothesisFit, chosen: bool) -> list[SizeSeries]:
+    """One series for each flight."""
+    at_zero, slope = in_plane_parts(fit)
+    found = []
+    for flight in dict.fromkeys(segment.flight for segment in fit.frame.segments):
+        own = [
+            (segment.time, slice(a, b))
+            for segment, (a, b) in zip(fit.frame.segments, fit.frame.pieces, strict=True)
+            if segment.flight == flight
+        ]
+        time, zero, rise = (
+            np.concatenate([part[drawn(part.size)] for part in parts])
+            for parts in zip(*((time, at_zero[rows], slope[rows]) for time, rows in own), strict=True)
+        )
+        found.append(
+            SizeSeries(
+                mechanism=fit.name,
+                n_terms=len(fit.selected),
+                chosen=chosen,
+                flight=flight,
+                time_s=tuple(time.tolist()),
+                at_zero=tuple(zero.tolist()),
+                slope=tuple(rise.tolist()),
+            )
+        )
+    return found

@@ -121,9 +121,7 @@ def _derived(
 
 @dataclass(frozen=True)
 class Excess:
-    """The net value that lies farthest outside its mechanism's bounds, in words, and by so many standard errors, to
-    which errors of second order are added.
-    """
+    """The net value farthest outside its mechanism's bounds, in words, and by how many standard errors."""
 
     sigmas: float
     words: str
@@ -150,9 +148,7 @@ def _between(common: CommonTime | None, interval: Interval) -> str:
 
 
 def _excess(net: NetValue, low: float, high: float, largest: float, where: str) -> Excess:
-    """`largest`: the largest possible value of the same term over all intervals: its errors of second order are felt in
-    the others.
-    """
+    """`largest`: the largest possible value of the term over all intervals, for errors of second order."""
     beyond = max(low - net.value, net.value - high, 0.0)
     error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
     return Excess(

@@ -11,7 +11,7 @@ from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.regressed import Regressed
+from brv_hypo.regression.uncertainty import Regressed
 
 CONVERGED = "converged"
 

@@ -14,7 +14,7 @@ from brv_hypo.identification import Identification
 from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.ranking.disagreement import criteria_disagree, prediction_disagrees, stepwise_differences
-from brv_hypo.ranking.drawn import drawn
+from brv_hypo.ranking.histories import drawn
 from brv_hypo.ranking.intervals import Interval, intervals
 from brv_hypo.ranking.likelihood import Likelihoods
 from brv_hypo.ranking.result import (

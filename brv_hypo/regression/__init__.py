@@ -5,12 +5,12 @@ weakform.py    moments integrated to rates, so that no differentiation colours t
 whitening.py   the noise model and its filter
 frame.py       the frame of all flights
 channels.py    rates and specific force, on parts of a record
-propagated_motion.py  the motion to linearise about; wander.py what noise lets its attitude wander
+propagated_motion.py  the motion to linearise about, and how noise lets its attitude wander
 response.py    what a change of the record does to the residual
 nuisance.py    what is fitted along in every hypothesis
 problem.py     data, noise and what is projected out; noise.py settles the noise
 reduced.py     nuisances and baseline projected out once, for search and refinement
 fit.py         best subset of a hypothesis's columns (search.py); refinement.py moves delays and knots
-unlisted.py    shapes of a moment that no listed mechanism has; turning.py one that turns in the body
+unlisted.py    shapes of a moment that no listed mechanism has, and one that turns in the body
 held_out.py    prediction error on held-out blocks
 """

@@ -16,8 +16,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.regression.channels import whole
-from brv_hypo.regression.force import ForceModel
+from brv_hypo.regression.channels import ForceModel, whole
 from brv_hypo.regression.frame import RateFrame, whiten
 from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import solve_scaled

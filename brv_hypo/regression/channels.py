@@ -1,7 +1,7 @@
 """The two channels that a residual has: the rates of Eq. 2.3, and the specific force across the axis.
 
 Moments show in the rates. Instruments and wind show in both, so both are regressed together; each is
-divided by its noise.
+divided by its noise. `ForceModel` is the normal force that a hypothesis is fitted with.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from scipy import sparse
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import HELD_OUT_BLOCK, HELD_OUT_OF, HELD_OUT_SHORTEST
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kinematics import effective
 from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.regression.frame import Piece, RateFrame
 from brv_hypo.regression.whitening import NoiseModel, applied
@@ -49,9 +51,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Rows:
-    """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force
-    m/s^2.
-    """
+    """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force m/s^2."""
 
     rates: ComplexArray
     force: ComplexArray
@@ -220,3 +220,38 @@ def _runs(chosen: BoolArray) -> list[Piece]:
     """Ranges in which all are chosen, those of few samples left out."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= HELD_OUT_SHORTEST]
+
+
+# ---- The normal force that a hypothesis is fitted with ----
+
+
+@dataclass(frozen=True)
+class ForceModel:
+    """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).
+
+    The reconstruction's `slope` (n,) 1/rad at alpha = 0 and its `bend` 1/rad^3, with a parabola in time for what they
+    err by, and a bend of its own.
+    """
+
+    slope: FloatArray
+    bend: float = 0.0
+
+    def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
+        """Columns (n, 4) at the crossflow xi (n,)."""
+        own = effective(xi)
+        flow, square = -record.force_scale * own, np.abs(own) ** 2
+        return np.column_stack(
+            [(flow * (self.slope + self.bend * square))[:, np.newaxis] * self._parabola, flow * self.slope * square]
+        )
+
+    def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
+        """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
+        own = effective(xi)
+        slope = self._parabola @ values[:3]
+        bend = self.bend * slope + values[3] * self.slope
+        return np.asarray(-record.force_scale * own * (self.slope * slope + bend * np.abs(own) ** 2))
+
+    @cached_property
+    def _parabola(self) -> FloatArray:
+        """Powers of time over the record, from -1 to 1 (n, 3)."""
+        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)

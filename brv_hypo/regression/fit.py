@@ -26,13 +26,7 @@ from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import (
-    ROUGH,
-    Nonlinear,
-    Steps,
-    nonlinear_parameters,
-    refine,
-)
+from brv_hypo.regression.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
 from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
 
 

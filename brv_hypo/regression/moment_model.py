@@ -39,9 +39,7 @@ MovedRecord = tuple[InertialRecord, ComplexArray]
 
 @dataclass(frozen=True)
 class MomentModel:
-    """`columns` of `mechanisms` with their `values` (columns,) on a reconstructed flight; linear about a recorded
-    `motion` (m,) at its nodes.
-    """
+    """`columns` of `mechanisms` with `values` (columns,) on a flight; linear about a recorded `motion` (m,)."""
 
     reconstruction: Reconstruction
     mechanisms: Mapping[str, Mechanism]

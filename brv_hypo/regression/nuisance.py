@@ -1,12 +1,13 @@
 """What is fitted along in every hypothesis: the motion, the normal force, and the errors of record and vehicle.
 
 No flight has perfect instruments. Each unknown is a history of the residual, linearised once on the fitted, noise-free
-motion; those that the record's tolerances bound have that Gaussian prior.
+motion; those that the record's tolerances bound have that Gaussian prior. Histories are kept on as many rows as the
+motion needs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,13 +15,38 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.motion.interpolation import decimated_grid
+from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 from brv_hypo.regression.channels import Rows, side_by_side
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.histories import Histories
 from brv_hypo.regression.propagated_motion import MOTION
 from brv_hypo.regression.response import LinearisedFlight
+
+# ---- Histories of unknowns on the rows of a frame, of which those are kept that the motion needs ----
+
+
+# Values of histories that are made at once: 16 bytes each, several times over.
+AT_ONCE = 2_000_000
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Histories in both channels, `kept` (m, unknowns) of them, on the `rows` that are kept."""
+
+    rows: DecimatedGrid
+    kept: Rows
+
+    def of(self, values: FloatArray) -> Rows:
+        """Their sum (frame rows, ...) with the unknowns at `values` (unknowns, ...)."""
+        return Rows(self.rows.all_of(self.kept.rates @ values), self.rows.all_of(self.kept.force @ values))
+
+    def batches(self) -> Iterator[tuple[slice, Rows]]:
+        """So many unknowns at once that their histories (frame rows, some) stay small."""
+        count = self.kept.rates.shape[1]
+        width = count if self.rows.spread is None else max(1, AT_ONCE // self.rows.count)
+        for first in range(0, count, width):
+            some = slice(first, min(first + width, count))
+            yield some, Rows(self.rows.all_of(self.kept.rates[:, some]), self.rows.all_of(self.kept.force[:, some]))
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import (
-    FOLLOWED_APART,
-    FOLLOWED_FALL,
-    FOLLOWED_MIXED,
-    FOLLOWED_ROUNDS,
-    FOLLOWED_STALLS,
-)
+from brv_hypo.constants import FOLLOWED_APART, FOLLOWED_FALL, FOLLOWED_MIXED, FOLLOWED_ROUNDS, FOLLOWED_STALLS
 from brv_hypo.regression.fit import HypothesisFit, follows_static_moment, held, renewed
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import SETTLED

@@ -21,9 +21,8 @@ from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.histories import AT_ONCE
 from brv_hypo.regression.linear import inverted, lengths
-from brv_hypo.regression.nuisance import Nuisances
+from brv_hypo.regression.nuisance import AT_ONCE, Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
 GIVEN = "given"

@@ -37,12 +37,14 @@ from brv_hypo.motion.interpolation import running_integral, spacing
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, perturbed
 from brv_hypo.motion.signals import InputError, smooth_channel
-from brv_hypo.regression.channels import Rows
-from brv_hypo.regression.force import ForceModel
+from brv_hypo.regression.channels import ForceModel, Rows
 from brv_hypo.regression.moment_model import MomentModel, MovedRecord
-from brv_hypo.regression.propagated_motion import GRAVITY, START, PropagatedMotion, walk_name
-from brv_hypo.regression.wander import (
+from brv_hypo.regression.propagated_motion import (
+    GRAVITY,
+    START,
+    PropagatedMotion,
     walk_modes,
+    walk_name,
     walk_noise,
     walk_sines,
 )
@@ -83,17 +85,13 @@ class LinearisedFlight:
         return self.reconstruction.crossflow
 
     def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Rows]:
-        """What components of effects, by these sizes, do to the residual (n,) to first order, on the fitted, noise-free
-        motion.
-        """
+        """What components of effects, by these sizes, do to the residual (n,) to first order."""
         for some in self._so_many(wanted):
             both = (self._read(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
             yield from self._slopes(self._quiet_moments, *both)
 
     def _read(self, errors: Sequence[tuple[RecordEffect, str, float]], share: float) -> Iterator[InertialRecord]:
-        """The noise-free record with a share of each of some errors: its motion is that of the measured rates, its
-        rates the model's.
-        """
+        """The noise-free record with a share of each error: motion of the measured rates, rates of the model."""
         smooth = self._noise_free
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])

@@ -10,10 +10,8 @@ linearisation.py     flights as a model reads them: reconstruction, parts that a
 problem.py           the regression of one step; left_out.py: its errors on stretches left out
 candidates_at_step.py  one look: the model and every candidate (candidates.py, discover.py) on the fitted part
 choice.py            which candidate is added, by judge.py: errors on the held-out part; step_report.py tells it
-repetition.py        whether an effect keeps its name; near_equals.py: what it cannot be told from;
-                     flight_left_out.py: what several flights say of each other
-fitted_model.py      a model with its coefficients and errors; saved.py, restore.py, model_file.py: as data and back
-likelihood.py        the final model refined by maximum likelihood
+repetition.py        whether an effect keeps its name
+fitted_model.py      a model with its coefficients and errors; saved.py, restore.py: as data and back
 """
 
 from brv_hypo.residuals.config import TraceConfig

@@ -71,9 +71,7 @@ class Candidate:
 
 
 def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
-    """A mechanism's best columns beside the model, its knots and delays on their grids; None if it adds
-    none.
-    """
+    """A mechanism's best columns beside the model, knots and delays on their grids; None if it adds none."""
     fits = _on_grid(problem, mechanism)
     return candidate_of(problem, null, likeliest(fits), mechanism.name, "mechanism") if fits else None
 
@@ -288,9 +286,7 @@ def groups_of(columns: Sequence[Regressor]) -> list[tuple[Regressor, ...]]:
 
 
 def _plausible(fit: HypothesisFit, bounds: Mapping[str, float]) -> bool:
-    """Whether no component is larger than an instrument or the wind can be: the record would explain itself
-    away.
-    """
+    """Whether no component is larger than what it is of can be: the record would explain itself away."""
     values = fit.values[fit.baseline_size :]
     return all(abs(value) <= bounds[column.term] for column, value in zip(fit.selected, values, strict=True))
 

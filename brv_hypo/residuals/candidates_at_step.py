@@ -1,4 +1,8 @@
-"""One look at the flights: the reconstruction, the model as it stands, and every candidate beside it."""
+"""One analysis of the flights: the reconstruction, the model as it stands, and every candidate beside it.
+
+Where two effects act at once, a third may explain more than either alone: candidates that lead are judged by what they
+explain together with the best effect beside them, on the fitted part (`looked_ahead`).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,13 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from brv_hypo.constants import CANDIDATES_LEFT_OUT, RECORD_EFFECT_CLOSER
+from brv_hypo.constants import (
+    CANDIDATES_LEFT_OUT,
+    CONFOUNDED_NEAR,
+    RECORD_EFFECT_CLOSER,
+    TWO_STEP,
+    TWO_STEP_RIVAL,
+)
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
@@ -17,6 +27,7 @@ from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
     Variant,
+    bounded,
     fitted_again,
     refine_again,
     search_mechanism,
@@ -27,8 +38,58 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
 from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
-from brv_hypo.residuals.look_ahead import looked_ahead, looked_ahead_like
 from brv_hypo.residuals.problem import problem_of, with_efficiency
+
+
+def looked_ahead(
+    problem: Problem, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]
+) -> list[Candidate]:
+    """The candidates, the leading ones with what the best further effect gains, where one has anything to gain.
+
+    A leader that leaves nothing needs no comparison.
+    """
+    leaders = [candidate for candidate in found if candidate.kind == "mechanism" and candidate.gain > CONFOUNDED_NEAR]
+    leaders = sorted(leaders, key=lambda candidate: -candidate.gain)[:TWO_STEP]
+    if not leaders or (first := _beside(problem, leaders[0], mechanisms)) <= 0.0:
+        return list(found)
+    ahead = {leaders[0].name: first}
+    for rival in leaders[1:]:
+        if rival.gain >= TWO_STEP_RIVAL * leaders[0].gain:
+            ahead[rival.name] = _beside(problem, rival, mechanisms)
+    return [replace(candidate, ahead=ahead.get(candidate.name)) for candidate in found]
+
+
+def looked_ahead_like(
+    problem: Problem, described: Candidate, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]
+) -> Candidate:
+    """A description in generic terms, with what the best effect beside it gains where that is known of its rivals.
+
+    One that takes up a little of two effects at once would explain more than the name of either.
+    """
+    rivals = [candidate for candidate in found if candidate.ahead is not None]
+    if not any(described.gain > TWO_STEP_RIVAL * rival.gain for rival in rivals):
+        return described
+    return replace(described, ahead=_beside(problem, described, mechanisms))
+
+
+def _beside(problem: Problem, candidate: Candidate, mechanisms: Sequence[Mechanism]) -> float:
+    """Fall of the extended BIC by the best other mechanism beside the candidate; 0 where none gains."""
+    beside = replace(problem, baseline=candidate.fit.columns, frame=candidate.fit.frame)
+    null = fit_hypothesis(beside, "none", ())
+    others = [mechanism for mechanism in mechanisms if mechanism.name != candidate.name]
+    return max((0.0, *(_gain(beside, null, mechanism) for mechanism in others)))
+
+
+def _gain(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> float:
+    if mechanism.time_variation != ("constant",) and len(problem.records) == 1:
+        fit = bounded(problem, fit_hypothesis(problem, mechanism.name, (mechanism,)))
+        return null.information - fit.information
+    found = try_mechanism(problem, null, mechanism)
+    return found.gain if found is not None else 0.0
+
+
+# ---- One look at the flights: the reconstruction, the model as it stands, and every candidate beside it ----
+
 
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
@@ -90,7 +151,7 @@ def look(
         found = _searched(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
         problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
         leader = _leader(found)
-        if _has_nonlinear(leader):
+        if any(column.theta or column.time_basis.kind != "constant" for column in leader.fit.selected):
             closer = refine_again(LeftOut(problem), null, leader)
             found = [closer if c is leader else c for c in found]
         problem = with_efficiency(problem, _leader(found).fit)
@@ -154,10 +215,6 @@ def _closer(
                     effect = nearer.effect
         closer.append(candidate)
     return problem, closer, catalogue
-
-
-def _has_nonlinear(candidate: Candidate) -> bool:
-    return any(column.theta or column.time_basis.kind != "constant" for column in candidate.fit.selected)
 
 
 def _try_all(

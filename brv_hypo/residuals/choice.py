@@ -21,6 +21,7 @@ from brv_hypo.constants import (
 from brv_hypo.ranking.alternative import is_particular
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.residual_moments import residual_moments
+from brv_hypo.residuals.band import lasting
 from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
@@ -34,7 +35,6 @@ from brv_hypo.residuals.judge import (
     ratio,
     residuals_of,
 )
-from brv_hypo.residuals.model_error import lasting
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
 
 

@@ -22,7 +22,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.mechanisms.yaml_mechanism import Axis, Factor, Quantity, Turn, YamlTerm, values_of
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.turning import fastest_turning
+from brv_hypo.regression.unlisted import fastest_turning
 
 Wave = Literal["cos", "sin"]
 

@@ -1,5 +1,7 @@
-"""`trace`: find the residual, trace it to an effect, add that effect, and again, until nothing is left to
-explain.
+"""`trace`: find the residual, trace it to an effect, add that effect, and again, until nothing is left to explain.
+
+In the end, effects that the model took in before it held what they stood for are left out (`unneeded`), and the final
+model is refined by maximum likelihood on the measurements themselves (`maximum_likelihood`).
 """
 
 from __future__ import annotations
@@ -13,18 +15,29 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.constants import DESCRIBED_TERMS, HELD_OUT_SHORTEST, TRACED_SMALLEST
+from brv_hypo.constants import (
+    DESCRIBED_TERMS,
+    HELD_OUT_SHORTEST,
+    LIKELIHOOD_STEPS,
+    SCHEDULE_TRIFLE,
+    TRACED_SMALLEST,
+)
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
+from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.model.baseline import StaticBend
+from brv_hypo.model.slope_schedule import KnownSlopeSchedule, SlopeSchedule
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion import try_record
-from brv_hypo.ranking.summary import record_summary
-from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.ranking.result import MaximumLikelihood
+from brv_hypo.ranking.summary import likelihood_block, record_summary
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.uncertainty import Regressed
 from brv_hypo.residuals.baseline import (
     has_schedule,
     is_bend,
@@ -48,15 +61,105 @@ from brv_hypo.residuals.fitted_model import (
     state_of,
     with_candidate,
 )
-from brv_hypo.residuals.likelihood import maximum_likelihood
 from brv_hypo.residuals.linearisation import Model, Seen, see
+from brv_hypo.residuals.problem import increments, with_efficiency
 from brv_hypo.residuals.repetition import named_in
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
-from brv_hypo.residuals.summary import Ending, summary
-from brv_hypo.residuals.unneeded import unneeded, without
+from brv_hypo.residuals.summary import Ending, summary, term_estimates
 from brv_hypo.settings import settings_of
+
+# ---- Effects that a model took in before it held what they stood for, and has no need of since ----
+
+
+def unneeded(state: State, names: Sequence[str]) -> tuple[str, ...]:
+    """Those of the effects whose moments explain less beside all others than their coefficients cost (BIC).
+
+    The least needed is left out first, and the rest asked again. Schedules, which change what the baseline is, and what
+    every fit holds within its tolerance are not asked.
+    """
+    found: list[str] = []
+    model = state.model
+    while True:
+        asked = [name for name in dict.fromkeys(names) if _may_go(name, model, state)]
+        problem = with_efficiency(state.problem, _fit(state.problem, model.columns))
+        own = _fit(problem, model.columns).information
+        costs = {name: _fit(problem, without(model, [name]).columns).information - own for name in asked}
+        least = min(costs, key=lambda name: costs[name], default=None)
+        if least is None or costs[least] > 0.0:
+            return tuple(found)
+        found.append(least)
+        model = without(model, [least])
+
+
+def without(model: Model, names: Sequence[str]) -> Model:
+    """The model without the moments of these effects."""
+    return replace(
+        model,
+        mechanisms={name: mechanism for name, mechanism in model.mechanisms.items() if name not in names},
+        columns=tuple(column for column in model.columns if column.mechanism not in names),
+        added=tuple(name for name in model.added if name not in names),
+    )
+
+
+def _may_go(name: str, model: Model, state: State) -> bool:
+    mechanism = model.mechanisms.get(name)
+    if mechanism is None or mechanism.follows == "mach":
+        return False
+    return all(mechanism.tolerance(flight) is None for flight in state.seen.flights)
+
+
+def _fit(problem: Problem, columns: tuple[Regressor, ...]) -> HypothesisFit:
+    return fit_hypothesis(replace(problem, baseline=columns), "none", ())
+
+
+# ---- The final model of a trace, refined by maximum likelihood on the measurements themselves ----
+
+
+_OPTIONS = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS)
+
+
+def maximum_likelihood(state: State) -> MaximumLikelihood:
+    """The likelihood's block of the result, in the form of `compare`'s; a failure is its status and message.
+
+    On a record that limits the reconstruction the search takes long and seldom ends: it is left out.
+    """
+    seen, columns = state.seen, state.model.columns
+    if len(seen.records) > 1:
+        return _left_out("of several flights, it knows no terms that are of one of them")
+    if seen.reconstructions[0].status == "degraded":
+        return _left_out("the record limits the reconstruction, where its search seldom ends")
+    values = state.values
+    known_schedule = _course(state)
+    if known_schedule is not None:
+        column = Regressor(known_schedule.name, "C_malpha by the schedule", (), TimeBasis("constant"), "1")
+        seen = replace(seen, frame=seen.frame.with_mechanisms([known_schedule]))
+        columns, values = (*columns, column), np.append(values, 1.0)
+    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    held = {(each.effect.name, each.component): each.value for each in state.model.applied}
+    regressed = Regressed.of(state.problem, state.seen.frame, state.model.columns, state.values, others).beside([held])
+    found = identify(seen.frame, columns, values, _OPTIONS, regressed=regressed)
+    return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))
+
+
+def _course(state: State) -> KnownSlopeSchedule | None:
+    """What the baseline's slope is more by its schedule, which the likelihood knows no prior of; None for a trifle."""
+    schedule = state.model.mechanisms.get(SlopeSchedule.name)
+    if not isinstance(schedule, SlopeSchedule):
+        return None
+    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    more = increments(state.problem, others).items()
+    found = schedule.known_schedule(tuple(value for column, value in more if column.mechanism == schedule.name))
+    motion = state.seen.reconstructions[0].motion
+    own = found.terms(motion, {})[0].in_plane
+    slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_malpha")
+    return found if np.linalg.norm(own) > SCHEDULE_TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None
+
+
+def _left_out(message: str) -> MaximumLikelihood:
+    return MaximumLikelihood(status="left out", iterations=0, log_likelihood=None, message=message)
+
 
 Progress = Callable[[str], None]
 

@@ -1,4 +1,9 @@
-"""`predict`: what a model that was found on other flights, its coefficients frozen, says of this one."""
+"""`predict`: what a model that was found on other flights, its coefficients frozen, says of this one.
+
+The attitude is the integral of the very noise that the rates show, and the static moment follows the attitude: of noise
+at a frequency f, the difference of measured and modelled moment has 1 - (f_n / f)^2, f_n being that of the motion
+(`noise_share`).
+"""
 
 from __future__ import annotations
 
@@ -12,7 +17,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import HELD_OUT_SHORTEST, PREDICTED_BLOCKS, PREDICTED_LINEARISATIONS, TRACED_SMALLEST
+from brv_hypo.constants import (
+    BAND_FREQUENCIES,
+    HELD_OUT_SHORTEST,
+    PREDICTED_BLOCKS,
+    PREDICTED_LINEARISATIONS,
+    TRACED_SMALLEST,
+)
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
@@ -20,28 +31,49 @@ from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import try_record
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.signals import middle_weights
 from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
-from brv_hypo.residuals.attitude_noise import noise_share
-from brv_hypo.residuals.band import band_of, predictive_sigma
+from brv_hypo.residuals.band import band_of, error_at, lasting, predictive_sigma
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
 from brv_hypo.residuals.local_change import find_local_change, rest_of
-from brv_hypo.residuals.model_error import error_at, lasting
-from brv_hypo.residuals.model_file import read_model
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.prediction_in_words import Shares, reason
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.result import Trace
-from brv_hypo.residuals.saved import ModelError, SavedModel
+from brv_hypo.residuals.saved import ModelError, SavedModel, read_model
 from brv_hypo.residuals.static_slope import slopes_at
 from brv_hypo.residuals.summary import term_estimates
 from brv_hypo.settings import settings_of
+
+# ---- What the gyros' noise leaves of moments once the model follows it ----
+
+
+def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:
+    """Variance of the residual moments' noise over that of the measured ones' (n,).
+
+    `stiffness` (n,) 1/s^2 is the static moment's slope, times its scale; negative where it restores. Slower than the
+    `modes` of the walk that is fitted, the noise is dealt with there.
+    """
+    spin, flight = record.spin_rate, record.flight
+    frequency = np.pi * (np.arange(BAND_FREQUENCIES) + 0.5) / BAND_FREQUENCIES
+    weights = middle_weights(spin.order, spin.half_width)
+    power = np.abs(np.exp(1j * np.outer(frequency, np.arange(weights.size))) @ weights) ** 2
+    faster = frequency > np.pi * modes * flight.step / record.time[-1]
+    first, second = (float(np.sum((power / frequency**k)[faster]) / np.sum(power)) for k in (2, 4))
+    turned = stiffness * flight.step**2
+    return np.asarray(1.0 + 2.0 * first * turned + second * turned**2, dtype=float)
+
+
+# ---- `predict`: what a model that was found on other flights, its coefficients frozen, says of this one ----
+
 
 # Stretches of the record whose errors are told apart.
 _REGIONS = 8

@@ -63,7 +63,11 @@ def saved(model: Model, found: Found | None = None) -> SavedModel:
             )
             for a in model.applied
         ),
-        files=tuple(_file(m) for m in model.mechanisms.values() if isinstance(m, YamlMechanism)),
+        files=tuple(
+            MechanismFile(name=m.name, title=m.title, claims=m.claims, source=m.source, terms=m.definition)
+            for m in model.mechanisms.values()
+            if isinstance(m, YamlMechanism)
+        ),
     )
     return content if found is None else _with_coefficients(content, found)
 
@@ -178,16 +182,6 @@ def column_of(column: SavedColumn, mechanism: Mechanism) -> Regressor:
         delays_among(mechanism.parameters()),
         column.flight,
         column.part_of,
-    )
-
-
-def _file(mechanism: YamlMechanism) -> MechanismFile:
-    return MechanismFile(
-        name=mechanism.name,
-        title=mechanism.title,
-        claims=mechanism.claims,
-        source=mechanism.source,
-        terms=mechanism.definition,
     )
 
 

@@ -1,19 +1,33 @@
-"""What the result tells of one step."""
+"""One step of a trace as its result holds it. Entrance: `step_of`.
+
+Beside the candidates stand the effects that one flight cannot tell apart from them (`near_equals`, from the angles
+between their projected columns), and whether each flight needs what was added without having had a part in choosing it
+(`flight_left_out`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
-from brv_hypo.constants import FINDING_REPEATED, FINDING_SHOWN, FINDING_SIGMAS
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.constants import FINDING_REPEATED, FINDING_SHOWN, FINDING_SIGMAS, NEAR_EQUAL_COSINE
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import Regressor
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.problem import GIVEN, Problem
+from brv_hypo.regression.residual_moments import residual_moments
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.choice import Choice, Tried
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.flight_left_out import flight_left_out
-from brv_hypo.residuals.judge import Prediction, force_errors, residuals_of
-from brv_hypo.residuals.near_equals import near_equals
-from brv_hypo.residuals.problem import left_by
+from brv_hypo.residuals.judge import Prediction, force_errors, moment_errors, residuals_of
+from brv_hypo.residuals.left_out import directions_beyond
+from brv_hypo.residuals.linearisation import Seen
+from brv_hypo.residuals.problem import constrained, left_by
 from brv_hypo.residuals.result import (
     Errors,
     FlightLeftOut,
@@ -23,6 +37,96 @@ from brv_hypo.residuals.result import (
     TriedCandidate,
     lasting_steps,
 )
+
+# ---- Effects that one flight cannot tell apart, from the angles between their projected columns ----
+
+
+def near_equals(
+    problem: Problem, candidates: Sequence[Candidate], tried: Sequence[Candidate] = ()
+) -> dict[str, tuple[str, ...]]:
+    """For each candidate the others whose columns hold nearly all that it predicts, the nearest first.
+
+    An effect that is constant where it is tried may act at the times of another as well: `tried` are all that were.
+    """
+    design = problem.design(problem.frame, problem.baseline)
+    base = directions_beyond(np.zeros((design.shape[0], 0)), design)
+    spans = {c.name: _span(problem, base, c, c.fit.selected) for c in candidates}
+    found = {}
+    for candidate in candidates:
+        size = float(np.linalg.norm(candidate.contribution))
+        timed = {each.name: columns for each in tried if (columns := _at_the_times_of(candidate, each))}
+        own = {each.name: _span(problem, base, each, timed[each.name]) for each in tried if each.name in timed}
+        cosines = {
+            name: float(np.linalg.norm(span.T @ candidate.contribution)) / size
+            for name, span in {**spans, **own}.items()
+            if name != candidate.name and size > 0.0
+        }
+        near = sorted((name for name in cosines if cosines[name] > NEAR_EQUAL_COSINE), key=lambda name: -cosines[name])
+        found[candidate.name] = tuple(near)
+    return found
+
+
+def _at_the_times_of(candidate: Candidate, other: Candidate) -> tuple[Regressor, ...]:
+    """The other's columns where the candidate's begin, end and change; none where either cannot."""
+    if not other.fit.mechanisms or not all(_may_come_and_go(m, other) for m in other.fit.mechanisms):
+        return ()
+    courses = dict.fromkeys(c.time_basis for c in candidate.fit.selected if c.time_basis.kind != "constant")
+    return tuple(replace(column, time_basis=time_basis) for time_basis in courses for column in other.fit.selected)
+
+
+def _may_come_and_go(mechanism: Mechanism, candidate: Candidate) -> bool:
+    """Whether it was tried as constant alone, but is no part of the vehicle and no schedule."""
+    flight = candidate.fit.frame.reconstructions[0].flight
+    constant = mechanism.time_variation == ("constant",) and mechanism.follows != "mach"
+    return constant and not mechanism.of_each_flight(flight)
+
+
+def _span(problem: Problem, base: FloatArray, candidate: Candidate, columns: Sequence[Regressor]) -> FloatArray:
+    """Orthonormal directions (rows, columns) of columns of a candidate's beyond the baseline and the nuisances."""
+    return directions_beyond(base, problem.design(candidate.fit.frame, columns))
+
+
+def flight_left_out(problem: Problem, seen: Seen, candidate: Candidate) -> FlightLeftOut | None:
+    """Errors on each flight without and with the candidate; None for one flight, or where nothing of it is shared."""
+    shared = any(column.flight is None and column.mechanism != GIVEN for column in candidate.fit.selected)
+    if len(seen.records) < 2 or not shared:
+        return None
+    flights = range(len(seen.records))
+    before = [_predicted(problem, seen, problem.frame, problem.baseline, k) for k in flights]
+    after = [_predicted(problem, seen, candidate.fit.frame, candidate.fit.columns, k) for k in flights]
+    sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
+    return FlightLeftOut(
+        before=tuple(each.mean_square for each in before),
+        after=tuple(each.mean_square for each in after),
+        ratio=sums[1] / sums[0],
+    )
+
+
+def _predicted(
+    problem: Problem, seen: Seen, frame: RateFrame, columns: Sequence[Regressor], number: int
+) -> Prediction:
+    """Errors on one flight of the shared coefficients that the others have."""
+    items = problem.rows.nuisances.items
+    own = np.array([column.flight == number for column in columns], dtype=bool)
+    shared = np.array([column.flight is None for column in columns], dtype=bool)
+    here = np.array([item.flight == number for item in items], dtype=bool)
+    others = problem.on(seen.part_of([k for k in range(len(seen.records)) if k != number]))
+    known = constrained(others, frame, columns, _held_at_zero(own), _held_at_zero(here))
+    held = np.where(shared, known.values, _held_at_zero(~own & ~shared))
+    of_all = np.array([item.flight is None for item in items], dtype=bool)
+    nuisances = np.where(of_all, known.others, _held_at_zero(~here & ~of_all))
+    part = seen.part_of([number])
+    left = constrained(problem.on(part), frame, columns, held, nuisances).left
+    return moment_errors(part, residual_moments(frame, problem.records, left.rates))
+
+
+def _held_at_zero(which: BoolArray) -> FloatArray:
+    """Zero for these, NaN (free) for the others."""
+    return np.where(which, 0.0, np.nan)
+
+
+# ---- What the result tells of one step ----
+
 
 _TOLD = 8  # candidates in a step's table
 

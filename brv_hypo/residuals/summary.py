@@ -19,7 +19,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
-from brv_hypo.residuals.band import pair
+from brv_hypo.residuals.band import lasting, model_error, pair
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, filed
@@ -27,7 +27,6 @@ from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
-from brv_hypo.residuals.model_error import lasting, model_error
 from brv_hypo.residuals.restore import Found, saved
 from brv_hypo.residuals.result import (
     ModelSummary,
@@ -187,7 +186,7 @@ def term_estimates(
     return tuple(
         TermEstimate(
             name=column.label + _of_flight(seen, column.flight),
-            mechanism=_owner(column),
+            mechanism=BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism,
             channel=_channel(seen, column),
             value=float(value),
             std_error=float(sigma),
@@ -240,10 +239,6 @@ def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
 
 def _f_ratio(value: float, sigma: float) -> float:
     return (value / sigma) ** 2 if sigma > 0.0 else float("nan")
-
-
-def _owner(column: Regressor) -> str:
-    return BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
 
 
 def _channel(seen: Seen, column: Regressor) -> str:

@@ -10,7 +10,7 @@ injected fault.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -25,10 +25,11 @@ from brv_hypo.constants import TEMPERATURE
 from brv_hypo.study.config import NONE, StudyConfig
 from brv_hypo.study.trial import Estimate, Outcome
 
-# ---- Shares of flights, with the interval that so few of them leave open ----
-
-
 CONFIDENCE = 0.95
+EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)  # of the bins of probability
+TEMPERATURES = (0.05, 500.0)  # searched for the best
+FEWEST = 5  # flights that a detection limit needs
+SIGMAS = 2.0  # standard errors that should hold the truth
 
 
 class Statistic(BaseModel):
@@ -38,16 +39,16 @@ class Statistic(BaseModel):
 
 
 class Share(Statistic):
-    """`count` of `total`; `low` and `high` are the exact interval of Clopper and Pearson (1934) at 95 %.
-
-    `value` is None, and the interval the whole, where nothing was counted.
-    """
+    """`count` of `total`, with an exact interval."""
 
     count: int
     total: int
     value: float | None
+    """`count` / `total`; None where nothing was counted."""
     low: float
+    """Lower end of the 95 % interval of Clopper and Pearson (1934); 0 where nothing was counted."""
     high: float
+    """Upper end; 1 where nothing was counted."""
 
 
 def share(count: int, total: int) -> Share:
@@ -58,55 +59,55 @@ def share(count: int, total: int) -> Share:
     return Share(count=count, total=total, value=count / total, low=float(low), high=float(high))
 
 
-# ---- Planted against ranked first, and false alarms ----
+def _share_of(outcomes: Sequence[Outcome], counted: Callable[[Outcome], bool | None]) -> Share:
+    return share(sum(bool(counted(outcome)) for outcome in outcomes), len(outcomes))
+
+
+# ---- The confusion matrix and false alarms ----
 
 
 class ConfusionRow(Statistic):
-    """Flights with one mechanism planted.
-
-    `first` counts what ranked first; `winners` what a verdict named, `undecided` the verdicts that named
-    nothing.
-    """
+    """Flights with one mechanism planted."""
 
     planted: str
     flights: int
     first: dict[str, int]
+    """How often each hypothesis ranked first."""
     winners: dict[str, int]
+    """How often a verdict named each hypothesis."""
     undecided: int
+    """Verdicts that named nothing."""
     ranked_first: Share
+    """The planted mechanism ranked first."""
     won: Share
+    """The verdict named the planted mechanism."""
 
 
 def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[ConfusionRow, ...]:
     """One row for each entry of `planted`, in its order; without those that no flight has."""
-    flights = {name: [outcome for outcome in outcomes if outcome.planted == name] for name in planted}
-    return tuple(_confusion_row(name, found) for name, found in flights.items() if found)
-
-
-def _confusion_row(planted: str, flights: Sequence[Outcome]) -> ConfusionRow:
-    winners = Counter(outcome.winner for outcome in flights if outcome.winner is not None)
-    return ConfusionRow(
-        planted=planted,
-        flights=len(flights),
-        first=Counter(outcome.first for outcome in flights if outcome.first is not None),
-        winners=winners,
-        undecided=len(flights) - winners.total(),
-        ranked_first=share(sum(outcome.right for outcome in flights), len(flights)),
-        won=share(sum(outcome.won for outcome in flights), len(flights)),
-    )
+    rows = []
+    for name in planted:
+        flights = [outcome for outcome in outcomes if outcome.planted == name]
+        winners = Counter(outcome.winner for outcome in flights if outcome.winner is not None)
+        row = ConfusionRow(
+            planted=name,
+            flights=len(flights),
+            first=Counter(outcome.first for outcome in flights if outcome.first is not None),
+            winners=winners,
+            undecided=len(flights) - winners.total(),
+            ranked_first=_share_of(flights, lambda outcome: outcome.right),
+            won=_share_of(flights, lambda outcome: outcome.won),
+        )
+        rows.append(row)
+    return tuple(row for row in rows if row.flights)
 
 
 def false_alarms(outcomes: Sequence[Outcome]) -> Share:
     """Share of flights with nothing planted in which a verdict names a mechanism."""
-    empty = [outcome for outcome in outcomes if outcome.planted == NONE]
-    return share(sum(outcome.winner not in (None, NONE) for outcome in empty), len(empty))
+    return _share_of([o for o in outcomes if o.planted == NONE], lambda outcome: outcome.wrong)
 
 
-# ---- Do verdicts given at 0.9 turn out right nine times in ten? ----
-
-
-EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)
-TEMPERATURES = (0.05, 500.0)
+# ---- Calibration: do verdicts given at 0.9 turn out right nine times in ten? ----
 
 
 class CalibrationBin(Statistic):
@@ -122,30 +123,32 @@ class CalibrationBin(Statistic):
 
 
 class Calibration(Statistic):
-    """How well the probabilities are calibrated.
-
-    `brier`: mean over flights of sum over hypotheses of (probability - truth)^2 (Brier 1950); `log_loss`:
-    mean of -ln of the true hypothesis's probability at `temperature`. `best_temperature` would make that
-    least, `best_log_loss`; None where the flights cannot tell.
-    """
+    """How well the probabilities are calibrated; a score is None where no flight, or none alone, tells it."""
 
     flights: int
     bins: tuple[CalibrationBin, ...]
     brier: float | None
+    """Mean over flights of the sum over hypotheses of (probability - truth)^2 (Brier 1950)."""
     temperature: float
+    """The temperature of the verdict's probabilities."""
     log_loss: float | None
+    """Mean of -ln of the true hypothesis's probability at `temperature`."""
     best_temperature: float | None
+    """The temperature of the least log loss."""
     best_log_loss: float | None
 
 
 def calibration(outcomes: Sequence[Outcome]) -> Calibration:
     """Calibration over the flights whose planted hypothesis was among those compared."""
     judged = [outcome for outcome in outcomes if outcome.planted in outcome.probability]
+    scores = [
+        sum((p - (name == outcome.planted)) ** 2 for name, p in outcome.probability.items()) for outcome in judged
+    ]
     best = best_temperature(judged)
     return Calibration(
         flights=len(judged),
         bins=tuple(_bin(judged, low, high) for low, high in pairwise(EDGES)),
-        brier=float(np.mean([_brier(outcome) for outcome in judged])) if judged else None,
+        brier=float(np.mean(scores)) if judged else None,
         temperature=TEMPERATURE,
         log_loss=log_loss(judged, TEMPERATURE) if judged else None,
         best_temperature=best,
@@ -155,7 +158,9 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
 
 def log_loss(outcomes: Sequence[Outcome], temperature: float) -> float:
     """Mean of -ln p(planted), the probabilities taken anew from the information criteria."""
-    return _log_loss(_behind(outcomes), temperature)
+    names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.information))
+    behind = [[o.information.get(name, np.inf) - o.information[o.planted] for name in names] for o in outcomes]
+    return float(np.mean(logsumexp(-0.5 * np.array(behind) / temperature, axis=1)))
 
 
 def best_temperature(outcomes: Sequence[Outcome]) -> float | None:
@@ -165,37 +170,22 @@ def best_temperature(outcomes: Sequence[Outcome]) -> float | None:
     """
     if not outcomes:
         return None
-    behind = _behind(outcomes)
+    low, high = TEMPERATURES
     found = minimize_scalar(
-        lambda logarithm: _log_loss(behind, float(np.exp(logarithm))),
-        bounds=tuple(np.log(TEMPERATURES)),
+        lambda logarithm: log_loss(outcomes, float(np.exp(logarithm))),
+        bounds=(np.log(low), np.log(high)),
         method="bounded",
     )
     temperature = float(np.exp(found.x))
-    low, high = TEMPERATURES
     return temperature if 1.01 * low < temperature < 0.99 * high else None
 
 
-def _behind(outcomes: Sequence[Outcome]) -> FloatArray:
-    """How far each hypothesis is behind the planted one (flights, hypotheses); inf where not compared."""
-    names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.information))
-    return np.array(
-        [[o.information.get(name, np.inf) - o.information[o.planted] for name in names] for o in outcomes]
-    )
-
-
-def _log_loss(behind: FloatArray, temperature: float) -> float:
-    return float(np.mean(logsumexp(-0.5 * behind / temperature, axis=1)))
-
-
-def _brier(outcome: Outcome) -> float:
-    return sum((p - (name == outcome.planted)) ** 2 for name, p in outcome.probability.items())
-
-
 def _bin(outcomes: Sequence[Outcome], low: float, high: float) -> CalibrationBin:
-    named = [max(outcome.probability.items(), key=lambda item: item[1]) for outcome in outcomes]
-    leaders = [(p, name == outcome.planted) for (name, p), outcome in zip(named, outcomes, strict=True)]
-    inside = [(p, right) for p, right in leaders if low <= p < high or p == high == EDGES[-1]]
+    inside = []
+    for outcome in outcomes:
+        name, p = max(outcome.probability.items(), key=lambda item: item[1])
+        if low <= p < high or p == high == EDGES[-1]:
+            inside.append((p, name == outcome.planted))
     return CalibrationBin(
         low=low,
         high=high,
@@ -204,50 +194,54 @@ def _bin(outcomes: Sequence[Outcome], low: float, high: float) -> CalibrationBin
     )
 
 
-# ---- From which effect on is a mechanism found? A logistic curve of won over the logarithm of the effect ----
+# ---- Detection limits: from which effect on is a mechanism found? ----
 
-
-FEWEST = 5
 
 Status = Literal["estimated", "extrapolated", "all won", "none won", "no trend", "too few"]
 
 
 class DetectionLimit(Statistic):
-    """Effects (part of the moment's rms) that are won in 50 % and 90 % of flights.
-
-    `extrapolated`: a limit lies outside the effects that were flown, [`least`, `greatest`]. `all won`: the
-    limits lie below `least`; `none won`: above `greatest`; `no trend`: winning does not grow with the effect.
-    """
+    """Effects (part of the moment's rms) that are won in 50 % and 90 % of flights."""
 
     planted: str
     vehicle: str | None
+    """None: all vehicles together."""
     flights: int
     won: int
     least: float
+    """The least effect that was flown."""
     greatest: float
     status: Status
+    """`extrapolated`: a limit lies outside [`least`, `greatest`]. `all won`: the limits lie below `least`; `none
+    won`: above `greatest`; `no trend`: winning does not grow with the effect."""
     half: float | None = None
+    """The effect that is won in half of the flights."""
     nine_tenths: float | None = None
 
 
 def detection_limits(outcomes: Sequence[Outcome]) -> tuple[DetectionLimit, ...]:
-    """For each planted mechanism in all vehicles together (`vehicle` None), then in each."""
+    """For each planted mechanism in all vehicles together, then in each."""
     planted = [o for o in outcomes if o.planted != NONE and o.effect > 0.0]
     found = []
     for name in dict.fromkeys(o.planted for o in planted):
         of_name = [o for o in planted if o.planted == name]
-        found.append(_limit(name, None, of_name))
-        found.extend(
-            _limit(name, vehicle, [o for o in of_name if o.draw.vehicle == vehicle])
-            for vehicle in dict.fromkeys(o.draw.vehicle for o in of_name)
-        )
+        for vehicle in (None, *dict.fromkeys(o.draw.vehicle for o in of_name)):
+            flights = [o for o in of_name if vehicle in (None, o.draw.vehicle)]
+            found.append(_limit(name, vehicle, flights))
     return tuple(found)
 
 
 def _limit(planted: str, vehicle: str | None, outcomes: Sequence[Outcome]) -> DetectionLimit:
     effect = np.array([outcome.effect for outcome in outcomes])
     won = np.array([outcome.won for outcome in outcomes])
-    status, limits = _fitted(effect, won)
+    status: Status = "all won" if won.all() else "none won" if not won.any() else "too few"
+    half = nine_tenths = None
+    if status == "too few" and effect.size >= FEWEST:
+        level, slope = logistic(np.log(effect), won.astype(float))
+        status = "no trend"
+        if slope > 0.0:
+            half, nine_tenths = (float(np.exp((logit(part) - level) / slope)) for part in (0.5, 0.9))
+            status = "extrapolated" if half < effect.min() or nine_tenths > effect.max() else "estimated"
     return DetectionLimit(
         planted=planted,
         vehicle=vehicle,
@@ -256,23 +250,9 @@ def _limit(planted: str, vehicle: str | None, outcomes: Sequence[Outcome]) -> De
         least=float(effect.min()),
         greatest=float(effect.max()),
         status=status,
-        half=limits[0],
-        nine_tenths=limits[1],
+        half=half,
+        nine_tenths=nine_tenths,
     )
-
-
-def _fitted(effect: FloatArray, won: FloatArray) -> tuple[Status, tuple[float | None, float | None]]:
-    nothing = (None, None)
-    if won.all() or not won.any():
-        return ("all won" if won.all() else "none won"), nothing
-    if effect.size < FEWEST:
-        return "too few", nothing
-    level, slope = logistic(np.log(effect), won.astype(float))
-    if slope <= 0.0:
-        return "no trend", nothing
-    half, nine_tenths = (float(np.exp((logit(share) - level) / slope)) for share in (0.5, 0.9))
-    outside = half < effect.min() or nine_tenths > effect.max()
-    return ("extrapolated" if outside else "estimated"), (half, nine_tenths)
 
 
 def logistic(x: FloatArray, won: FloatArray) -> tuple[float, float]:
@@ -293,28 +273,24 @@ def logistic(x: FloatArray, won: FloatArray) -> tuple[float, float]:
     return float(level - slope * centre / spread), float(slope / spread)
 
 
-# ---- Do two standard errors hold the planted parameters as often as they should? ----
-
-
-SIGMAS = 2.0
+# ---- Coverage: do two standard errors hold the planted parameters as often as they should? ----
 
 
 class Coverage(Statistic):
-    """One parameter of one planted mechanism, over flights in which that mechanism ranks first.
-
-    `covered`: within two standard errors (95.4 % where errors are Gaussian and right); `missing` flights have
-    no such parameter in their fit. `rms_sigmas` is the rms error in standard errors, without the
-    farthest tenth; `median_error` is absolute, in `units`.
-    """
+    """One parameter of one planted mechanism, over flights in which that mechanism ranks first."""
 
     planted: str
     parameter: str
     kind: str
     units: str
     covered: Share
+    """Within two standard errors: 95.4 % where errors are Gaussian and right."""
     missing: int
+    """Flights whose fit has no such parameter."""
     rms_sigmas: float | None
+    """Rms error in standard errors, without the farthest tenth."""
     median_error: float | None
+    """Absolute, in `units`."""
 
 
 def coverages(outcomes: Sequence[Outcome]) -> tuple[Coverage, ...]:
@@ -342,39 +318,37 @@ def _coverage(planted: str, parameter: str, kind: str, estimates: Sequence[Estim
     )
 
 
-# ---- What faults of the record do to verdicts: named, refused, or wrong without a word ----
+# ---- What faults of the record do to verdicts: named, refused, or wrong without a warning ----
 
 
 class FaultRow(Statistic):
-    """Flights whose record has one kind of fault.
-
-    `named`: channel and kind are reported. `wrong`: a verdict names a mechanism that was not planted; `unwarned`: it
-    does so and the data compatibility check reported nothing.
-    """
+    """Flights whose record has one kind of fault."""
 
     fault: str
     flights: int
     named: Share
+    """Channel and kind are reported."""
     wrong: Share
+    """A verdict names a mechanism that was not planted."""
     unwarned: Share
+    """It does so and the data compatibility check reported nothing."""
 
 
-def faulty(outcomes: Sequence[Outcome]) -> tuple[FaultRow, ...]:
+def faulty(outcomes: Iterable[Outcome]) -> tuple[FaultRow, ...]:
     """A row for each fault that was flown."""
-    flown = [o for o in outcomes if o.draw.fault and o.status in ("compared", "refused")]
-    kinds = dict.fromkeys(outcome.draw.fault for outcome in flown)
-    return tuple(_fault_row(kind, [o for o in flown if o.draw.fault == kind]) for kind in kinds)
-
-
-def _fault_row(kind: str, flights: Sequence[Outcome]) -> FaultRow:
-    wrong = [o for o in flights if o.winner not in (None, NONE, o.planted)]
-    count = len(flights)
-    return FaultRow(
-        fault=kind,
-        flights=count,
-        named=share(sum(bool(o.fault_named) for o in flights), count),
-        wrong=share(len(wrong), count),
-        unwarned=share(sum(not o.faults for o in wrong), count),
+    kinds: dict[str, list[Outcome]] = {}
+    for outcome in outcomes:
+        if outcome.draw.fault and outcome.status in ("compared", "refused"):
+            kinds.setdefault(outcome.draw.fault, []).append(outcome)
+    return tuple(
+        FaultRow(
+            fault=kind,
+            flights=len(flights),
+            named=_share_of(flights, lambda outcome: outcome.fault_named),
+            wrong=_share_of(flights, lambda outcome: outcome.wrong),
+            unwarned=_share_of(flights, lambda outcome: outcome.wrong and not outcome.faults),
+        )
+        for kind, flights in kinds.items()
     )
 
 
@@ -390,10 +364,7 @@ class Failure(Statistic):
 
 
 class Mistake(Statistic):
-    """A flight whose planted mechanism did not rank first, though its effect is visible.
-
-    `lead`: by how much the first leads the planted one on the information criterion.
-    """
+    """A flight whose planted mechanism did not rank first, though its effect is visible."""
 
     key: str
     seed: int
@@ -402,15 +373,17 @@ class Mistake(Statistic):
     first: str
     winner: str | None
     probability: float
+    """Of the hypothesis that ranked first."""
     lead: float | None
+    """By how much the first leads the planted one on the information criterion; None where that was not compared."""
 
 
 class StudySummary(Statistic):
     """What a study found.
 
-    `visible` statistics are over flights with nothing planted or with an effect of at least
-    `visible_effect` (part of the moment's rms while it lasts); the others over all that were compared. Flights whose
-    records were corrupted are counted in `faults`, and in nothing else but `flights`.
+    `visible` statistics are over flights with nothing planted or with an effect of at least `visible_effect`;
+    the others over all that were compared. Flights whose records were corrupted are counted in `faults`, and in
+    nothing else but `flights`.
     """
 
     schema_: str = Field(default="brv-hypo/study/1", alias="schema")
@@ -419,41 +392,44 @@ class StudySummary(Statistic):
     flights: int
     compared: int
     visible_effect: float
+    """Part of the moment's rms while the effect lasts."""
     right: Share
+    """What was planted ranks first."""
     right_visible: Share
     confusion: tuple[ConfusionRow, ...]
     confusion_visible: tuple[ConfusionRow, ...]
     by_vehicle: dict[str, tuple[ConfusionRow, ...]]
+    """Visible effects, each vehicle by itself."""
     calibration: Calibration
     calibration_visible: Calibration
     detection: tuple[DetectionLimit, ...]
     coverage: tuple[Coverage, ...]
+    """Of visible effects."""
     false_alarms: Share
     faults: tuple[FaultRow, ...]
     mistakes: tuple[Mistake, ...]
     failures: tuple[Failure, ...]
+    """A corrupted record that is refused is none."""
     seconds_per_flight: float | None
 
 
 def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
     """Every statistic of the study's outcomes."""
-    sound = [outcome for outcome in outcomes if not outcome.draw.fault]
-    compared = [outcome for outcome in sound if outcome.status == "compared"]
+    compared = [o for o in outcomes if o.status == "compared" and not o.draw.fault]
     visible = [o for o in compared if o.planted == NONE or o.effect >= study.visible_effect]
-    vehicles = dict.fromkeys(outcome.draw.vehicle for outcome in visible)
     return StudySummary(
         title=study.title,
         seed=study.seed,
         flights=len(outcomes),
         compared=len(compared),
         visible_effect=study.visible_effect,
-        right=share(sum(o.right for o in compared), len(compared)),
-        right_visible=share(sum(o.right for o in visible), len(visible)),
+        right=_share_of(compared, lambda outcome: outcome.right),
+        right_visible=_share_of(visible, lambda outcome: outcome.right),
         confusion=confusion(compared, study.planted),
         confusion_visible=confusion(visible, study.planted),
         by_vehicle={
             vehicle: confusion([o for o in visible if o.draw.vehicle == vehicle], study.planted)
-            for vehicle in vehicles
+            for vehicle in dict.fromkeys(outcome.draw.vehicle for outcome in visible)
         },
         calibration=calibration(compared),
         calibration_visible=calibration(visible),
@@ -472,8 +448,7 @@ def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
 
 
 def _mistake(outcome: Outcome) -> Mistake:
-    first = outcome.first or ""
-    known = outcome.information
+    first, known = outcome.first or "", outcome.information
     return Mistake(
         key=outcome.draw.key,
         seed=outcome.draw.seed,

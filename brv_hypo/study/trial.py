@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -19,33 +19,33 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import BrvHypoError
 from brv_hypo.flight.format import assemble
 from brv_hypo.mechanisms import find
-from brv_hypo.ranking import Comparison, compare
-from brv_hypo.ranking.result import DerivedEstimate, Interval, RankedHypothesis, TermEstimate
-from brv_hypo.simulation import SimulatedFlight, Truth, simulate
+from brv_hypo.ranking import compare
+from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
+from brv_hypo.simulation import Truth, simulate
 from brv_hypo.simulation.config import PlantedConfig
-from brv_hypo.study.config import StudyConfig
+from brv_hypo.study.config import NONE, StudyConfig
 from brv_hypo.study.draws import Draw, corrupted, flight_config
 from brv_hypo.study.faults import fault_called
+
+ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
+
+EstimateKind = Literal["theta", "knot", "coefficient", "derived"]
+Item = TypeVar("Item", TermEstimate, DerivedEstimate)
+
 
 # ---- What is kept of one flight of a study ----
 
 
-EstimateKind = Literal["theta", "knot", "coefficient", "derived"]
+class Estimate(BaseModel):
+    """A planted value and its estimate; None where the fit holds no such parameter."""
 
-
-class _Kept(BaseModel):
     model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
-
-
-class Estimate(_Kept):
-    """A planted value and its estimate, both in `units`; None where the fit holds no such parameter.
-
-    `kind`: `theta` (a delay), `knot` (onset or end, s), `coefficient`, or `derived` (phi_b).
-    """
 
     name: str
     kind: EstimateKind
+    """`theta` (a delay), `knot` (onset or end, s), `coefficient`, or `derived` (phi_b)."""
     units: str
+    """Of the truth, the estimate and its standard error."""
     truth: float
     value: float | None = None
     std_error: float | None = None
@@ -58,35 +58,32 @@ class Estimate(_Kept):
         return (self.value - self.truth) / self.std_error
 
 
-class Outcome(_Kept):
-    """One flight: what was drawn, what was planted, and what `compare` made of it.
+class Outcome(BaseModel):
+    """One flight: what was drawn, what was planted, and what `compare` made of it."""
 
-    `effect_in_plane`, `effect_out_of_plane`: rms of what is planted, while it lasts, over the rms of the
-    whole moment in that time. `outcome` is the verdict's, `faults` what the data compatibility check named, as
-    "channel: fault"; `fault_named` whether a planted fault is among them, None without one. `information` is the
-    criterion of each hypothesis. `estimates` are those of the planted mechanism's own fit. A flight that failed has
-    its `reason`.
-    """
+    model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
 
     draw: Draw
     status: Literal["compared", "refused", "not simulated", "not compared"]
     reason: str = ""
-    outcome: str = ""
+    """Why the flight was not compared."""
     faults: tuple[str, ...] = ()
+    """What the data compatibility check named, as "channel: fault"."""
     fault_named: bool | None = None
+    """Whether the planted fault is among them; None without one."""
     effect_in_plane: float = 0.0
+    """Rms of what is planted, while it lasts, over the rms of the whole moment in that time."""
     effect_out_of_plane: float = 0.0
     first: str | None = None
     winner: str | None = None
     equivalent: tuple[str, ...] = ()
     probability: dict[str, float] = {}
     information: dict[str, float] = {}
-    prediction_error: dict[str, float] = {}
-    verdict: str = ""
+    """The information criterion of each hypothesis."""
     estimates: tuple[Estimate, ...] = ()
+    """Of the planted mechanism's own fit."""
     alpha_sigma_rad: float | None = None
     phi_w_sigma_rad: float | None = None
-    warnings: tuple[str, ...] = ()
     seconds: float = 0.0
 
     @property
@@ -109,12 +106,13 @@ class Outcome(_Kept):
         """True where the verdict names the planted mechanism."""
         return self.winner == self.planted
 
+    @property
+    def wrong(self) -> bool:
+        """True where the verdict names a mechanism that was not planted."""
+        return self.winner not in (None, NONE, self.planted)
+
 
 # ---- How much of the moment a planted mechanism is ----
-
-
-# Below this part of its largest value what is planted counts as absent: rounding of the moments.
-ABSENT = 1e-6
 
 
 def effect_size(truth: Truth) -> tuple[float, float]:
@@ -137,14 +135,6 @@ def _rms(values: FloatArray) -> float:
 # ---- Planted parameters and what the planted mechanism's own fit makes of them ----
 
 
-class _Regional(Protocol):
-    @property
-    def region_s(self) -> Interval | None: ...
-
-
-Item = TypeVar("Item", bound=_Regional)
-
-
 def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tuple[Estimate, ...]:
     """Each planted parameter beside its estimate, which may be missing."""
     return tuple(estimate for entry in planted for estimate in _of_entry(entry, fitted))
@@ -155,8 +145,7 @@ def _of_entry(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estima
     leading = max(terms, key=lambda term: term.f_ratio, default=None)
     yield from _thetas(entry, fitted, leading)
     yield from _knots(entry, fitted)
-    same_delay = [term for term in terms if leading is not None and term.delay_s == leading.delay_s]
-    yield from _coefficients(entry, same_delay)
+    yield from _coefficients(entry, [term for term in terms if leading and term.delay_s == leading.delay_s])
     yield from _derived(entry, fitted)
 
 
@@ -236,51 +225,31 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
     except Exception as error:
         return Outcome(draw=draw, status="not simulated", reason=_reason(error))
     in_plane, out_of_plane = effect_size(flown.truth)
-    known: dict[str, Any] = {
-        "draw": draw,
-        "effect_in_plane": in_plane,
-        "effect_out_of_plane": out_of_plane,
-    }
+    known: dict[str, Any] = {"draw": draw, "effect_in_plane": in_plane, "effect_out_of_plane": out_of_plane}
     try:
         flight = assemble(corrupted(flown.record, draw)) if draw.fault else flown.flight
-        comparison = compare([flight], study.compare)
+        found = compare([flight], study.compare)
     except Exception as error:
         return Outcome(**known, status="not compared", reason=_reason(error))
-    return Outcome(**known, **_judged(flown, comparison, draw), seconds=clock.perf_counter() - begun)
-
-
-def _judged(flown: SimulatedFlight, comparison: Comparison, draw: Draw) -> dict[str, Any]:
-    verdict, ranking = comparison.verdict, comparison.ranking
-    trial = {
-        "outcome": verdict.outcome,
-        "faults": tuple(f"{fault.channel}: {fault.fault}" for fault in comparison.record.faults),
-        "fault_named": _named(draw, comparison),
-    }
+    faults, verdict, ranking = found.record.faults, found.verdict, found.ranking
+    known["faults"] = tuple(f"{fault.channel}: {fault.fault}" for fault in faults)
+    known["fault_named"] = fault_called(draw.fault).named_by(faults) if draw.fault else None
+    known["seconds"] = clock.perf_counter() - begun
     if not ranking:
-        return {"status": "refused", "reason": verdict.reason, **trial}
+        return Outcome(**known, status="refused", reason=verdict.reason)
     own = next((row for row in ranking if row.mechanism == draw.planted), None)
-    return {
-        "status": "compared",
-        **trial,
-        "first": ranking[0].mechanism,
-        "winner": verdict.winner,
-        "equivalent": verdict.equivalent,
-        "probability": verdict.probability,
-        "information": {row.mechanism: row.bic for row in ranking},
-        "prediction_error": {row.mechanism: row.prediction_error for row in ranking},
-        "verdict": verdict.reason,
-        "estimates": () if own is None else estimates(flown.config.mechanisms, own),
-        "alpha_sigma_rad": comparison.reconstruction.alpha_rms_sigma_rad,
-        "phi_w_sigma_rad": comparison.reconstruction.phi_w_rms_sigma_rad,
-        "warnings": (*comparison.reconstruction.warnings, *comparison.warnings),
-    }
-
-
-def _named(draw: Draw, comparison: Comparison) -> bool | None:
-    """Whether the fault that was planted is named, kind and channels; None for a sound record."""
-    if not draw.fault:
-        return None
-    return fault_called(draw.fault).named_by(comparison.record.faults)
+    return Outcome(
+        **known,
+        status="compared",
+        first=ranking[0].mechanism,
+        winner=verdict.winner,
+        equivalent=verdict.equivalent,
+        probability=verdict.probability,
+        information={row.mechanism: row.bic for row in ranking},
+        estimates=() if own is None else estimates(flown.config.mechanisms, own),
+        alpha_sigma_rad=found.reconstruction.alpha_rms_sigma_rad,
+        phi_w_sigma_rad=found.reconstruction.phi_w_rms_sigma_rad,
+    )
 
 
 def _reason(error: Exception) -> str:

@@ -81,7 +81,7 @@ def test_a_study_ends_with_its_workers_and_goes_on_later(tmp_path, number, every
     assert CODES[number][1] in errors
     assert "goes on with what out holds" in errors
     assert "Traceback" not in errors
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["flights.jsonl", "study.json"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["flights.db"]
 
 
 @pytest.mark.parametrize(

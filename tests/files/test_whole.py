@@ -15,7 +15,7 @@ import pytest
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight, save_flight
 from brv_hypo.io import atomic
-from brv_hypo.io.atomic import LineLog, whole_folder, write_whole
+from brv_hypo.io.atomic import whole_folder, write_whole
 from tests.flight.records import flight
 
 HOST = socket.gethostname().replace(".", "-")
@@ -155,38 +155,3 @@ def test_a_kill_leaves_the_old_file_or_the_new_and_the_next_write_cleans(tmp_pat
     assert load_flight(tmp_path / "f.h5").samples == 400
     write_whole(tmp_path / "other", "content")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["f.h5", "other"]
-
-
-class TestLineLog:
-    def test_a_torn_line_is_dropped_and_said(self, tmp_path):
-        path = tmp_path / "log"
-        path.write_bytes(b"one\ntwo\nthr")
-        log = LineLog(path)
-        assert (log.torn, log.lines()) == (True, [b"one", b"two"])
-        log.append("three")
-        log.close()
-        assert path.read_bytes() == b"one\ntwo\nthree\n"
-
-    @pytest.mark.parametrize("call", ["write", "fsync"])
-    def test_a_full_medium_leaves_whole_lines(self, tmp_path, monkeypatch, call):
-        log = LineLog(tmp_path / "log")
-        log.append("one")
-        true = os.write
-
-        def failing(descriptor, *data):
-            if data:
-                return true(descriptor, data[0][:2])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-        monkeypatch.setattr(atomic.os, call, failing)
-        with pytest.raises(UsageError, match="medium is full"):
-            log.append("two")
-        log.close()
-        assert (tmp_path / "log").read_text() == "one\n"
-
-    def test_two_may_not_append_at_once(self, tmp_path):
-        first = LineLog(tmp_path / "log")
-        with pytest.raises(UsageError, match="in use by another process"):
-            LineLog(tmp_path / "log")
-        first.close()
-        LineLog(tmp_path / "log").close()

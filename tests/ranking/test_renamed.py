@@ -23,9 +23,8 @@ from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.residuals.linearisation import Model
-from brv_hypo.residuals.model_file import model_text
 from brv_hypo.residuals.restore import restored, saved
-from brv_hypo.residuals.saved import SavedModel
+from brv_hypo.residuals.saved import SavedModel, model_text
 from brv_hypo.simulation import load_config, simulate
 from tests.chains import prepared
 from tests.flights import flown, nominal

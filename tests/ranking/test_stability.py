@@ -15,10 +15,17 @@ from brv_hypo.motion import ReconstructionConfig, reconstruct
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.adequacy import Misfit
-from brv_hypo.ranking.other_knots import on_other_knots
-from brv_hypo.ranking.other_methods import OPEN_LOOP, agrees, on_other_motions
-from brv_hypo.ranking.repeated import Repeated
-from brv_hypo.ranking.stability import repetitions, stability, within_tolerances, without_blocks
+from brv_hypo.ranking.stability import (
+    OPEN_LOOP,
+    Repeated,
+    agrees,
+    on_other_knots,
+    on_other_motions,
+    repetitions,
+    stability,
+    within_tolerances,
+    without_blocks,
+)
 from brv_hypo.ranking.verdict import Contest, Score, Stability
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import LeavingOut

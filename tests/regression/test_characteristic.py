@@ -7,10 +7,10 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.regression.characteristic import particular_share, plain_columns
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, settled, solved
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.unlisted import particular_share, plain_columns
 from tests.ranking.pulse import problem
 
 

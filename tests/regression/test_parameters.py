@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from brv_hypo.mechanisms import Mechanism, Parameter, Term, find
 from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS, Alias, renamed
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.criteria import criteria_of
+from brv_hypo.ranking.compare import criteria_of
 from brv_hypo.ranking.verdict import OTHER, probabilities
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, renewed
 from brv_hypo.regression.problem import Problem

@@ -16,8 +16,8 @@ from brv_hypo.regression.propagated_motion import (
     PropagatedMotion,
     linearisation_point,
     walk_name,
+    walk_sines,
 )
-from brv_hypo.regression.wander import walk_sines
 from tests.flights import nominal
 
 USUAL = ReconstructionConfig()

@@ -10,8 +10,7 @@ import pytest
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import body_crossflow, wind_direction, wind_to_body
 from brv_hypo.motion.responses import perturbed
-from brv_hypo.regression.propagated_motion import linearisation_point
-from brv_hypo.regression.wander import walk_noise, walk_sines
+from brv_hypo.regression.propagated_motion import linearisation_point, walk_noise, walk_sines
 from tests.chains import prepared, reconstructed
 
 

@@ -14,7 +14,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.turning import RATE, TurningMoment, turning_moment
+from brv_hypo.regression.unlisted import RATE, TurningMoment, turning_moment
 from tests.chains import prepared
 
 START, STOP = 1.0, 4.5

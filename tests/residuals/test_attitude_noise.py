@@ -13,7 +13,7 @@ from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.signals import derivatives
 from brv_hypo.residuals import predict
-from brv_hypo.residuals.attitude_noise import noise_share
+from brv_hypo.residuals.predict import noise_share
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import simulate
 from brv_hypo.simulation.config import InstrumentsConfig

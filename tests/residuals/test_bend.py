@@ -24,8 +24,8 @@ from brv_hypo.residuals.baseline import (
     with_priors,
 )
 from brv_hypo.residuals.linearisation import Model, see
-from brv_hypo.residuals.model_file import model_text, read_model
 from brv_hypo.residuals.restore import restored
+from brv_hypo.residuals.saved import model_text, read_model
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, nominal
 from tests.studies.loop.planting import another_flight

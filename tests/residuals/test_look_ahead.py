@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from brv_hypo.constants import CONFOUNDED_NEAR
-from brv_hypo.residuals import look_ahead
+from brv_hypo.residuals import candidates_at_step
 from brv_hypo.residuals.candidates import Candidate, look_alikes
+from brv_hypo.residuals.candidates_at_step import looked_ahead_like
 from brv_hypo.residuals.choice import _ranked
-from brv_hypo.residuals.look_ahead import looked_ahead_like
 from tests.residuals.test_choice import ACROSS, candidate
 
 
@@ -41,7 +41,7 @@ def test_a_description_is_judged_with_what_goes_beside_it(
 
 
 def test_a_description_is_looked_beyond_where_its_rivals_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(look_ahead, "_beside", lambda problem, one, mechanisms: 7.0)
+    monkeypatch.setattr(candidates_at_step, "_beside", lambda problem, one, mechanisms: 7.0)
     problem: Any = None
     described, rival = candidate("discovered_1", 100.0), candidate("lag", 80.0)
     assert looked_ahead_like(problem, described, [rival], ()).ahead is None

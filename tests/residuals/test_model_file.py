@@ -13,9 +13,8 @@ from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_text
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
-from brv_hypo.residuals.model_file import model_text, read_model, read_structure
 from brv_hypo.residuals.restore import restored, saved
-from brv_hypo.residuals.saved import SavedColumn, SavedModel
+from brv_hypo.residuals.saved import SavedColumn, SavedModel, model_text, read_model, read_structure
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
 

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import sqlite3
+import tempfile
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
 from brv_hypo.study.draws import Draw
+from brv_hypo.study.store import FLIGHTS
 from brv_hypo.study.trial import Estimate, Outcome
 
 
@@ -45,3 +54,15 @@ def outcome(
         estimates=estimates,
         seconds=1.0,
     )
+
+
+def stored(folder: Path) -> list[dict[str, Any]]:
+    """The outcomes that a study's folder holds, read from a copy: the process that flies has the database locked."""
+    with tempfile.TemporaryDirectory() as copies:
+        for path in folder.glob(FLIGHTS + "*"):  # the database, and the journal that a killed process leaves
+            shutil.copy(path, copies)
+        with closing(sqlite3.connect(Path(copies) / FLIGHTS)) as database:
+            if not database.execute("SELECT 1 FROM sqlite_master").fetchall():
+                return []
+            rows = database.execute("SELECT outcome FROM flights ORDER BY rowid").fetchall()
+            return [json.loads(outcome) for (outcome,) in rows]

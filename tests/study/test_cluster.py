@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 
 import pytest
 
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.study import read_study, run, run_study
-from brv_hypo.study.run import on_cluster, on_this_machine
-from brv_hypo.study.store import FLIGHTS
+from brv_hypo.study.run import spread
+from tests.study.outcomes import stored
 from tests.study.test_run import SMALL, VEHICLE
 
 
@@ -36,15 +37,15 @@ def worker_of(seconds):
 @pytest.mark.thorough
 def test_both_places_give_every_item_once(cluster):
     items = list(range(8))
-    for spread in (on_this_machine(1), on_cluster(cluster.scheduler_address)):
-        found = list(spread(worker_of(0.01), items))
+    for address in (None, cluster.scheduler_address):
+        found = list(spread(worker_of(0.01), items, cluster=address))
         assert sorted(item for _, item in found) == items
 
 
 @pytest.mark.thorough
 def test_what_a_killed_worker_was_at_is_done_by_another(cluster):
     found, killed = [], None
-    for pid, item in on_cluster(cluster.scheduler_address)(worker_of(0.2), list(range(12))):
+    for pid, item in spread(worker_of(0.2), list(range(12)), cluster=cluster.scheduler_address):
         found.append(item)
         if killed is None:
             killed = pid
@@ -58,26 +59,26 @@ def test_an_item_that_ends_every_worker_is_given_up_with_its_reason(cluster):
         os.kill(os.getpid(), signal.SIGKILL)
 
     with pytest.raises(UnanswerableError, match="goes on where it was"):
-        list(on_cluster(cluster.scheduler_address)(deadly, [1]))
+        list(spread(deadly, [1], cluster=cluster.scheduler_address))
 
 
 @pytest.mark.thorough
 def test_a_fault_in_a_call_reaches_the_caller(cluster):
     with pytest.raises(ZeroDivisionError):
-        list(on_cluster(cluster.scheduler_address)(lambda item: 1 // item, [0]))
+        list(spread(lambda item: 1 // item, [0], cluster=cluster.scheduler_address))
 
 
 @pytest.mark.thorough
 def test_an_address_where_nothing_answers_is_refused(monkeypatch):
     monkeypatch.setattr(run, "CONNECT_SECONDS", 0.5)
     with pytest.raises(UsageError, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:1'"):
-        on_cluster("tcp://127.0.0.1:1")
+        list(spread(abs, [1], cluster="tcp://127.0.0.1:1"))
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr(run, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match=r"brv-hypo\[cluster\]"):
-        on_cluster("tcp://127.0.0.1:1")
+        list(spread(abs, [1], cluster="tcp://127.0.0.1:1"))
 
 
 @pytest.mark.slow
@@ -99,4 +100,4 @@ def test_a_study_outlives_a_worker_and_is_the_same_as_on_this_machine(cluster, t
     assert [o.draw for o in there] == [o.draw for o in here]
     for one, other in zip(there, here, strict=True):
         assert one.information == pytest.approx(other.information, rel=1e-9)
-    assert len((tmp_path / "there" / FLIGHTS).read_text().splitlines()) == 4
+    assert len(stored(tmp_path / "there")) == 4

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
 
 import pytest
 from typer.testing import CliRunner
@@ -11,9 +16,9 @@ from typer.testing import CliRunner
 from brv_hypo.cli.main import app
 from brv_hypo.errors import UsageError
 from brv_hypo.study import StudyConfig, read_study, run, run_study, summarise
-from brv_hypo.study.store import FLIGHTS, results_csv
+from brv_hypo.study.store import FLIGHTS, Store, results_csv
 from brv_hypo.study.trial import fly
-from tests.study.outcomes import outcome
+from tests.study.outcomes import outcome, stored
 
 STUDY = StudyConfig(vehicles=("research_cone",), planted=("none", "lag"), flights=2)
 
@@ -35,48 +40,102 @@ def test_every_flight_is_flown_once_and_kept_at_once(tmp_path, flown):
     kept = []
 
     def progress(done, total, latest):
-        kept.append((done, total, len((tmp_path / FLIGHTS).read_text().splitlines())))
+        kept.append((done, total, len(stored(tmp_path))))
 
     outcomes = run_study(STUDY, tmp_path, progress=progress)
     assert [o.draw.key for o in outcomes] == flown
     assert kept == [(n, 4, n) for n in (1, 2, 3, 4)]
+    assert [path.name for path in tmp_path.iterdir()] == [FLIGHTS]
 
 
-def test_an_interrupted_study_goes_on_and_a_half_written_flight_is_flown_again(tmp_path, flown):
-    first = run_study(STUDY, tmp_path)
-    path = tmp_path / FLIGHTS
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text("".join(lines[:2]) + lines[2][:40])
+def test_an_interrupted_study_goes_on_with_what_it_lacks(tmp_path, flown):
+    def interrupt(done, total, latest):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(STUDY, tmp_path, progress=interrupt)
+    assert len(flown) == len(stored(tmp_path)) == 2
+    outcomes = run_study(STUDY, tmp_path)
+    assert [o.draw.key for o in outcomes] == flown
     flown.clear()
-    assert run_study(STUDY, tmp_path) == first
-    assert flown == ["research_cone/none/1", "research_cone/lag/1"]
-    assert len(path.read_text().splitlines()) == 4
-
-
-def test_a_line_torn_in_the_middle_is_dropped_with_a_note_and_flown_again(tmp_path, flown):
-    first = run_study(STUDY, tmp_path)
-    path = tmp_path / FLIGHTS
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text(lines[0] + lines[1][:40] + "\n" + "".join(lines[2:]))
-    flown.clear()
-    notes = []
-    assert run_study(STUDY, tmp_path, note=notes.append) == first
-    assert flown == ["research_cone/lag/0"]
-    assert "1 torn line" in notes[0]
-
-
-@pytest.mark.parametrize("content", ["", '{"title": "stu', "\x00" * 100])
-def test_a_damaged_description_costs_no_flight_of_the_same_study(tmp_path, flown, content):
-    first = run_study(STUDY, tmp_path)
-    (tmp_path / "study.json").write_text(content)
-    flown.clear()
-    notes = []
-    assert run_study(STUDY, tmp_path, note=notes.append) == first
+    assert run_study(STUDY, tmp_path) == outcomes
     assert flown == []
-    assert "written anew" in notes[0]
-    (tmp_path / "study.json").write_text(content)
-    with pytest.raises(UsageError, match="not of this study"):
-        run_study(STUDY.model_copy(update={"seed": 9}), tmp_path)
+
+
+KILLED = """
+import os, signal, sqlite3, sys
+sys.path[:0] = {paths!r}
+from pathlib import Path
+from brv_hypo.study.store import Store
+from tests.study.outcomes import outcome, stored
+from tests.study.test_run import STUDY
+
+store = Store(Path({folder!r}), STUDY)
+store.add(outcome("lag", "lag"))
+store._database.execute("PRAGMA cache_size = 1")
+store._database.execute("BEGIN")
+store._database.executemany("INSERT INTO flights VALUES (?, ?)", [(str(n), "x" * 4000) for n in range(100)])
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_process_was_writing_is_rolled_back(tmp_path):
+    """It was killed within a transaction of which a part was in the file already, beside its journal."""
+    code = KILLED.format(paths=sys.path, folder=str(tmp_path))
+    assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
+    assert (tmp_path / f"{FLIGHTS}-journal").exists()
+    store = Store(tmp_path, STUDY)
+    assert list(store.known()) == ["cone/lag/0"]
+    store.close()
+    assert [path.name for path in tmp_path.iterdir()] == [FLIGHTS]
+
+
+def test_two_processes_may_not_fly_one_study(tmp_path):
+    first = Store(tmp_path, STUDY)
+    with pytest.raises(UsageError, match="in use by another process"):
+        Store(tmp_path, STUDY)
+    first.close()
+    Store(tmp_path, STUDY).close()
+
+
+def test_a_full_medium_is_refused_and_leaves_whole_outcomes(tmp_path):
+    store = Store(tmp_path, STUDY)
+    store.add(outcome("lag", "lag"))
+    pages = store._database.execute("PRAGMA page_count").fetchone()[0]
+    store._database.execute(f"PRAGMA max_page_count = {pages}")
+    added = [outcome("lag", "lag", repeat=repeat) for repeat in range(1, 100)]
+    with pytest.raises(UsageError, match="full"):
+        list(map(store.add, added))
+    kept = list(store.known())
+    store.close()
+    assert kept == [f"cone/lag/{repeat}" for repeat in range(len(kept))]
+    assert len(stored(tmp_path)) == len(kept)
+
+
+@pytest.mark.parametrize("content", [b"\x00" * 100, b"no database, but long enough to be taken for one" * 40])
+def test_a_damaged_database_is_refused(tmp_path, flown, content):
+    (tmp_path / FLIGHTS).write_bytes(content)
+    with pytest.raises(UsageError, match="is damaged"):
+        run_study(STUDY, tmp_path)
+    assert flown == []
+    assert (tmp_path / FLIGHTS).read_bytes() == content
+
+
+def test_outcomes_of_other_versions_are_refused_unless_forced(tmp_path, flown):
+    (tmp_path / "lines").mkdir()
+    (tmp_path / "lines" / "flights.jsonl").write_text("{}")
+    run_study(STUDY, tmp_path / "fields")
+    with closing(sqlite3.connect(tmp_path / "fields" / FLIGHTS)) as database, database:
+        database.execute("UPDATE flights SET outcome = '{}'")
+    flown.clear()
+    for folder, message in (("lines", "of an earlier version"), ("fields", "not of this version")):
+        with pytest.raises(UsageError, match=message):
+            run_study(STUDY, tmp_path / folder)
+        assert flown == []
+        run_study(STUDY, tmp_path / folder, overwrite=True)
+        assert len(flown) == 4
+        flown.clear()
 
 
 def test_a_study_grows_and_another_one_is_refused_unless_forced(tmp_path, flown):
@@ -183,7 +242,7 @@ def test_the_command_writes_table_summary_and_page(commanded):
 @pytest.mark.thorough
 def test_the_planted_moment_is_found_with_its_angle_and_its_knots(commanded):
     _, folder = commanded
-    flight = json.loads((folder / FLIGHTS).read_text().splitlines()[1])
+    flight = stored(folder)[1]
     found = {item["name"]: item for item in flight["estimates"]}
     assert 0.05 < flight["effect_in_plane"] < 0.5
     assert found["phi_b"]["value"] == pytest.approx(found["phi_b"]["truth"], abs=0.02)
@@ -213,7 +272,7 @@ def test_another_seed_is_another_study(commanded, small):
 @pytest.mark.slow
 def test_a_flight_is_the_same_wherever_it_is_flown(commanded, small):
     _, folder = commanded
-    kept = json.loads((folder / FLIGHTS).read_text().splitlines()[0])
+    kept = stored(folder)[0]
     study = read_study(small)
     again = fly(study, run.draws(study)[0])
     assert again.information == pytest.approx(kept["information"], rel=1e-9)

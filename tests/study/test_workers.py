@@ -8,17 +8,17 @@ import sys
 
 import pytest
 
-from brv_hypo.study.run import on_this_machine
+from brv_hypo.study.run import spread
 from tests.harness.kill.victim import orphans_of
 
 # Workers take seconds to begin: a parent that dies before has given them nothing to do.
 KILLED_EARLY = """
 import os, signal, sys, threading, time
 sys.path[:0] = {paths!r}
-from brv_hypo.study.run import on_this_machine
+from brv_hypo.study.run import spread
 
 threading.Timer({after}, os.kill, (os.getpid(), signal.SIGKILL)).start()
-list(on_this_machine(2)(time.sleep, [0.5] * 100))
+list(spread(time.sleep, [0.5] * 100, jobs=2))
 """
 
 
@@ -32,4 +32,4 @@ def test_workers_end_with_a_parent_that_is_killed_before_it_gave_them_anything_t
 
 @pytest.mark.thorough
 def test_workers_leave_the_keyboard_to_their_parent():
-    assert set(on_this_machine(2)(signal.getsignal, [signal.SIGINT] * 4)) == {signal.SIG_IGN}
+    assert set(spread(signal.getsignal, [signal.SIGINT] * 4, jobs=2)) == {signal.SIG_IGN}

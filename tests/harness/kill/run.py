@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import random
+import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -137,9 +138,11 @@ def _at(plan: Plan, usual: Reference, folder: Path) -> Callable[[float], bool]:
 
 
 def _has_begun(command: Command, folder: Path) -> bool:
-    """True where a temporary stands; of a study, where its log holds a flight."""
+    """True where a temporary stands; of a study, where its folder holds a flight."""
     if command.goes_on:
-        return bool(flights_of(folder / "out"))
+        with suppress(OSError, sqlite3.DatabaseError):  # it is being written just now
+            return bool(flights_of(folder / "out"))
+        return False
     return any(name.endswith(".partial") for name in os.listdir(folder))
 
 

@@ -14,8 +14,7 @@ from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.kinematics import body_from_plane
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.ranking.preparation import prepare
-from brv_hypo.regression.propagated_motion import linearisation_point
-from brv_hypo.regression.wander import walk_modes
+from brv_hypo.regression.propagated_motion import linearisation_point, walk_modes
 from tests.studies.independent.drawn_vehicles import FEWEST_CYCLES, LONGEST, draw_craft
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.mechanisms import LISTED
