@@ -107,7 +107,6 @@ def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: in
         rss_forced=null.rss,
         n_forced=size,
         complete=least_squares(complete, problem.response),
-        complete_rank=complete.shape[1],
         blocks=_blocks(problem, block_count),
     )
     return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)

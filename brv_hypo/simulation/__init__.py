@@ -3,7 +3,7 @@
 simulate, simulate_batch        simulator.py: a configuration -> `SimulatedFlight` (result.py)
 SimulationConfig, load_config   config.py: the schema of configs/*.yaml, its files, flights that differ a little
 the equations of motion         vehicle.py, on rotation.py and air.py
-planted mechanisms              planting.py
+planted mechanisms              planted.py
 Runge-Kutta, and the past       integration.py
 Appendix B                      instruments.py: record effects and noise
 """

@@ -7,7 +7,6 @@ one number of each.
 
 from __future__ import annotations
 
-import copy
 import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
@@ -39,20 +38,28 @@ Vector = tuple[float, float, float]
 class Section(BaseModel):
     """A part of a configuration: immutable, finite numbers, no unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 class VehicleConfig(Section):
-    """The vehicle as it was built; `ixy`, `ixz` kg m^2 are products of inertia (of x y dm, x z dm): imbalance."""
+    """The vehicle as it was built."""
 
     mass: Positive
+    """kg."""
     ixx: Positive
+    """About the axis of symmetry, kg m^2."""
     iyy: Positive
+    """Transverse, kg m^2."""
     reference_length: Positive
+    """m."""
     reference_area: Positive
+    """m^2."""
     accelerometer_position: Vector = (0.0, 0.0, 0.0)
+    """From the c.g., body axes, m."""
     ixy: float = 0.0
+    """Product of inertia (of x y dm), kg m^2: imbalance."""
     ixz: float = 0.0
+    """Product of inertia (of x z dm), kg m^2: imbalance."""
 
     @model_validator(mode="after")
     def _inertia_of_a_real_body(self) -> VehicleConfig:
@@ -79,37 +86,28 @@ def _with_current_names(data: Any) -> Any:
     return dict(zip(names, data.values(), strict=True))
 
 
-class SlopeVariation(Section):
-    """C_malpha += change (x - at), or, as a step, += change where x >= at; x: Mach, Reynolds number, time.
-
-    A step of `width` > 0 is smooth, (1 + tanh((x - at) / width)) / 2. Prefer it for mach and reynolds: the
-    integration lands on steps in time, not on steps in the motion.
-    """
-
-    variable: Literal["mach", "reynolds", "time"]
-    kind: Literal["linear", "step"]
-    change: float
-    at: float
-    width: NotNegative = 0.0
-
-
 class AerodynamicsConfig(Section):
     """Air-relative aerodynamics of CONVENTIONS; coefficients per rad, rates made dimensionless by d / 2V.
 
-    C_A axial force; C_Nalpha_force > 0 slope of the normal force, which opposes the crossflow; C_m0, C_malpha
-    (< 0 on a stable vehicle), C_malpha3 the in-plane moment C_mw = C_m0 + C_malpha alpha + C_malpha3 alpha^3;
-    C_mq pitch damping; C_l0, C_lp rolling moment and roll damping.
+    The in-plane moment is C_mw = C_m0 + C_malpha alpha + C_malpha3 alpha^3.
     """
 
     C_A: float = 0.0
+    """Axial force."""
     C_Nalpha_force: float = 0.0
+    """Slope of the normal force, > 0: it opposes the crossflow."""
     C_m0: float = 0.0
+    """In-plane moment at alpha 0."""
     C_malpha: float = 0.0
+    """Its slope, < 0 on a stable vehicle."""
     C_malpha3: float = 0.0
+    """Its cubic part."""
     C_mq: float = 0.0
+    """Pitch damping."""
     C_l0: float = 0.0
+    """Rolling moment."""
     C_lp: float = 0.0
-    slope_variations: tuple[SlopeVariation, ...] = ()
+    """Roll damping."""
 
     @model_validator(mode="before")
     @classmethod
@@ -118,24 +116,34 @@ class AerodynamicsConfig(Section):
 
 
 class StartConfig(Section):
-    """The first instant. Velocity (m/s), alpha and meridian (rad) are relative to the air.
+    """The first instant, relative to the air.
 
-    `flight_path_angle` rad is negative in descent. The transverse rates are given either as `q`, `r` (rad/s),
-    or by `alpha_rate` and `coning_rate` (rad/s): how fast the plane of alpha turns about the velocity. A
-    coning rate of the natural frequency is a circle, zero a plane oscillation.
+    The transverse rates are given either as `q`, `r`, or by `alpha_rate` and `coning_rate`: a coning rate of the
+    natural frequency is a circle, zero a plane oscillation.
     """
 
     time: float = 0.0
+    """s."""
     altitude: float
+    """Above sea level, m."""
     velocity: Positive
+    """m/s."""
     flight_path_angle: float
+    """Negative in descent, rad."""
     alpha: float
+    """Total angle of attack, rad."""
     windward_meridian: float = 0.0
+    """rad."""
     roll_rate: float = 0.0
+    """rad/s."""
     alpha_rate: float = 0.0
+    """rad/s."""
     coning_rate: float = 0.0
+    """How fast the plane of alpha turns about the velocity, rad/s."""
     q: float | None = None
+    """Pitch rate, rad/s."""
     r: float | None = None
+    """Yaw rate, rad/s."""
 
     @model_validator(mode="after")
     def _one_choice_of_rates(self) -> StartConfig:
@@ -154,37 +162,35 @@ class WindStep(Section):
 
 
 class EnvironmentConfig(Section):
-    """Earth. `gravity` m/s^2 at sea level falls with altitude; `planet_shape` flat keeps its direction.
+    """Earth, a sphere.
 
-    `constant_density` kg/m^3 replaces the standard atmosphere's density (verification against closed forms).
+    `gravity` m/s^2 at sea level falls with altitude. `constant_density` kg/m^3 replaces the standard atmosphere's
+    density (verification against closed forms).
     """
 
     planet: Literal["earth"] = "earth"
-    planet_shape: Literal["spherical", "flat"] = "spherical"
     gravity: NotNegative = 9.80665
     constant_density: NotNegative | None = None
     wind_step: WindStep | None = None
 
 
 class PlantedConfig(Section):
-    """A mechanism to plant, as it would be fitted: terms times coefficients, from `start` to `stop` (s).
-
-    `terms` maps the mechanism's term names to coefficients; `theta` holds its nonlinear parameters; `kind` is
-    as in Eq. 3.6.
-    """
+    """A mechanism to plant, as it would be fitted: terms times coefficients."""
 
     mechanism: str
+    """Name of an installed mechanism."""
     options: dict[str, Any] = Field(default_factory=dict)
+    """Its options."""
     theta: dict[str, float] = Field(default_factory=dict)
-    terms: dict[str, float] = Field(min_length=1)
+    """Its nonlinear parameters."""
+    terms: Annotated[dict[str, float], BeforeValidator(_with_current_names)] = Field(min_length=1)
+    """Coefficients by the names of its terms."""
     kind: TimeVariation = "jump"
+    """How the coefficients vary in time, as in Eq. 3.6."""
     start: float | None = None
+    """s; None: from the beginning."""
     stop: float | None = None
-
-    @field_validator("terms", mode="before")
-    @classmethod
-    def _earlier_names(cls, data: Any) -> Any:
-        return _with_current_names(data)
+    """s; None: to the end."""
 
 
 class SensorConfig(Section):
@@ -207,7 +213,6 @@ class ScaledGaugeConfig(GaugeConfig):
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
-ALL_CHANNELS: tuple[Channel, ...] = get_args(Channel)
 
 
 class SpikesConfig(Section):
@@ -219,9 +224,9 @@ class SpikesConfig(Section):
 
 
 class GapConfig(Section):
-    """`count` stretches of `duration` s without samples: one at `start` s, or all at random."""
+    """`count` gaps of `duration` s without samples: one at `start` s, or all at random."""
 
-    channels: tuple[Channel, ...] = ALL_CHANNELS
+    channels: tuple[Channel, ...] = get_args(Channel)
     duration: Positive
     start: float | None = None
     count: Annotated[int, Field(ge=1)] = 1
@@ -256,44 +261,59 @@ class TolerancesConfig(Section):
 
 
 class InstrumentsConfig(TolerancesConfig):
-    """Appendix B (errata E10, E11). `averaged` samples are means over the sample interval before them.
-
-    `errors`, SI, by record effect and component, are planted in the order given. `draw` plants errors and asymmetries
-    of the vehicle besides, drawn with the seed from so many times the tolerances that the record states; 0: none.
-    """
+    """Appendix B (errata E10, E11)."""
 
     gyro: SensorConfig = SensorConfig()
+    """All three, rad/s."""
     accelerometer: SensorConfig = SensorConfig()
+    """All three, m/s^2."""
     velocity: ScaledGaugeConfig = ScaledGaugeConfig()
+    """m/s."""
     dynamic_pressure: GaugeConfig = GaugeConfig()
+    """Pa."""
     altitude: ScaledGaugeConfig = ScaledGaugeConfig()
+    """m."""
     roll_rate_mag: ScaledGaugeConfig | None = None
+    """Roll rate by magnetometer, rad/s; None where none is carried."""
     errors: dict[str, dict[str, float]] = Field(default_factory=dict)
+    """By record effect and component, SI; planted in the order given."""
     draw: NotNegative = 0.0
+    """Errors, and asymmetries of the vehicle, are drawn besides from so many times the tolerances stated."""
     averaged: bool = False
+    """Samples are means over the interval before them."""
     spikes: tuple[SpikesConfig, ...] = ()
+    """Samples that are off."""
     gaps: tuple[GapConfig, ...] = ()
+    """Samples that are missing."""
 
 
 class SimulationConfig(Section):
-    """A simulated flight. `step` s of integration; `sample_rate` Hz, a whole number of steps per sample.
-
-    `mechanisms` are planted always; `plantable` holds named sets to choose from (`planting`). `asymmetries` are
-    planted too, but are the vehicle's within its tolerances, and not what the flight is about.
-    """
+    """A simulated flight."""
 
     title: str = ""
+    """For the reader."""
     duration: Positive
+    """s."""
     step: Positive
+    """Of the integration, s."""
     sample_rate: Positive
+    """Hz; a whole number of steps per sample."""
     vehicle: VehicleConfig
+    """The vehicle as it was built."""
     aerodynamics: AerodynamicsConfig
+    """Its coefficients."""
     start: StartConfig
+    """The first instant."""
     environment: EnvironmentConfig = EnvironmentConfig()
+    """Gravity and air."""
     instruments: InstrumentsConfig = InstrumentsConfig()
+    """What the record is made with."""
     mechanisms: tuple[PlantedConfig, ...] = ()
+    """Planted always."""
     asymmetries: tuple[PlantedConfig, ...] = ()
+    """Planted too, but the vehicle's within its tolerances, and not what the flight is about."""
     plantable: dict[str, tuple[PlantedConfig, ...]] = Field(default_factory=dict)
+    """Named sets of mechanisms to choose from (`planting`)."""
 
     @model_validator(mode="after")
     def _whole_steps_per_sample(self) -> SimulationConfig:
@@ -368,7 +388,7 @@ def load_config(source: ConfigSource, *, plant: Sequence[str] = ()) -> Simulatio
 
     Raises UsageError that names each wrong key, what it holds and what is expected.
     """
-    config = source if isinstance(source, SimulationConfig) else _validated(source)
+    config = source if isinstance(source, SimulationConfig) else _read(source)
     unknown = [name for name in plant if name not in config.plantable]
     if unknown:
         raise UsageError(
@@ -387,26 +407,21 @@ def validated(data: Mapping[str, Any], origin: str) -> SimulationConfig:
         raise UsageError(f"{origin}: {problems}. All values are SI, angles in rad.") from None
 
 
-def _validated(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
-    if isinstance(source, Mapping):
-        return validated(_on_base(source), "simulation configuration")
-    path = config_path(source)
-    return validated(_on_base(_read(path)), str(path))
-
-
-def _read(path: Path) -> Mapping[str, Any]:
-    return read_yaml(path, "a simulation with `vehicle`, `start` ...")
-
-
-def _on_base(data: Mapping[str, Any]) -> Mapping[str, Any]:
-    """`base: NAME` takes over another file's top-level keys, where the mapping has none of its own."""
-    if "base" not in data:
-        return data
-    own = {key: value for key, value in data.items() if key != "base"}
-    base = _read(config_path(str(data["base"])))
-    if "base" in base:
-        raise UsageError(f"the base configuration '{data['base']}' has a base itself; one level is allowed")
-    return {**base, **own}
+def _read(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
+    """`base: NAME` takes over another file's top-level keys, where the mapping or file has none of its own."""
+    expected = "a simulation with `vehicle`, `start` ..."
+    origin = "simulation configuration"
+    if not isinstance(source, Mapping):
+        path = config_path(source)
+        source, origin = read_yaml(path, expected), str(path)
+    if "base" in source:
+        base = read_yaml(config_path(str(source["base"])), expected)
+        if "base" in base:
+            raise UsageError(
+                f"the base configuration '{source['base']}' has a base itself; one level is allowed"
+            )
+        source = base | {key: value for key, value in source.items() if key != "base"}
+    return validated(source, origin)
 
 
 def _problem(detail: Any) -> str:
@@ -415,41 +430,23 @@ def _problem(detail: Any) -> str:
         return f"'{place}' is missing"
     if detail["type"] == "extra_forbidden":
         return f"'{place}' is not a known key{_nearest_key(detail['loc'])}"
-    message = detail["msg"].removeprefix("Value error, ")
-    return f"'{place}': {message}" + (
-        "" if isinstance(detail["input"], dict) else f", got {one_line(repr(detail['input']))}"
-    )
+    got = "" if isinstance(detail["input"], dict) else f", got {one_line(repr(detail['input']))}"
+    return f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}"
 
 
 def _nearest_key(location: Sequence[str | int]) -> str:
-    leaf = str(location[-1])
-    near = difflib.get_close_matches(leaf, _keys(SimulationConfig), n=1, cutoff=0.6)
-    if near and near[0] != leaf:
+    """The known key that is most like an unknown one; of an error beside an instrument's noise its record effect."""
+    schema = SimulationConfig.model_json_schema()
+    known = {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", ())}
+    near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.6)
+    if near and near[0] != location[-1]:
         return f" (is '{near[0]}' meant?)"
-    return _nearest_effect(location) if location[0] == "instruments" else ""
-
-
-def _nearest_effect(location: Sequence[str | int]) -> str:
-    """Where an instrument's error is written beside its noise: the record effect that it is."""
+    if location[0] != "instruments":
+        return ""
     effects = [effect.name for effect in record_effects()]
     near = difflib.get_close_matches("_".join(map(str, location[1:])), effects, n=1, cutoff=0.7)
-    meant = f"is the record effect '{near[0]}' meant? " if near else ""
-    return f" ({meant}errors are written under `instruments.errors`, by effect and component)"
-
-
-def _keys(model: type[BaseModel]) -> list[str]:
-    """Every key of the schema, at any depth."""
-    names: list[str] = []
-    for name, field in model.model_fields.items():
-        names.append(name)
-        inner = (field.annotation, *getattr(field.annotation, "__args__", ()))
-        names += [
-            key
-            for kind in inner
-            if isinstance(kind, type) and issubclass(kind, BaseModel)
-            for key in _keys(kind)
-        ]
-    return names
+    effect = f"is the record effect '{near[0]}' meant? " if near else ""
+    return f" ({effect}errors are written under `instruments.errors`, by effect and component)"
 
 
 # ---- Flights that differ in a few numbers: dotted paths into the configuration, one value per flight ----
@@ -471,83 +468,74 @@ def varied(
     """
     if not variations:
         return (config,) * flights
-    columns = {path: _column(path, values, flights) for path, values in variations.items()}
-    base = config.model_dump()
+    columns: dict[str, FloatArray] = {}
+    for path, values in variations.items():
+        if path in _COMMON:
+            raise UsageError(
+                f"'{path}' cannot vary within a batch: its flights share one time grid. Simulate it apart."
+            )
+        column = np.asarray(values, dtype=float)
+        if column.shape not in ((), (flights,)):
+            raise UsageError(
+                f"variation '{path}' has shape {column.shape}, expected one value or ({flights},), one per seed"
+            )
+        columns[path] = np.broadcast_to(column, (flights,))
     found = []
     for flight in range(flights):
-        data = copy.deepcopy(base)
+        data = config.model_dump()
         for path, column in columns.items():
             _put(data, path, float(column[flight]))
         found.append(validated(data, f"flight {flight} of the batch"))
     return tuple(found)
 
 
-def per_flight(configs: Sequence[SimulationConfig], *path: str | int, missing: float = np.nan) -> FloatArray:
-    """The number at `path` of each configuration, (flights,); `missing` where the way there holds None."""
-    return np.array([_at(config, path, missing) for config in configs], dtype=float)
-
-
-def numbers(config: SimulationConfig) -> dict[str, float]:
-    """Every number of a configuration by its dotted path; `plantable` sets left out."""
-    found: dict[str, float] = {}
-    _collect(config.model_dump(exclude={"plantable"}), "", found)
-    return found
-
-
-def _at(node: Any, path: Sequence[str | int], missing: float) -> float:
-    for part in path:
-        inside: Any = part
-        node = node[inside] if isinstance(node, Mapping | tuple) else getattr(node, inside)
-        if node is None:
-            return missing
-    return float(node)
-
-
-def _collect(node: Any, path: str, found: dict[str, float]) -> None:
-    if isinstance(node, Mapping):
-        for key, value in node.items():
-            _collect(value, f"{path}.{key}" if path else str(key), found)
-    elif isinstance(node, tuple | list):
-        for index, value in enumerate(node):
-            _collect(value, f"{path}.{index}", found)
-    elif isinstance(node, int | float) and not isinstance(node, bool):
-        found[path] = float(node)
-
-
-def _column(path: str, values: ArrayLike, flights: int) -> FloatArray:
-    if path in _COMMON:
-        raise UsageError(
-            f"'{path}' cannot vary within a batch: its flights share one time grid. Simulate it apart."
-        )
-    column = np.asarray(values, dtype=float)
-    if column.shape not in ((), (flights,)):
-        raise UsageError(
-            f"variation '{path}' has shape {column.shape}, expected one value or ({flights},), one per seed"
-        )
-    return np.broadcast_to(column, (flights,))
-
-
 def _put(data: dict[str, Any], path: str, value: float) -> None:
-    """Set a leaf of nested mappings and tuples; tuples become lists on the way."""
+    """Set a number of nested mappings and tuples, which become lists on the way."""
     if path.startswith(_ERRORS):  # any effect and component: those that are absent are zero
         effect, _, component = path.removeprefix(_ERRORS).partition(".")
         data["instruments"]["errors"].setdefault(effect, {})[component] = value
         return
     node: Any = data
-    *parents, leaf = current_name(path).split(".")
+    *parents, leaf = (int(part) if part.isdigit() else part for part in current_name(path).split("."))
     try:
         for part in parents:
-            child = node[int(part)] if isinstance(node, list) else node[part]
-            if isinstance(child, tuple):
-                child = list(child)
-                node[int(part) if isinstance(node, list) else part] = child
-            node = child
-        key: Any = int(leaf) if isinstance(node, list) else leaf
-        if isinstance(node[key], str | Mapping | tuple | list):
+            if isinstance(node[part], tuple):
+                node[part] = list(node[part])
+            node = node[part]
+        if isinstance(node[leaf], str | dict | list | tuple):
             raise TypeError
-        node[key] = value
-    except (KeyError, IndexError, ValueError, TypeError):
+        node[leaf] = value
+    except (KeyError, IndexError, TypeError):
         raise UsageError(
             f"variation '{path}' does not lead to a number of the configuration; paths read like "
             "'start.alpha' or 'mechanisms.0.terms.eps', and the mechanism must be in `mechanisms` or planted"
         ) from None
+
+
+def per_flight(configs: Sequence[SimulationConfig], *path: str | int, missing: float = np.nan) -> FloatArray:
+    """The number at `path` of each configuration, (flights,); `missing` where the way there holds None."""
+
+    def at_path(node: Any) -> float:
+        for part in path:
+            key: Any = part
+            node = node[key] if isinstance(node, Mapping | tuple) else getattr(node, key)
+            if node is None:
+                return missing
+        return float(node)
+
+    return np.array([at_path(config) for config in configs], dtype=float)
+
+
+def numbers(config: SimulationConfig) -> dict[str, float]:
+    """Every number of a configuration by its dotted path; `plantable` sets left out."""
+    found: dict[str, float] = {}
+
+    def collect(node: Any, path: str) -> None:
+        if isinstance(node, dict | list | tuple):
+            for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+                collect(value, f"{path}.{key}" if path else str(key))
+        elif isinstance(node, int | float) and not isinstance(node, bool):
+            found[path] = float(node)
+
+    collect(config.model_dump(exclude={"plantable"}), "")
+    return found

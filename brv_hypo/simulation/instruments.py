@@ -24,18 +24,35 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.air import WindProfile
 from brv_hypo.simulation.config import (
-    GapConfig,
     GaugeConfig,
     PlantedConfig,
     ScaledGaugeConfig,
     SimulationConfig,
-    SpikesConfig,
     per_flight,
 )
 from brv_hypo.simulation.rotation import cross
-from brv_hypo.simulation.vehicle import RATES, initial_state, system
+from brv_hypo.simulation.vehicle import RATES, AirData, initial_state, system
 
 Errors = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Signals:
+    """One flight as it was, at the integration's nodes (n,) s: the channels at the c.g., and (3, n) rad/s^2."""
+
+    nodes: FloatArray
+    channels: Mapping[str, FloatArray]
+    angular_acceleration: FloatArray
+
+
+def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
+    """What perfect instruments at the c.g. read, by channel, on the shape of the state's trailing axes."""
+    channels = dict(zip((*GYROS, *ACCELEROMETERS), (*state[RATES], *air.specific_force), strict=True))
+    return channels | {
+        "velocity": air.speed,
+        "dynamic_pressure": air.dynamic_pressure,
+        "altitude": air.altitude,
+    }
 
 
 @dataclass(frozen=True)
@@ -74,7 +91,11 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
 def with_errors(flight: Flight, errors: Errors) -> Flight:
     """The record as it would read with these errors, by effect and component, SI; UsageError for an unknown one."""
     for name, values in errors.items():
-        effect = find_effect(name)
+        effect = find_installed(name)
+        if not isinstance(effect, RecordEffect):
+            raise UsageError(
+                f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`."
+            )
         known = effect.plantable(flight)
         for component, value in values.items():
             if component not in known:
@@ -82,14 +103,6 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
                 raise UsageError(f"the record effect '{name}' has no component '{component}' ({hint}).")
             flight = effect.perturb(flight, component, value)
     return flight
-
-
-def find_effect(name: str) -> RecordEffect:
-    """The installed record effect of that name; UsageError with the nearest names."""
-    item = find_installed(name)
-    if not isinstance(item, RecordEffect):
-        raise UsageError(f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`.")
-    return item
 
 
 def wind_profile(configs: Sequence[SimulationConfig]) -> WindProfile | None:
@@ -119,9 +132,7 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
     state = initial_state(configs, equations)
     instant = per_flight(configs, "start", "time")
     air = equations.air_data(instant, state)
-    channels = dict(zip(GYROS, state[RATES], strict=True))
-    channels |= dict(zip(ACCELEROMETERS, air.specific_force, strict=True))
-    channels |= {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
+    channels = true_channels(state, air)
     records = []
     for i, config in enumerate(configs):
         time = config.start.time + np.arange(config.samples) / config.sample_rate
@@ -152,29 +163,8 @@ def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list
 # ---- What the instruments say of a flight: Appendix B of the report, with errata E10 and E11 ----
 
 
-_STREAMS = (
-    "gyro",
-    "accelerometer",
-    "velocity",
-    "dynamic_pressure",
-    "altitude",
-    "roll_rate_mag",
-    "spikes",
-    "gaps",
-)
-
-
-@dataclass(frozen=True)
-class Signals:
-    """One flight as it was, at the integration's nodes (n,): s, rad/s, rad/s^2, m/s^2, m/s, Pa, m."""
-
-    time: FloatArray
-    rates: FloatArray
-    angular_acceleration: FloatArray
-    specific_force: FloatArray
-    velocity: FloatArray
-    dynamic_pressure: FloatArray
-    altitude: FloatArray
+_GAUGES = ("velocity", "dynamic_pressure", "altitude", "roll_rate_mag")
+_STREAMS = ("gyro", "accelerometer", *_GAUGES, "spikes", "gaps")
 
 
 def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed: int) -> Record:
@@ -185,16 +175,30 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
         for name, child in zip(_STREAMS, np.random.SeedSequence(seed).spawn(len(_STREAMS)), strict=True)
     }
     flight = with_errors(perfect(signals, config, time), instruments.errors)
-    channels = _triad(flight, GYROS, instruments.gyro.noise, streams["gyro"])
-    channels |= _triad(flight, ACCELEROMETERS, instruments.accelerometer.noise, streams["accelerometer"])
+    channels: dict[str, FloatArray] = {}
+    for names, stream in ((GYROS, "gyro"), (ACCELEROMETERS, "accelerometer")):
+        readings = np.array([getattr(flight, name) for name in names])
+        readings += getattr(instruments, stream).noise * streams[stream].standard_normal(readings.shape)
+        channels |= dict(zip(names, readings, strict=True))
     for name, gauge in _gauges(config).items():
-        channels[name] = _gauge(getattr(flight, name), gauge, streams[name])
+        scale = gauge.scale if isinstance(gauge, ScaledGaugeConfig) else 0.0
+        noise = gauge.noise * streams[name].standard_normal(time.shape)
+        channels[name] = (1.0 + scale) * getattr(flight, name) + gauge.bias + noise
     for name in ("velocity", "dynamic_pressure"):
         channels[name] = np.maximum(channels[name], 0.0)  # their gauges have a stop at zero
     for spikes in instruments.spikes:
-        _spike(channels, spikes, streams["spikes"])
+        channel, draws = channels[spikes.channel], streams["spikes"]
+        chosen = draws.choice(channel.size, size=min(spikes.count, channel.size), replace=False)
+        channel[chosen] += spikes.size * draws.choice([-1.0, 1.0], size=chosen.size)
     for gap in instruments.gaps:
-        _cut(channels, gap, time, streams["gaps"])
+        latest = max(time[-1] - gap.duration, time[0])
+        random = (
+            streams["gaps"].uniform(time[0], latest, size=gap.count) if gap.start is None else [gap.start]
+        )
+        for start in random:
+            missing = (time >= start - 1e-9) & (time < start + gap.duration - 1e-9)
+            for name in gap.channels:
+                channels[name][missing] = np.nan
     return Record(
         time=time,
         channels=channels,
@@ -209,37 +213,39 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
 def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Flight:
     """What perfect instruments say at `time` (m,) s, of a vehicle that is as it was built."""
     averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
-
-    def sampled(values: FloatArray, delay: float = 0.0) -> FloatArray:
-        return _sampled(signals.time, values, time, delay, averaging)
-
     vehicle = config.vehicle.declared()
     force = specific_force_at(np.array(vehicle.accelerometer_position), signals)
-    channels = dict(zip(GYROS, sampled(signals.rates), strict=True))
-    channels |= dict(zip(ACCELEROMETERS, sampled(force), strict=True))
-    for name, gauge in _gauges(config).items():
-        true = signals.rates[0] if name == "roll_rate_mag" else getattr(signals, name)
-        channels[name] = sampled(true, gauge.delay)
+    true = {
+        **signals.channels,
+        **dict(zip(ACCELEROMETERS, force, strict=True)),
+        "roll_rate_mag": signals.channels["p"],
+    }
+    delays = {name: gauge.delay for name, gauge in _gauges(config).items()}
+    channels: dict[str, Any] = {
+        name: _sampled(signals.nodes, true[name], time, delays.get(name, 0.0), averaging)
+        for name in (*GYROS, *ACCELEROMETERS, *delays)
+    }
     return Flight(time=time, vehicle=vehicle, instruments=config.instruments.declared(), **channels)
 
 
 def specific_force_at(position: FloatArray, signals: Signals) -> FloatArray:
     """f = a_cg + omega_dot x r + omega x (omega x r), (3, n) m/s^2; no gravity (errata E10, E11)."""
-    arm = position[:, None] * np.ones_like(signals.time)
-    swing = cross(signals.rates, cross(signals.rates, arm))
-    return np.asarray(signals.specific_force + cross(signals.angular_acceleration, arm) + swing, dtype=float)
+    rates, force = (np.array([signals.channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
+    arm = position[:, None] * np.ones_like(signals.nodes)
+    swing = cross(rates, cross(rates, arm))
+    return np.asarray(force + cross(signals.angular_acceleration, arm) + swing, dtype=float)
 
 
 def _sampled(
     nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float
 ) -> FloatArray:
-    """`values` (..., n) as a clock `delay` s late reads them at `time`, averaged over the interval before.
+    """`values` (n,) as a clock `delay` s late reads them at `time`, averaged over the interval before.
 
     Before the first node the end of the spline is extended: a delay or interval of a few samples.
     """
     if delay == 0.0 and averaging == 0.0:
-        return np.array(values[..., np.searchsorted(nodes, time - 1e-9)])
-    spline = CubicSpline(nodes, values, axis=-1)
+        return values[np.searchsorted(nodes, time - 1e-9)]
+    spline = CubicSpline(nodes, values)
     if averaging == 0.0:
         return np.asarray(spline(time - delay), dtype=float)
     total = spline.antiderivative()
@@ -248,37 +254,5 @@ def _sampled(
 
 def _gauges(config: SimulationConfig) -> dict[str, GaugeConfig]:
     """The scalar instruments that are carried, by channel."""
-    names = ("velocity", "dynamic_pressure", "altitude", "roll_rate_mag")
-    carried = {name: getattr(config.instruments, name) for name in names}
+    carried = {name: getattr(config.instruments, name) for name in _GAUGES}
     return {name: gauge for name, gauge in carried.items() if gauge is not None}
-
-
-def _triad(
-    flight: Flight, names: tuple[str, str, str], noise: float, draws: np.random.Generator
-) -> dict[str, FloatArray]:
-    """Three channels with their noise."""
-    readings = np.array([getattr(flight, name) for name in names])
-    return dict(zip(names, readings + noise * draws.standard_normal(readings.shape), strict=True))
-
-
-def _gauge(true: FloatArray, sensor: GaugeConfig, draws: np.random.Generator) -> FloatArray:
-    """(m,) as a scalar sensor reads it."""
-    scale = sensor.scale if isinstance(sensor, ScaledGaugeConfig) else 0.0
-    return np.asarray((1.0 + scale) * true + sensor.bias + sensor.noise * draws.standard_normal(true.shape))
-
-
-def _spike(channels: dict[str, FloatArray], spikes: SpikesConfig, draws: np.random.Generator) -> None:
-    channel = channels[spikes.channel]
-    chosen = draws.choice(channel.size, size=min(spikes.count, channel.size), replace=False)
-    channel[chosen] += spikes.size * draws.choice([-1.0, 1.0], size=chosen.size)
-
-
-def _cut(
-    channels: dict[str, FloatArray], gap: GapConfig, time: FloatArray, draws: np.random.Generator
-) -> None:
-    latest = max(time[-1] - gap.duration, time[0])
-    starts = [gap.start] if gap.start is not None else draws.uniform(time[0], latest, size=gap.count)
-    for start in starts:
-        missing = (time >= start - 1e-9) & (time < start + gap.duration - 1e-9)
-        for name in gap.channels:
-            channels[name][missing] = np.nan

@@ -14,7 +14,6 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.planted import Planted
 from brv_hypo.simulation.rotation import dot
 from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System
 
@@ -34,9 +33,9 @@ class History:
         self.nodes = nodes
         self.states = np.zeros((nodes.size, STATES, flights))
         self.rates = np.zeros_like(self.states)
+        self._rates_before = np.zeros_like(self.states)
         self.meridians = np.zeros((nodes.size, flights))
-        self._before = np.zeros((int(np.count_nonzero(breaks)), STATES, flights))
-        self._break_row = np.where(breaks, np.cumsum(breaks) - 1, -1)
+        self._breaks = breaks
         self._columns = np.arange(flights)
         self._last = 0
         self._recent: dict[bytes, Motion] = {}
@@ -44,12 +43,14 @@ class History:
     def store(self, node: int, state: FloatArray, rate: FloatArray, meridian: FloatArray) -> None:
         """The state of a node with the rate that follows it."""
         self.states[node], self.rates[node], self.meridians[node] = state, rate, meridian
+        if not self._breaks[node]:
+            self._rates_before[node] = rate
         self._last = node
         self._recent.clear()
 
     def store_before(self, node: int, rate: FloatArray) -> None:
         """The rate that leads up to a break."""
-        self._before[self._break_row[node]] = rate
+        self._rates_before[node] = rate
 
     def past(self, time: FloatArray) -> Motion:
         """The motion at `time` (flights,) s; before the start it is steady (see `Motion.delayed`)."""
@@ -81,18 +82,17 @@ class History:
         right = left + 1
         step = self.nodes[right] - self.nodes[left]
         s = (time - self.nodes[left]) / step
-        rows = self._break_row[right]
-        rate_right = self.rates[right, :, self._columns].T
-        if np.any(rows >= 0):
-            rate_right = np.where(rows >= 0, self._before[rows, :, self._columns].T, rate_right)
         s2, s3 = s * s, s * s * s
         return np.asarray(
             (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left, :, self._columns].T
             + (s3 - 2.0 * s2 + s) * step * self.rates[left, :, self._columns].T
             + (3.0 * s2 - 2.0 * s3) * self.states[right, :, self._columns].T
-            + (s3 - s2) * step * rate_right,
+            + (s3 - s2) * step * self._rates_before[right, :, self._columns].T,
             dtype=float,
         )
+
+
+# ---- Nodes, and the classical Runge-Kutta steps from one to the next ----
 
 
 # Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
@@ -107,21 +107,24 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes (n,) s of the integration; `breaks` (n,) marks jumps; `samples` (m,) index the sample times."""
+    """When the motion is integrated."""
 
     nodes: FloatArray
+    """(n,) s."""
     breaks: BoolArray
+    """Nodes where the moments may jump or kink (n,)."""
     samples: IntArray
+    """Nodes that are samples of the record (m,)."""
 
 
 @dataclass(frozen=True)
-class Trajectory:
-    """Integrated flights: nodes (n,) s, states and rates (n, 13, flights); `samples` index the nodes."""
+class Trajectory(Grid):
+    """Integrated flights on their grid."""
 
-    nodes: FloatArray
     states: FloatArray
+    """(n, 13, flights)."""
     rates: FloatArray
-    samples: IntArray
+    """Their changes per s, after a break."""
 
 
 def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks: FloatArray) -> Grid:
@@ -140,10 +143,13 @@ def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks:
     return Grid(nodes, marked, np.searchsorted(nodes, uniform[::steps_per_sample]).astype(np.int64))
 
 
-def break_times(planted: tuple[Planted, ...], others: FloatArray, start: float) -> FloatArray:
-    """Where moments jump or kink (s): region edges, `others`, and what follows one and two delays later."""
-    delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in planted)]))
-    first = np.unique(np.concatenate([others, *(item.edges() for item in planted)]))
+def break_times(system: System, start: float) -> FloatArray:
+    """Where moments jump or kink (s): region edges, a wind step, and what follows one and two delays later."""
+    wind = (
+        np.zeros(0) if system.wind_step is None else system.wind_step.time[np.isfinite(system.wind_step.time)]
+    )
+    delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in system.planted)]))
+    first = np.unique(np.concatenate([wind, *(item.edges() for item in system.planted)]))
     # The start is a kink only for those who look back at it.
     kinks = np.concatenate([first, [start]]) if delays.size > 1 else first
     later = np.unique(kinks[:, None] + delays)
@@ -181,7 +187,8 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
             k2, _ = rate(now + 0.5 * step, state + (0.5 * step) * k1, near)
             k3, _ = rate(now + 0.5 * step, state + (0.5 * step) * k2, near)
             k4, _ = rate(before if part == parts - 1 else now + step, state + step * k3, near)
-            state = _normalised(state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4))
+            state = state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+            state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
         if on.breaks[node + 1]:
             history.store_before(node + 1, rate(before, state, near)[0])
         if progress is not None and node % 64 == 0:
@@ -189,7 +196,7 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
     final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]
     k1, motion = rate(final, state, near)
     history.store(nodes.size - 1, state, k1, motion.windward_meridian)
-    return Trajectory(nodes, history.states, history.rates, on.samples)
+    return Trajectory(**vars(on), states=history.states, rates=history.rates)
 
 
 def _parts(motion: Motion, step: float) -> int:
@@ -204,9 +211,3 @@ def _parts(motion: Motion, step: float) -> int:
     turn = np.abs(alpha * turning) / np.maximum(nearest, 1e-16) * step
     largest = float(np.max(np.minimum(np.fmax(turn, 0.0), np.pi), initial=0.0))  # fmax: 0 where it is NaN
     return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
-
-
-def _normalised(state: FloatArray) -> FloatArray:
-    """The state with a unit quaternion."""
-    state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
-    return state

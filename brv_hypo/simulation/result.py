@@ -20,25 +20,30 @@ from brv_hypo.simulation.config import SimulationConfig
 
 @dataclass(frozen=True)
 class Truth:
-    """What was flown, at the record's samples (m,).
-
-    alpha, windward_meridian rad (unwrapped); C_m, C_n and C_N', C_Z' are the total moments;
-    `planted_in_plane` and `planted_out_of_plane` what the planted mechanisms add to the latter two. `planted`
-    names them; `parameters` holds every number of the configuration by its dotted path, errors and asymmetries as
-    they were drawn among them.
-    """
+    """What was flown, at the record's samples (m,)."""
 
     time: FloatArray
+    """s."""
     alpha: FloatArray
+    """Total angle of attack, rad."""
     windward_meridian: FloatArray
+    """rad, unwrapped."""
     C_m: FloatArray
+    """Total pitching moment."""
     C_n: FloatArray
+    """Total yawing moment."""
     C_N: FloatArray
+    """C_N', the total moment in plane."""
     C_Z: FloatArray
+    """C_Z', the total moment out of plane."""
     planted_in_plane: FloatArray
+    """What the planted mechanisms add to C_N'."""
     planted_out_of_plane: FloatArray
+    """What they add to C_Z'."""
     planted: tuple[str, ...]
+    """Their names."""
     parameters: Mapping[str, float]
+    """Every number of the configuration by its dotted path, errors and asymmetries as they were drawn."""
 
     def __repr__(self) -> str:
         """Short: the arrays are long."""
@@ -55,17 +60,14 @@ class Truth:
 
     def tree(self) -> dict[str, Any]:
         """The content of the group `truth` of format 1."""
-        histories = {
+        return {
+            "planted": "+".join(self.planted) or "none",
             "alpha": Quantity(self.alpha, "rad"),
             "windward_meridian": Quantity(self.windward_meridian, "rad"),
             "C_N_prime": self.C_N,
             "C_Z_prime": self.C_Z,
             "planted_C_N_prime": self.planted_in_plane,
             "planted_C_Z_prime": self.planted_out_of_plane,
-        }
-        return {
-            "planted": "+".join(self.planted) or "none",
-            **histories,
             "C_m": self.C_m,
             "C_n": self.C_n,
             # In HDF5 a slash would open a group, and names of terms may hold one.

@@ -12,7 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.simulation.air import HIGHEST
 from brv_hypo.simulation.config import ConfigSource, SimulationConfig, load_config, numbers, varied
-from brv_hypo.simulation.instruments import Signals, drawn, recorded, wind_profile
+from brv_hypo.simulation.instruments import Signals, drawn, recorded, true_channels, wind_profile
 from brv_hypo.simulation.integration import Progress, Trajectory, break_times, grid, integrate
 from brv_hypo.simulation.planted import check_terms, planted
 from brv_hypo.simulation.result import SimulatedFlight, Truth
@@ -73,18 +73,12 @@ def _together(
     air = equations.air_data(time, states)
     angular = np.moveaxis(trajectory.rates[:, RATES], 1, 0)
     truths = _truths(configs, equations, trajectory, air, angular)
+    channels = true_channels(states, air)
     flights = []
-    for flight, (config, seed, truth) in enumerate(zip(configs, seeds, truths, strict=True)):
-        signals = Signals(
-            trajectory.nodes,
-            states[RATES, :, flight],
-            angular[..., flight],
-            air.specific_force[..., flight],
-            air.speed[:, flight],
-            air.dynamic_pressure[:, flight],
-            air.altitude[:, flight],
-        )
-        flights.append(SimulatedFlight(recorded(signals, config, truth.time, seed), truth, config, seed))
+    for i, (config, seed, truth) in enumerate(zip(configs, seeds, truths, strict=True)):
+        own = {name: values[:, i] for name, values in channels.items()}
+        record = recorded(Signals(trajectory.nodes, own, angular[..., i]), config, truth.time, seed)
+        flights.append(SimulatedFlight(record=record, truth=truth, config=config, seed=seed))
     return flights
 
 
@@ -96,22 +90,9 @@ def flown(configs: Sequence[SimulationConfig], equations: System, progress: Prog
     instant = np.full(len(configs), begin)
     motion = equations.motion(instant, state, equations.air_data(instant, state))
     check_terms(equations.planted, replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
-    breaks = break_times(equations.planted, _other_breaks(equations), begin)
-    on = grid(begin, first.step, first.samples, first.steps_per_sample, breaks)
+    on = grid(begin, first.step, first.samples, first.steps_per_sample, break_times(equations, begin))
     with np.errstate(over="ignore", invalid="ignore"):
         trajectory = integrate(equations, state, on, progress)
-    _check(trajectory, equations)
-    return trajectory
-
-
-def _other_breaks(equations: System) -> FloatArray:
-    """Times of wind steps and of sudden changes of slope."""
-    wind = np.zeros(0) if equations.wind_step is None else equations.wind_step.time
-    times = np.concatenate([wind, *(slope_change.edges() for slope_change in equations.slope_changes)])
-    return np.asarray(np.unique(times[np.isfinite(times)]), dtype=float)
-
-
-def _check(trajectory: Trajectory, equations: System) -> None:
     lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2))
     if np.any(lost):
         raise UnanswerableError(
@@ -126,6 +107,7 @@ def _check(trajectory: Trajectory, equations: System) -> None:
             f"{HIGHEST:.0f} m, where the atmosphere is known. Remedy: another start altitude or "
             "flight-path angle, or a shorter duration."
         )
+    return trajectory
 
 
 def _truths(

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
 from brv_hypo.motion.kinematics import angle_rates, body_from_plane, windward_meridian
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, nearest_turn
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.air import WindProfile, WindStep, standard_air
 from brv_hypo.simulation.config import AerodynamicsConfig, SimulationConfig, per_flight
@@ -40,64 +41,62 @@ class RunningMotion(Motion):
 
 
 @dataclass(frozen=True)
-class SlopeChange:
-    """`SlopeVariation` for a batch: what it adds to C_malpha, 1/rad."""
-
-    variable: str
-    kind: str
-    change: FloatArray
-    at: FloatArray
-    width: FloatArray
-
-    def __call__(self, motion: Motion) -> FloatArray:
-        """The addition at this motion, on its shape."""
-        beyond = getattr(motion, self.variable) - self.at
-        if self.kind == "step":
-            smooth = 0.5 * (1.0 + np.tanh(beyond / np.maximum(self.width, 1e-300)))
-            beyond = np.where(self.width > 0.0, smooth, beyond >= 0.0)
-        return np.asarray(self.change * beyond, dtype=float)
-
-    def edges(self) -> FloatArray:
-        """Times (s) of jumps and kinks that the integration must land on."""
-        sudden = self.variable == "time" and self.kind == "step"
-        return self.at[self.width == 0.0] if sudden else np.zeros(0)
-
-
-@dataclass(frozen=True)
 class AirData:
-    """Velocity relative to the air and what follows from it; vectors (3, ...) in body axes, SI."""
+    """Velocity relative to the air and what follows from it; vectors (3, ...)."""
 
     rotation: FloatArray
+    """Body to frame (3, 3, ...)."""
     velocity: FloatArray
+    """Relative to the air, in body axes, m/s."""
     velocity_rate: FloatArray
+    """Its change in body axes, m/s^2."""
     speed: FloatArray
+    """Relative to the air, m/s."""
     altitude: FloatArray
+    """Above sea level, m."""
     dynamic_pressure: FloatArray
+    """Pa."""
     mach: FloatArray
+    """Mach number."""
     reynolds: FloatArray
+    """Reynolds number by the reference length."""
     crossflow: ComplexArray
+    """(v + i w) / V."""
     specific_force: FloatArray
+    """Aerodynamic force per mass in body axes, m/s^2."""
     acceleration: FloatArray
-    """In the frame: gravity and aerodynamic force."""
+    """In the frame: gravity and aerodynamic force, m/s^2."""
 
 
 @dataclass(frozen=True)
 class System:
-    """The equations of motion of a batch: each parameter is (flights,)."""
+    """The equations of motion of a batch."""
 
     mass: FloatArray
+    """(flights,) kg."""
     inertia: FloatArray
-    inertia_inverse: FloatArray
+    """Tensor (3, 3, flights) kg m^2."""
     reference_length: FloatArray
+    """(flights,) m."""
     reference_area: FloatArray
+    """(flights,) m^2."""
     coefficients: dict[str, FloatArray]
-    slope_changes: tuple[SlopeChange, ...]
+    """Those of `AerodynamicsConfig`, each (flights,)."""
     gravity: FloatArray
-    spherical: bool
+    """At sea level (flights,) m/s^2."""
     density: FloatArray | None
+    """(flights,) kg/m^3 where it is the same everywhere; None: the standard atmosphere's."""
     wind_step: WindStep | None
+    """A step of the wind."""
     planted: tuple[Planted, ...]
+    """Asymmetries, then mechanisms."""
     wind_profile: WindProfile | None = None
+    """The wind that the errors of the record leave unaccounted for."""
+
+    @cached_property
+    def inertia_inverse(self) -> FloatArray:
+        """Inverse of the tensor (3, 3, flights)."""
+        return np.asarray(np.moveaxis(np.linalg.inv(np.moveaxis(self.inertia, -1, 0)), 0, -1), dtype=float)
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
@@ -141,14 +140,14 @@ class System:
             rotation.dot(air.velocity, air.velocity_rate) / air.speed**2
         )
         alpha_rate, meridian_rate = angle_rates(air.crossflow, xi_rate)
-        meridian = windward_meridian(air.crossflow)
         p, q, r = state[RATES]
         motion = RunningMotion(
             time=time,
-            alpha=_alpha(air),
+            # Over the whole sphere (CONVENTIONS).
+            alpha=np.arctan2(np.abs(air.crossflow) * air.speed, air.velocity[0]),
             # `angle_rates` knows the forward half: beyond 90 degrees the crossflow shrinks as alpha grows.
             alpha_rate=np.copysign(1.0, air.velocity[0]) * alpha_rate,
-            windward_meridian=meridian + 2.0 * np.pi * np.round((near - meridian) / (2.0 * np.pi)),
+            windward_meridian=nearest_turn(windward_meridian(air.crossflow), np.asarray(near)),
             windward_meridian_rate=meridian_rate,
             p=p,
             q=q,
@@ -195,12 +194,8 @@ class System:
         return np.asarray(np.divide(moment, scale, out=np.zeros_like(moment), where=scale > 0.0))
 
     def gravity_and_altitude(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gravity (3, ...) m/s^2 in the frame and altitude m; inverse-square in both planet shapes."""
+        """Gravity (3, ...) m/s^2 in the frame and altitude m; inverse-square."""
         x, y, z = position
-        if not self.spherical:
-            radius = EARTH_RADIUS - z
-            fall = self.gravity * (EARTH_RADIUS / radius) ** 2
-            return np.array([0.0 * fall, 0.0 * fall, fall]), -z
         down = np.array([-x, -y, EARTH_RADIUS - z])
         radius = np.sqrt(rotation.dot(down, down))
         return down * (self.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
@@ -224,25 +219,14 @@ class System:
         return np.array([-scale * self.coefficients["C_A"], -normal.real, -normal.imag])
 
     def _wind_fixed_moment(self, motion: Motion) -> FloatArray:
-        """C_mw of Eq. 5.1: the static terms, their variations, and planted mechanisms that are wind-fixed."""
+        """C_mw of Eq. 5.1: the static terms, and planted mechanisms that are wind-fixed."""
         offset, slope = static_terms(motion)
-        moment = self.coefficients["C_m0"] * offset.in_plane + self._slope(motion) * slope.in_plane
+        moment = self.coefficients["C_m0"] * offset.in_plane + self.coefficients["C_malpha"] * slope.in_plane
         moment = moment + self.coefficients["C_malpha3"] * motion.alpha**3
         for item in self.planted:
             if item.mechanism.wind_fixed:
                 moment = moment + item.contribution(motion)[0]
         return np.asarray(moment, dtype=float)
-
-    def _slope(self, motion: Motion) -> FloatArray:
-        slope = self.coefficients["C_malpha"]
-        for slope_change in self.slope_changes:
-            slope = slope + slope_change(motion)
-        return slope
-
-
-def _alpha(air: AirData) -> FloatArray:
-    """Total angle of attack, rad, over the whole sphere (CONVENTIONS)."""
-    return np.asarray(np.arctan2(np.abs(air.crossflow) * air.speed, air.velocity[0]), dtype=float)
 
 
 # ---- From configurations, one per flight, to the equations of motion of a batch and its first state ----
@@ -250,24 +234,22 @@ def _alpha(air: AirData) -> FloatArray:
 
 def system(configs: Sequence[SimulationConfig]) -> System:
     """The equations of motion of a batch; what is planted is looked up among the installed mechanisms."""
-    first = configs[0]
-    inertia = np.stack([_inertia(config) for config in configs], axis=-1).astype(float)
-    names = [name for name in AerodynamicsConfig.model_fields if name != "slope_variations"]
-    tabulated = first.environment.constant_density is None
+    first = configs[0].environment
+    bodies = [config.vehicle for config in configs]
+    inertia = [[b.ixx, -b.ixy, -b.ixz, -b.ixy, b.iyy, 0.0, -b.ixz, 0.0, b.iyy] for b in bodies]
     return System(
         mass=per_flight(configs, "vehicle", "mass"),
-        inertia=inertia,
-        inertia_inverse=np.moveaxis(np.linalg.inv(np.moveaxis(inertia, -1, 0)), 0, -1),
+        inertia=np.moveaxis(np.reshape(np.array(inertia, dtype=float), (-1, 3, 3)), 0, -1),
         reference_length=per_flight(configs, "vehicle", "reference_length"),
         reference_area=per_flight(configs, "vehicle", "reference_area"),
-        coefficients={name: per_flight(configs, "aerodynamics", name) for name in names},
-        slope_changes=tuple(
-            _slope_change(configs, i) for i in range(len(first.aerodynamics.slope_variations))
-        ),
+        coefficients={
+            name: per_flight(configs, "aerodynamics", name) for name in AerodynamicsConfig.model_fields
+        },
         gravity=per_flight(configs, "environment", "gravity"),
-        spherical=first.environment.planet_shape == "spherical",
-        density=None if tabulated else per_flight(configs, "environment", "constant_density"),
-        wind_step=None if first.environment.wind_step is None else _wind_step(configs),
+        density=None
+        if first.constant_density is None
+        else per_flight(configs, "environment", "constant_density"),
+        wind_step=None if first.wind_step is None else _wind_step(configs),
         planted=(*planted(configs, "asymmetries"), *planted(configs, "mechanisms")),
     )
 
@@ -294,26 +276,6 @@ def _transverse_rate(config: SimulationConfig) -> complex:
         return complex(start.q, start.r)
     turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
     return complex(turned * np.exp(-1j * start.windward_meridian))
-
-
-def _inertia(config: SimulationConfig) -> FloatArray:
-    body = config.vehicle
-    return np.array(
-        [
-            [body.ixx, -body.ixy, -body.ixz],
-            [-body.ixy, body.iyy, 0.0],
-            [-body.ixz, 0.0, body.iyy],
-        ]
-    )
-
-
-def _slope_change(configs: Sequence[SimulationConfig], index: int) -> SlopeChange:
-    first = configs[0].aerodynamics.slope_variations[index]
-    change, at, width = (
-        per_flight(configs, "aerodynamics", "slope_variations", index, name)
-        for name in ("change", "at", "width")
-    )
-    return SlopeChange(first.variable, first.kind, change, at, width)
 
 
 def _wind_step(configs: Sequence[SimulationConfig]) -> WindStep:

@@ -2,11 +2,10 @@
 
 In the order of the data:
 
-    best.py          ``best_subsets``, the entrance; ``best_columns``, the same without the fits; near-optimal subsets
+    best.py          ``best_subsets``, the entrance; ``best_columns``, the same without the fits
     frame.py         groups and parents of columns; weights, forced columns, scaling, aliases, triangular factor
-    incumbents.py    the best subsets so far and the thresholds that they set
-    heuristics.py    good subsets to start from; Efroymson's stepwise regression, for comparison
-    tree.py          subproblems of independent columns, and the include/drop tree in numpy
+    incumbents.py    the best subsets so far, and good ones to start from; Efroymson's stepwise regression, to compare
+    tree.py          nodes, subproblems of independent columns, and the include/drop tree in numpy
     search.py        choice of kernel, time limit, certificate
     compiled.py      the tree compiled, on several threads
     kernel.py, bounds.py, kernel_parts.py   the compiled loops: driver and steps, pruning, shared parts
@@ -17,9 +16,8 @@ In the order of the data:
 from brv_hypo.subset.best import best_columns, best_subsets
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.subset.frame import Alias, Group, Refusal, at_most_one, together
-from brv_hypo.subset.heuristics import differences, stepwise, stepwise_columns
-from brv_hypo.subset.incumbents import Chosen
-from brv_hypo.subset.result import Certificate, NearOptimal, PressBest, Subset, SubsetResult
+from brv_hypo.subset.incumbents import Chosen, stepwise_columns
+from brv_hypo.subset.result import Certificate, Subset, SubsetResult
 
 __all__ = [
     "Alias",
@@ -27,16 +25,12 @@ __all__ = [
     "Chosen",
     "Criteria",
     "Group",
-    "NearOptimal",
-    "PressBest",
     "Refusal",
     "Subset",
     "SubsetResult",
     "at_most_one",
     "best_columns",
     "best_subsets",
-    "differences",
-    "stepwise",
     "stepwise_columns",
     "together",
 ]

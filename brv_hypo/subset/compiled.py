@@ -10,7 +10,8 @@ from __future__ import annotations
 import heapq
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from math import prod
 from typing import Any
 
@@ -32,7 +33,7 @@ from brv_hypo.subset.kernel_parts import (
     Work,
     whole_vectors,
 )
-from brv_hypo.subset.tree import NumpyTree, OpenSubtree, Piece, make_piece
+from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, make_node
 
 # ---- A compiled search of one piece: builds its working arrays, runs it on, reads out what is left ----
 
@@ -48,9 +49,9 @@ SCORED, MOST_PREFIXES = 4, 3000
 class CompiledSearch:
     """Depth-first search of one piece that stops and goes on."""
 
-    def __init__(self, board: Board, piece: Piece, *, triangular: bool) -> None:
-        self._orthogonal = True if triangular else None
-        self._work = _working_arrays(board, piece, triangular)
+    def __init__(self, board: Board, piece: Node, *, orthogonal: bool) -> None:
+        self._orthogonal = True if orthogonal else None
+        self._work = _working_arrays(board, piece, orthogonal)
 
     @property
     def done(self) -> bool:
@@ -86,14 +87,14 @@ class CompiledSearch:
         return rest
 
 
-def _working_arrays(board: Board, piece: Piece, triangular: bool) -> Work:
-    base, m, n = len(piece.included), len(piece.undecided), board.frame.n_candidates
+def _working_arrays(board: Board, piece: Node, orthogonal: bool) -> Work:
+    base, m, n = len(piece.included), piece.undecided.size, board.frame.n_candidates
     levels = board.max_size - base + 2
     width = whole_vectors(m)
     A = _aligned(levels, m, width)
-    B = _aligned(2 if triangular else levels, m, width)
+    B = _aligned(2 if orthogonal else levels, m, width)
     x, beta = _aligned(levels, width), _aligned(levels, width)
-    if triangular:
+    if orthogonal:
         A[0, :, :m], x[0, :m] = piece.R, piece.z
     else:
         # H from the inverse of R, never from the inverse of S, which would square the condition number.
@@ -110,7 +111,7 @@ def _working_arrays(board: Board, piece: Piece, triangular: bool) -> Work:
     chosen[:base] = piece.included
     status = np.full(n, DROPPED, dtype=np.int8)
     status[list(piece.included)] = INCLUDED
-    status[list(piece.undecided)] = UNDECIDED
+    status[piece.undecided] = UNDECIDED
     requires, excludes = _rules(board.frame.constraints)
     return Work(
         A=A, B=B, x=x, beta=beta, ids=ids, count=count, phase=np.zeros(levels, dtype=np.int64),
@@ -149,48 +150,36 @@ SERIAL_S = 0.1
 
 
 def search_compiled(
-    board: Board,
-    subtrees: Sequence[OpenSubtree],
-    triangular: bool,
-    deadline: float,
-    threads: int,
-    progress: Callable[[float, int], None] | None,
+    board: Board, subtrees: Sequence[OpenSubtree], orthogonal: bool, deadline: float, threads: int
 ) -> tuple[int, list[OpenSubtree]]:
     """Search all subtrees: nodes visited, and what is left at the deadline."""
-    pool = _Pool(board, subtrees, triangular, deadline, threads, progress)
-    pool.work(serial_until=time.perf_counter() + SERIAL_S if threads > 1 else float("inf"))
+    pool = _Pool(board, subtrees, orthogonal, threads)
+    pool.until = min(deadline, time.perf_counter() + SERIAL_S) if threads > 1 else deadline
+    pool.work()
+    pool.until = deadline
     if pool.waiting and time.perf_counter() < deadline:
-        crew = [threading.Thread(target=pool.work) for _ in range(threads)]
-        for thread in crew:
-            thread.start()
-        for thread in crew:
-            thread.join()
-        pool.raise_failure()
+        with ThreadPoolExecutor(threads) as crew:
+            try:
+                for worker in as_completed([crew.submit(pool.work) for _ in range(threads)]):
+                    worker.result()
+            except BaseException:
+                pool.until = -np.inf  # the others end too
+                raise
     return pool.nodes, pool.waiting
 
 
 class _Pool:
     """Subtrees waiting, lowest bound first; workers take them, and give parts back when others are idle."""
 
-    def __init__(
-        self,
-        board: Board,
-        subtrees: Sequence[OpenSubtree],
-        triangular: bool,
-        deadline: float,
-        threads: int,
-        progress: Callable[[float, int], None] | None,
-    ) -> None:
+    def __init__(self, board: Board, subtrees: Sequence[OpenSubtree], orthogonal: bool, threads: int) -> None:
         self._board = board
-        self._triangular = triangular
+        self._orthogonal = orthogonal
         self._threads = threads
-        self._progress = progress
-        self._deadline = deadline
         self._change = threading.Condition()
         self._heap: list[tuple[float, int, OpenSubtree]] = []
         self._serial = 0
         self._busy = 0
-        self._failure: BaseException | None = None
+        self.until = np.inf
         self.nodes = 0
         for subtree in subtrees:
             self._push(subtree)
@@ -200,30 +189,21 @@ class _Pool:
         """Subtrees that nobody has searched."""
         return [subtree for _, _, subtree in self._heap]
 
-    def raise_failure(self) -> None:
-        """Pass on what went wrong in a worker."""
-        if self._failure is not None:
-            raise self._failure
-
-    def work(self, serial_until: float = float("inf")) -> None:
-        """Search subtrees until none is left, the deadline or, when serial, its time."""
-        until = min(self._deadline, serial_until)
-        while (subtree := self._take(until)) is not None:
+    def work(self) -> None:
+        """Search subtrees until none is left or the time is up."""
+        while (subtree := self._take()) is not None:
             try:
-                self._search(subtree, until)
-            except BaseException as failure:
-                self._failure = failure
-                raise
+                self._search(subtree)
             finally:
                 with self._change:
                     self._busy -= 1
                     self._change.notify_all()
 
-    def _take(self, until: float) -> OpenSubtree | None:
+    def _take(self) -> OpenSubtree | None:
         with self._change:
             while not self._heap and self._busy:
                 self._change.wait()
-            if not self._heap or self._failure is not None or time.perf_counter() >= until:
+            if not self._heap or time.perf_counter() >= self.until:
                 return None
             self._busy += 1
             return heapq.heappop(self._heap)[2]
@@ -232,19 +212,19 @@ class _Pool:
         self._serial += 1
         heapq.heappush(self._heap, (subtree.bound, self._serial, subtree))
 
-    def _search(self, subtree: OpenSubtree, until: float) -> None:
-        piece = make_piece(self._board.frame, subtree.included, subtree.undecided)
+    def _search(self, subtree: OpenSubtree) -> None:
+        piece = make_node(self._board.frame, subtree.included, subtree.undecided)
         if piece is None:
             return
-        if piece.singular:
+        if piece.dependency:
             with self._change:
                 NumpyTree(self._board, spend=lambda: None).score(subtree)
             return
         with self._change:
             self._board.offer(piece.included)
-        if not piece.undecided or len(piece.included) >= self._board.max_size:
+        if not piece.undecided.size or len(piece.included) >= self._board.max_size:
             return
-        search = CompiledSearch(self._board, piece, triangular=self._triangular)
+        search = CompiledSearch(self._board, piece, orthogonal=self._orthogonal)
         counted = 0
         while not search.done:
             hits = search.run(self._board.limits.copy(), TURN)
@@ -254,16 +234,8 @@ class _Pool:
                 counted = search.nodes
                 # The first turn may have waited for the compiler; that is no reason to split.
                 idle = self._threads - self._busy - len(self._heap)
-                if time.perf_counter() >= until or (self._busy > 1 and idle > 0 and not search.done):
+                if time.perf_counter() >= self.until or (self._busy > 1 and idle > 0 and not search.done):
                     for part in search.open_subtrees():
                         self._push(part)
-                    self._report(())
                     self._change.notify_all()
                     return
-                self._report(search.open_subtrees())
-
-    def _report(self, current: Sequence[OpenSubtree]) -> None:
-        if self._progress is not None:
-            n = self._board.frame.n_candidates
-            left = sum(0.5 ** (n - len(s.undecided)) for s in (*self.waiting, *current))
-            self._progress(max(0.0, 1.0 - left), self.nodes)

@@ -8,8 +8,7 @@ residuals, h the leverages. `least_squares` and `evaluate` are the entrances.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -25,17 +24,18 @@ REFINE_VARIANCES_FROM = 1e6
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """A least-squares fit of k columns to n rows.
-
-    ``basis`` (n, k) is an orthonormal basis of the columns, ``residuals`` (n,), ``inverse_diagonal`` (k,) the
-    diagonal of (X'X)^-1.
-    """
+    """A least-squares fit of k columns to n rows."""
 
     coefficients: FloatArray
+    """(k,)."""
     rss: float
+    """Residual sum of squares."""
     residuals: FloatArray
+    """(n,)."""
     basis: FloatArray
+    """Orthonormal basis of the columns (n, k)."""
     inverse_diagonal: FloatArray
+    """Diagonal of (X'X)^-1 (k,)."""
 
 
 def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> LeastSquares:
@@ -48,7 +48,10 @@ def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> Le
     n, k = X.shape
     if k == 0:
         residuals = y.astype(np.float64)
-        return LeastSquares(np.empty(0), float(y @ y), residuals, np.empty((n, 0)), np.empty(0))
+        return LeastSquares(
+            coefficients=np.empty(0), rss=float(y @ y), residuals=residuals, basis=np.empty((n, 0)),
+            inverse_diagonal=np.empty(0),
+        )  # fmt: skip
     scale = np.linalg.norm(X.astype(np.float64), axis=0)
     scale = np.exp2(np.round(np.log2(np.where(scale > 0.0, scale, 1.0))))
     wide: Any = X.astype(np.longdouble) / scale
@@ -103,86 +106,79 @@ def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) ->
 
 @dataclass(frozen=True)
 class Criteria:
-    """Criteria of one subset; nan where the data do not define one (no degrees of freedom left).
+    """Criteria of one subset: the report's seven, 3.3.2 (a) to (g), and the usual others.
 
-    The report's seven, 3.3.2 (a) to (g), and the usual others:
-
-    - (a) ``rss``: sum of e^2.
-    - (b) ``adjusted_rss``: RSS / (n - p). Hocking, Biometrics 32 (1976) 1.
-    - ``r2``: 1 - RSS / RSS_0. ``adjusted_r2``: the same of RSS / (n - p) and RSS_0 / (n - p + k).
-    - (c) ``prediction_error``: RSS (n + p) / (n (n - p)). Akaike, Ann. Inst. Stat. Math. 21 (1969) 243.
-    - (d) ``cp``: RSS / s^2 - n + 2 p. Mallows, Technometrics 15 (1973) 661.
-    - (e) ``f_ratio``: ((RSS_0 - RSS) / k) / (RSS / (n - p)), the total equation F.
-    - (f) ``expected_variance``: p RSS / (n (n - p)). Helms, Comm. Stat. 3 (1974) 261.
-    - (g) ``point_error``: s^2 (1 - g) + bias^2 + 2 s^2 g_A. Allen, Technometrics 13 (1971) 469. At a point
-      x: g = x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the difference of their
-      predictions. Without a point, the average over the rows of the data.
-    - ``press``: sum of (e / (1 - h))^2. Allen, Technometrics 16 (1974) 125.
-    - ``aic``: n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716.
-    - ``bic``: n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461.
-    - ``held_out``: mean square error on blocks of rows, each predicted from the others.
+    nan where the data do not define one (no degrees of freedom left).
     """
 
     rss: float
+    """(a) Sum of e^2."""
     adjusted_rss: float
+    """(b) RSS / (n - p). Hocking, Biometrics 32 (1976) 1."""
     r2: float
+    """1 - RSS / RSS_0."""
     adjusted_r2: float
+    """1 less the ratio of RSS / (n - p) to RSS_0 / (n - p + k)."""
     prediction_error: float
+    """(c) RSS (n + p) / (n (n - p)). Akaike, Ann. Inst. Stat. Math. 21 (1969) 243."""
     cp: float
+    """(d) RSS / s^2 - n + 2 p. Mallows, Technometrics 15 (1973) 661."""
     f_ratio: float
+    """(e) ((RSS_0 - RSS) / k) / (RSS / (n - p)), the total equation F."""
     expected_variance: float
+    """(f) p RSS / (n (n - p)). Helms, Comm. Stat. 3 (1974) 261."""
     point_error: float
+    """(g) s^2 (1 - g) + bias^2 + 2 s^2 g_A, averaged over the rows. Allen, Technometrics 13 (1971) 469.
+
+    At a row x, g is x'(X'X)^-1 x of the complete model, g_A the same of the subset, bias the difference of their
+    predictions.
+    """
     press: float
+    """Sum of (e / (1 - h))^2: each row predicted from all others. Allen, Technometrics 16 (1974) 125."""
     aic: float
+    """n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716."""
     bic: float
+    """n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461."""
     held_out: float
+    """Mean square error on blocks of rows, each predicted from the others."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What criteria compare with: the forced and the complete model, blocks to hold out, Allen's point.
+    """What criteria compare with.
 
-    ``blocks`` (n,) labels the rows 0, 1, ...
+    ``rss_forced`` and ``n_forced`` belong to the forced model, ``complete`` is the fit of all columns, ``blocks`` (n,)
+    labels the rows to be held out together 0, 1, ...
     """
 
     rss_forced: float
     n_forced: int
     complete: LeastSquares
-    complete_rank: int
     blocks: IntArray
-    complete_prediction: float | None = None
-    complete_leverage: float | None = None
-
-    @property
-    def variance(self) -> float:
-        """Residual variance of the complete model; nan without degrees of freedom."""
-        free = self.complete.residuals.size - self.complete_rank
-        return self.complete.rss / free if free > 0 else float("nan")
 
 
-def evaluate(
-    fit: LeastSquares, reference: Reference, at_point: tuple[float, float] | None = None
-) -> Criteria:
-    """All criteria of one fit; ``at_point`` holds its prediction and leverage at Allen's point."""
+def evaluate(fit: LeastSquares, reference: Reference) -> Criteria:
+    """All criteria of one fit."""
     n, p = fit.basis.shape
     k, rss, free = p - reference.n_forced, fit.rss, n - p
+    r2 = 1.0 - _ratio(rss, reference.rss_forced)
     if free <= 0:
-        nan = float("nan")
-        return Criteria(rss, nan, _ratio(reference.rss_forced - rss, reference.rss_forced), *[nan] * 10)
+        undefined = dict.fromkeys((each.name for each in fields(Criteria)), float("nan"))
+        return Criteria(**{**undefined, "rss": rss, "r2": r2})
     mean_square = rss / free
-    mean_square_forced = reference.rss_forced / (free + k)
-    variance = reference.variance
+    rank = reference.complete.basis.shape[1]
+    variance = reference.complete.rss / (n - rank) if n > rank else float("nan")
     log_likelihood = n * float(np.log(rss / n)) if rss > 0 else -np.inf
     return Criteria(
         rss=rss,
         adjusted_rss=mean_square,
-        r2=1.0 - _ratio(rss, reference.rss_forced),
-        adjusted_r2=1.0 - _ratio(mean_square, mean_square_forced),
+        r2=r2,
+        adjusted_r2=1.0 - _ratio(mean_square, reference.rss_forced / (free + k)),
         prediction_error=mean_square * (n + p) / n,
         cp=_ratio(rss, variance) - n + 2 * p,
         f_ratio=_ratio((reference.rss_forced - rss) / k, mean_square) if k else float("nan"),
         expected_variance=mean_square * p / n,
-        point_error=_point_error(rss, n, p, reference, at_point),
+        point_error=variance * (1.0 - rank / n) + (rss - reference.complete.rss) / n + 2.0 * variance * p / n,
         press=press(fit),
         aic=log_likelihood + 2 * p,
         bic=log_likelihood + p * float(np.log(n)),
@@ -205,9 +201,8 @@ def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
     (I - Q_B Q_B')^-1 e_B = e_B + Q_B (I - Q_B'Q_B)^-1 Q_B'e_B.
     """
     k = fit.basis.shape[1]
-    within = np.array(
-        [_gram(fit.basis[blocks == b], fit.residuals[blocks == b]) for b in range(blocks.max() + 1)]
-    )
+    rows = np.column_stack([fit.basis, fit.residuals])
+    within = np.array([fit.basis[blocks == b].T @ rows[blocks == b] for b in range(blocks.max() + 1)])
     inner = np.eye(k) - within[:, :, :k]
     if k and np.linalg.eigvalsh(inner)[:, 0].min() < 1e-10:
         return float("nan")
@@ -215,33 +210,9 @@ def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
     return float(np.mean((fit.residuals + np.einsum("ij,ij->i", fit.basis, shift[blocks])) ** 2))
 
 
-def _gram(Q: FloatArray, e: FloatArray) -> FloatArray:
-    return Q.T @ np.column_stack([Q, e])
-
-
 def contiguous_blocks(n: int, count: int) -> IntArray:
     """Label n rows, in their order, with ``count`` blocks of nearly equal length."""
     return np.minimum(np.arange(n) * count // max(n, 1), count - 1)
-
-
-def point_values(
-    columns: Sequence[int], fit: LeastSquares, X: FloatArray, point: FloatArray
-) -> tuple[float, float]:
-    """Prediction and leverage x'(X'X)^-1 x of a fit at a point (all columns of X)."""
-    x = point[list(columns)]
-    weights = np.linalg.lstsq(X[:, list(columns)].T.astype(np.float64), x, rcond=None)[0]
-    return float(x @ fit.coefficients), float(weights @ weights)
-
-
-def _point_error(
-    rss: float, n: int, p: int, reference: Reference, at_point: tuple[float, float] | None
-) -> float:
-    variance = reference.variance
-    if at_point is None or reference.complete_prediction is None or reference.complete_leverage is None:
-        bias2 = (rss - reference.complete.rss) / n
-        return variance * (1.0 - reference.complete_rank / n) + bias2 + 2.0 * variance * p / n
-    bias = at_point[0] - reference.complete_prediction
-    return variance * (1.0 - reference.complete_leverage) + bias**2 + 2.0 * variance * at_point[1]
 
 
 def _ratio(a: float, b: float) -> float:

@@ -71,6 +71,27 @@ class Constraints:
             return False
         return not (self.requires[members] & ~members).any() and not (self.excludes[members] & members).any()
 
+    def propagated(
+        self, included: Sequence[int], undecided: Sequence[int]
+    ) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+        """Both with what the rules imply carried out; None where no allowed subset is left."""
+        if not self.active:
+            return tuple(included), tuple(undecided)
+        inside = np.zeros(self.possible.size, dtype=np.bool_)
+        alive = inside.copy()
+        inside[list(included)] = True
+        alive[list(undecided)] = True
+        brought = self.requires[inside].any(axis=0) & ~inside
+        barred = self.excludes[inside].any(axis=0)
+        impossible = (brought & ~alive).any() or ((inside | brought) & barred).any()
+        if impossible or not self.possible[inside].all():
+            return None
+        alive &= ~brought & ~barred & self.possible
+        inside |= brought
+        alive &= ~(self.requires & ~(inside | alive)[None, :]).any(axis=1)
+        order = [*included, *np.flatnonzero(brought)]
+        return tuple(int(j) for j in order), tuple(j for j in undecided if alive[j])
+
 
 def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[int]:
     """Every column that a rule names."""
@@ -93,7 +114,12 @@ def build_constraints(
     nobody back: as a parent it counts as present, in a group it is passed over.
     """
     position = {column: i for i, column in enumerate(candidates)}
-    _check_range(constrained_columns(groups, parents), n_columns)
+    outside = sorted(c for c in constrained_columns(groups, parents) if not 0 <= c < n_columns)
+    if outside:
+        raise UsageError(
+            f"groups or parents name columns {outside}, but X has columns 0..{n_columns - 1}; "
+            "number the columns as they stand in X, forced ones included"
+        )
     m = len(candidates)
     requires = np.zeros((m, m), dtype=np.bool_)
     excludes = np.zeros((m, m), dtype=np.bool_)
@@ -137,15 +163,6 @@ def _as_tuple(value: int | Sequence[int]) -> tuple[int, ...]:
     return (value,) if isinstance(value, int) else tuple(value)
 
 
-def _check_range(columns: set[int], n_columns: int) -> None:
-    outside = sorted(c for c in columns if not 0 <= c < n_columns)
-    if outside:
-        raise UsageError(
-            f"groups or parents name columns {outside}, but X has columns 0..{n_columns - 1}; "
-            "number the columns as they stand in X, forced ones included"
-        )
-
-
 # ---- From (X, y) to the searched problem: weights, forced columns, scaling, aliases, triangular factor ----
 
 
@@ -186,29 +203,36 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True)
 class Frame:
-    """The least-squares frame in which the search runs.
-
-    ``X`` (n, p) and ``y`` (n,) are the weighted data in the precision given. ``R`` (m, m) and ``z`` (m,)
-    are the triangular factor of the m candidates with the forced columns projected out, scaled to unit
-    length, and of the response. ``rss_forced`` and ``rss_full`` are the residual sums of squares of the
-    forced and of the complete model. ``set_aside`` are columns that are no candidates; ``dependent`` the columns
-    of each dependency of those that are.
-    """
+    """The least-squares problem that is searched: n rows, p columns, m of them candidates."""
 
     X: FloatArray
+    """The weighted columns (n, p), in the precision given."""
     y: FloatArray
+    """The weighted response (n,)."""
     forced: tuple[int, ...]
+    """Columns in every subset, independent of each other."""
     candidates: IntArray
+    """Columns of X to choose from (m,); everywhere else candidates go by their positions in it."""
     R: FloatArray
+    """Triangular factor (m, m) of the candidates, the forced columns projected out, scaled to unit length."""
     z: FloatArray
+    """The response on the same axes (m,)."""
     noise: FloatArray
+    """Rounding error of each candidate (m,), in units of eps: what projecting has cost of its digits."""
     rss_forced: float
+    """Residual sum of squares of the forced columns alone."""
     rss_full: float
+    """Residual sum of squares of all columns."""
     rank: int
+    """Number of independent candidates."""
     condition: float
+    """Condition number of R; infinite where it is not of full rank."""
     set_aside: tuple[Alias, ...]
+    """Columns that are no candidates, as they equal combinations of others."""
     dependent: tuple[IntArray, ...]
+    """The columns of each linear dependency among the candidates."""
     constraints: Constraints
+    """Which subsets are allowed."""
 
     @property
     def n_candidates(self) -> int:
@@ -257,46 +281,38 @@ def build_frame(
     Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns
     out of range.
     """
-    X_given, y_given = _checked_data(X, y)
-    w = _checked_weights(weights, y_given.size)
-    if w is not None:
-        root = np.sqrt(w).astype(X_given.dtype)
-        X_given, y_given = X_given * root[:, None], y_given * root
-    forced_columns = _checked_forced(forced, X_given.shape[1])
-
+    X_given, y_given, forced_columns = _checked(X, y, forced, weights)
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
     basis, kept_forced, aliases = _forced_basis(X64, forced_columns)
     free = np.array([j for j in range(X64.shape[1]) if j not in set(forced_columns)], dtype=np.int64)
     projected, norms = project_out(basis, X64[:, free])
-    rest, _ = project_out(basis, y64[:, None])
-    rest = rest[:, 0]
+    rest = project_out(basis, y64[:, None])[0][:, 0]
     original = np.linalg.norm(X64[:, free], axis=0)
     inside = norms <= SPAN_TOLERANCE * original
     aliases += _span_aliases(X64, kept_forced, free[inside])
     free, units = free[~inside], projected[:, ~inside] / norms[~inside]
-    unmergeable = constrained_columns(groups, parents)
-    keep, duplicates = _representatives(units, free, norms[~inside], unmergeable)
+    keep, duplicates = _representatives(units, free, norms[~inside], constrained_columns(groups, parents))
     aliases += duplicates
     free, units = free[keep], units[:, keep]
 
-    R, z, rss_full = _triangular_factor(units, rest)
+    m = free.size
+    factor = square_triangle(np.column_stack([units, rest]))
+    R = factor[:m, :m].copy()
     noise = (original[~inside] / norms[~inside])[keep]
     independent, involved = dependencies(R, noise)
-    rank = len(independent)
+    condition = 1.0 if m == 0 else np.inf
+    if len(independent) == m > 0:
+        condition = float(np.linalg.cond(R))
     return Frame(
-        X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=z, noise=noise,
-        rss_forced=float(rest @ rest), rss_full=rss_full, rank=rank, condition=_condition(R, rank),
+        X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=factor[:m, m].copy(), noise=noise,
+        rss_forced=float(rest @ rest), rss_full=float(factor[m, m] ** 2), rank=len(independent),
+        condition=condition,
         set_aside=tuple(aliases), dependent=tuple(free[list(each)] for each in involved),
         constraints=build_constraints(free.tolist(), forced_columns, X64.shape[1], groups, parents),
     )  # fmt: skip
 
 
-def _condition(R: FloatArray, rank: int) -> float:
-    """Condition number of the triangular factor; infinite where it is not of full rank."""
-    if rank < R.shape[0]:
-        return float("inf")
-    singular = np.linalg.svd(R, compute_uv=False) if R.size else np.ones(1)
-    return float(singular[0] / singular[-1])
+# ---- Triangular factors, and the linear dependencies that they show ----
 
 
 def triangle(columns: FloatArray) -> FloatArray:
@@ -306,6 +322,14 @@ def triangle(columns: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
     factor = dgeqrf(columns)[0][: min(rows, count)]
     return np.asarray(np.where(_upper(*factor.shape), factor, 0.0), dtype=np.float64)
+
+
+def square_triangle(columns: FloatArray) -> FloatArray:
+    """The triangular factor with rows of zeros below it where there are fewer rows than columns."""
+    factor = triangle(columns)
+    square = np.zeros((columns.shape[1], columns.shape[1]))
+    square[: factor.shape[0]] = factor
+    return square
 
 
 @lru_cache(maxsize=4 * _SMALL)
@@ -339,7 +363,13 @@ def dependencies(R: FloatArray, noise: FloatArray) -> tuple[list[int], list[tupl
     return kept, found
 
 
-def _checked_data(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+# ---- Input checked; columns inside a span, parallel ones, and the names of dependencies ----
+
+
+def _checked(
+    X: ArrayLike, y: ArrayLike, forced: Sequence[int], weights: ArrayLike | None
+) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
+    """X and y with their rows weighted, and the forced columns, each once."""
     X_array, y_array = np.asarray(X), np.asarray(y)
     if X_array.ndim != 2 or y_array.ndim != 1 or X_array.shape[0] != y_array.size:
         raise UsageError(
@@ -355,26 +385,21 @@ def _checked_data(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         raise UsageError(
             f"{where} hold values that are not finite; drop or mask those rows before the search"
         )
-    return X_array, y_array
-
-
-def _checked_weights(weights: ArrayLike | None, n: int) -> FloatArray | None:
-    if weights is None:
-        return None
-    w = np.asarray(weights, dtype=np.float64)
-    if w.shape != (n,) or not np.isfinite(w).all() or (w < 0).any():
-        raise UsageError(f"weights have shape {w.shape}; expected {n} finite values >= 0, one per row")
-    return w
-
-
-def _checked_forced(forced: Sequence[int], p: int) -> tuple[int, ...]:
+    if weights is not None:
+        w = np.asarray(weights, dtype=np.float64)
+        if w.shape != y_array.shape or not np.isfinite(w).all() or (w < 0).any():
+            raise UsageError(
+                f"weights have shape {w.shape}; expected {y_array.size} finite values >= 0, one per row"
+            )
+        root = np.sqrt(w).astype(wanted)
+        X_array, y_array = X_array * root[:, None], y_array * root
     columns = tuple(dict.fromkeys(int(j) for j in forced))
-    outside = [j for j in columns if not 0 <= j < p]
+    outside = [j for j in columns if not 0 <= j < X_array.shape[1]]
     if outside:
         raise UsageError(
-            f"forced names columns {outside}, but X has columns 0..{p - 1}; use forced=() for none"
+            f"forced names columns {outside}, but X has columns 0..{X_array.shape[1] - 1}; use forced=() for none"
         )
-    return columns
+    return X_array, y_array, columns
 
 
 def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, tuple[int, ...], list[Alias]]:
@@ -445,7 +470,9 @@ def _combination(
 ) -> tuple[tuple[int, float], ...]:
     """The terms that count of a combination of columns, its weights (columns,) being those of columns over `scale`."""
     kept = np.flatnonzero(np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0))
-    return tuple((int(columns[i]), float(w)) for i, w in zip(kept.tolist(), (weights / scale)[kept], strict=True))
+    return tuple(
+        (int(columns[i]), float(w)) for i, w in zip(kept.tolist(), (weights / scale)[kept], strict=True)
+    )
 
 
 def _representatives(
@@ -467,12 +494,3 @@ def _representatives(
             merged[int(j)] = int(i)
             aliases.append(Alias(int(free[j]), ((int(free[i]), float(sign * norms[j] / norms[i])),)))
     return np.array([i for i in range(free.size) if i not in merged], dtype=np.int64), aliases
-
-
-def _triangular_factor(units: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """R, Q'y and the residual of the complete model; R is padded to square when there are few rows."""
-    m = units.shape[1]
-    full = triangle(np.column_stack([units, rest]))
-    padded = np.zeros((m + 1, m + 1))
-    padded[: full.shape[0]] = full
-    return padded[:m, :m].copy(), padded[:m, m].copy(), float(padded[m, m] ** 2)

@@ -1,15 +1,21 @@
-"""The best subsets found so far, size by size, and the thresholds that they set for pruning."""
+"""The best subsets found so far, and searches that are quick and not always right.
+
+A `Board` holds the incumbents, size by size, and the thresholds that they set for pruning. `seed_board` fills it by
+forward selection, best swaps, and passing subsets on between neighbouring sizes: the exact search starts from there.
+`stepwise_columns` is Efroymson's method, for comparison with the exact search.
+"""
 
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cmp_to_key
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.frame import EPS, Frame, dependency, triangle
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.subset.frame import EPS, Frame, Groups, build_frame, dependency, triangle
 
 # Residual sum of squares, and the columns of X without the forced ones, ascending.
 Chosen = tuple[float, tuple[int, ...]]
@@ -21,32 +27,25 @@ LEAST_MARGIN = 1e-10
 CLOSED = -1.0
 # Subsets that are factorised at once.
 _AT_ONCE = 1000
+# Exchanges of one column for another that are tried in a row.
+MOST_SWAPS = 30
 
 
 class Board:
-    """The ``capacity`` best subsets of each size 1..max_size, each residual re-evaluated by QR.
+    """The ``capacity`` best subsets of each size 1..max_size, each residual re-evaluated by QR."""
 
-    ``ceiling`` (max_size + 1,) bars subsets above a fixed residual: it turns the search for the best into the
-    enumeration of all that lie below.
-    """
-
-    def __init__(self, frame: Frame, max_size: int, capacity: int, ceiling: FloatArray | None = None) -> None:
+    def __init__(self, frame: Frame, max_terms: int, capacity: int) -> None:
         self.frame = frame
-        self.max_size = max_size
+        self.max_size = min(max_terms, frame.rank)
         self.capacity = capacity
         self.margin = LEAST_MARGIN
-        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of
-        # infinities.
-        self.ceiling = np.full(max_size + 1, 1.01 * frame.rss_forced) if ceiling is None else ceiling
-        self.limits = self.ceiling * (1.0 + self.margin)
-        self.limits[0] = CLOSED
+        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of infinities.
+        self._ceiling = 1.01 * frame.rss_forced
         self.perfect = (100.0 * EPS) ** 2 * frame.rss_forced
-        self._rows: list[list[tuple[float, tuple[int, ...]]]] = [[] for _ in range(max_size + 1)]
+        self._rows: list[list[tuple[float, tuple[int, ...]]]] = [[] for _ in range(self.max_size + 1)]
         self._offered: set[tuple[int, ...]] = set()
-
-    def rows(self, size: int) -> list[tuple[float, tuple[int, ...]]]:
-        """(residual sum of squares, candidate positions) of one size, best first."""
-        return self._rows[size]
+        self.limits = np.full(self.max_size + 1, self._ceiling * (1.0 + self.margin))
+        self.limits[0] = CLOSED
 
     def chosen(self) -> tuple[Chosen, ...]:
         """All subsets on it, by size, then by residual sum of squares."""
@@ -78,7 +77,7 @@ class Board:
         if self.frame.constraints.active and not self.frame.constraints.allows(key):
             return
         rss = residual(self.frame, key)
-        if rss is None or rss > self.ceiling[size]:
+        if rss is None or rss > self._ceiling:
             return
         rows = self._rows[size]
         insort(rows, (rss, key), key=cmp_to_key(self._compare))
@@ -87,9 +86,7 @@ class Board:
 
     def worst(self, size: int) -> float:
         """The residual that a newcomer must beat."""
-        rows = self._rows[size]
-        ceiling = float(self.ceiling[size])
-        return min(rows[-1][0], ceiling) if len(rows) == self.capacity else ceiling
+        return min(self._rows[size][-1][0], self._ceiling) if self.full(size) else self._ceiling
 
     def full(self, size: int) -> bool:
         """Whether all places of a size are taken."""
@@ -135,3 +132,217 @@ def residual(frame: Frame, subset: Sequence[int]) -> float | None:
         return None
     tail = factor[k:, k]
     return frame.rss_full + float(tail @ tail)
+
+
+# ---- Good subsets found quickly: forward, best swap, and passing on between neighbouring sizes ----
+
+
+def seed_board(board: Board) -> None:
+    """Fill the board with good subsets of every size; exactness never depends on them."""
+    frame = board.frame
+    if frame.constraints.active:
+        _constrained_forward(board)
+        return
+    work = _Workspace(frame)
+    best: list[list[int]] = [[]]
+    for _ in range(min(board.max_size, frame.rank)):
+        ranked = work.additions(best[-1])
+        board.offer_all([[*best[-1], int(j)] for j in ranked[: board.capacity]])
+        best.append(work.swapped([*best[-1], int(ranked[0])], board))
+    down = True
+    while _passed_on(down, best, work, board):
+        down = not down
+
+
+def _passed_on(down: bool, best: list[list[int]], work: _Workspace, board: Board) -> bool:
+    """Exchange from the next larger subset of every size, or the next smaller one; whether any is better for it."""
+    better = False
+    for size in range(len(best) - 2, 0, -1) if down else range(2, len(best)):
+        smaller = best[size - 1]
+        start = work.without_least(best[size + 1]) if down else [*smaller, int(work.additions(smaller)[0])]
+        if set(start) != set(best[size]):
+            found = work.swapped(start, board)
+            if work.explained(found) > (1.0 + TIE) * work.explained(best[size]):
+                best[size], better = found, True
+    return better
+
+
+class _Workspace:
+    """Gains of adding and of exchanging columns, from the Gram matrix of the candidates."""
+
+    def __init__(self, frame: Frame) -> None:
+        self._G = frame.R.T @ frame.R
+        self._b = frame.R.T @ frame.z
+        self._known: dict[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray]] = {}
+
+    def explained(self, chosen: list[int]) -> float:
+        """By how much a subset lowers the residual."""
+        return float(self._b[chosen] @ self._regression(chosen)[1])
+
+    def additions(self, chosen: list[int]) -> IntArray:
+        """Candidates, best addition first."""
+        W, _, _ = self._regression(chosen)
+        gains = _gain(*self._left(chosen, W))
+        gains[chosen] = -np.inf
+        return np.argsort(-gains, kind="stable")
+
+    def swapped(self, chosen: list[int], board: Board) -> list[int]:
+        """Take the best exchange of one column, again and again, until none helps."""
+        for _ in range(MOST_SWAPS):
+            W, beta, spread = self._regression(chosen)
+            d, c = self._left(chosen, W)
+            # With column i of the subset out, S_jj and c_j of every column j outside grow by rank one.
+            net = _gain(d + W**2 / spread[:, None], c + W * (beta / spread)[:, None])
+            net -= (beta**2 / spread)[:, None]
+            net[:, chosen] = -np.inf
+            i, j = np.unravel_index(int(net.argmax()), net.shape)
+            if net[i, j] <= 1e-10 * board.frame.rss_full:
+                break
+            chosen = [*chosen[:i], *chosen[i + 1 :], int(j)]
+        board.offer(chosen)
+        return chosen
+
+    def without_least(self, chosen: list[int]) -> list[int]:
+        """Leave out the column whose loss costs least."""
+        _, beta, spread = self._regression(chosen)
+        least = int((beta**2 / spread).argmin())
+        return chosen[:least] + chosen[least + 1 :]
+
+    def _regression(self, chosen: list[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Coefficients of all columns and of y on the chosen ones, and the diagonal of the inverse."""
+        known = self._known.get(tuple(chosen))
+        if known is None:
+            inverse = _inverse(self._G[np.ix_(chosen, chosen)])
+            known = (
+                inverse @ self._G[chosen],
+                inverse @ self._b[chosen],
+                np.asarray(inverse.diagonal(), dtype=np.float64),
+            )
+            self._known[tuple(chosen)] = known
+        return known
+
+    def _left(self, chosen: list[int], W: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Squared length of what is left of every column, and its product with what is left of y."""
+        return self._G.diagonal() - np.sum(self._G[chosen] * W, axis=0), self._b - self._b[chosen] @ W
+
+
+def _inverse(M: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.inv(M), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64)
+
+
+def _gain(d: FloatArray, c: FloatArray) -> FloatArray:
+    solid = d > 1e-11
+    return np.asarray(np.where(solid, c**2 / np.where(solid, d, 1.0), -1.0))
+
+
+def _constrained_forward(board: Board) -> None:
+    """Forward selection by whole closures: each step takes the first allowed, best gain first."""
+    frame = board.frame
+    work = _Workspace(frame)
+    included: tuple[int, ...] = ()
+    undecided = tuple(range(frame.n_candidates))
+    while undecided:
+        for candidate in work.additions(list(included)).tolist():
+            if candidate not in undecided:
+                continue
+            others = [u for u in undecided if u != candidate]
+            allowed = frame.constraints.propagated((*included, candidate), others)
+            if allowed is not None and len(allowed[0]) <= board.max_size:
+                included, undecided = allowed
+                board.offer(included)
+                break
+        else:
+            return
+
+
+# ---- Efroymson's stepwise regression: quick, and not always right. For comparison with the exact search ----
+
+
+def stepwise_columns(
+    X: ArrayLike,
+    y: ArrayLike,
+    max_terms: int = 10,
+    forced: Sequence[int] = (0,),
+    n_best: int = 1,
+    groups: Groups | None = None,
+    *,
+    samples: int,
+    f_enter: float = 4.0,
+    f_remove: float = 3.9,
+) -> tuple[Chosen, ...]:
+    """Stepwise subset regression with the interface of ``best_columns`` (report 3.3.3).
+
+    At every step the columns of largest partial F enter where it exceeds ``f_enter``, then columns whose partial F is
+    below ``f_remove``, which is no more than that, leave. Groups move together. The best subset met of every size is
+    returned, one a size whatever ``n_best``; nothing is proved. X and y may be a triangular factor of so many
+    ``samples``, which give F its freedom.
+
+    Source: Efroymson, in Ralston and Wilf, Mathematical Methods for Digital Computers, Wiley 1960.
+    """
+    frame = build_frame(X, y, forced, None, groups, None)
+    board = Board(frame, max_terms, 1)
+    board.offer_all(_path(frame, board.max_size, f_enter, f_remove, samples))
+    return board.chosen()
+
+
+def _path(
+    frame: Frame, max_size: int, f_enter: float, f_remove: float, samples: int
+) -> Iterator[tuple[int, ...]]:
+    """The subsets that stepwise passes through."""
+    chosen: tuple[int, ...] = ()
+    rss = frame.rss_forced
+    visited = {chosen}
+    while True:
+        entered = _best_entry(frame, chosen, rss, max_size, samples)
+        if entered is None or entered[0] < f_enter or entered[1] in visited:
+            return
+        chosen, rss = entered[1], entered[2]
+        visited.add(chosen)
+        yield chosen
+        while (left := _least_exit(frame, chosen, rss, samples)) is not None and left[0] < f_remove:
+            if left[1] in visited:
+                break
+            chosen, rss = left[1], left[2]
+            visited.add(chosen)
+            yield chosen
+
+
+def _best_entry(
+    frame: Frame, chosen: tuple[int, ...], rss: float, max_size: int, samples: int
+) -> tuple[float, tuple[int, ...], float] | None:
+    moves = []
+    outside = [j for j in range(frame.n_candidates) if j not in chosen]
+    for j in outside:
+        allowed = frame.constraints.propagated((*chosen, j), [i for i in outside if i != j])
+        if allowed is None or len(allowed[0]) > max_size:
+            continue
+        larger = tuple(sorted(allowed[0]))
+        new = residual(frame, larger)
+        if new is not None:
+            moves.append((_partial_f(samples - len(frame.forced), chosen, rss, larger, new), larger, new))
+    return max(moves, default=None)
+
+
+def _least_exit(
+    frame: Frame, chosen: tuple[int, ...], rss: float, samples: int
+) -> tuple[float, tuple[int, ...], float] | None:
+    moves = []
+    for j in chosen:
+        bound = frame.constraints.requires[:, j]
+        smaller = tuple(i for i in chosen if i != j and not bound[i])
+        new = residual(frame, smaller)
+        if new is not None:
+            moves.append((_partial_f(samples - len(frame.forced), smaller, new, chosen, rss), smaller, new))
+    return min(moves, default=None)
+
+
+def _partial_f(
+    rows: int, small: tuple[int, ...], rss_small: float, large: tuple[int, ...], rss_large: float
+) -> float:
+    free = rows - len(large)
+    if free <= 0 or rss_large <= 0.0:
+        return float("inf") if rss_small > rss_large else 0.0
+    return ((rss_small - rss_large) / (len(large) - len(small))) / (rss_large / free)

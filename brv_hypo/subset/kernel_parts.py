@@ -73,48 +73,36 @@ larger, smaller = _extremum("llvm.maxnum"), _extremum("llvm.minnum")
 
 
 class Work(NamedTuple):
-    """The state of one search: it stops and goes on at any node. First axis of most arrays: included columns.
+    """The state of one search, which stops and goes on at any node. A level is a number of included columns."""
 
-    A (levels, m, m): the factor R, or S. B: H, or scratch.
-    x (levels, m): z, or c. beta (levels, m): coefficients with all undecided columns in. ids (levels, m): the
-    undecided columns. count, phase, at, owns, rss, bound (levels,): how many they are, where the level
-    stands, the place of the column branched on, whether B is the level's own, residuals without and with the
-    undecided. chosen: the included columns. status (columns,) and trail: decisions along the path, for the
-    rules. requires, excludes (columns, columns): bytes, empty where there are no rules; the diagonal of
-    ``requires`` counts what a column brings along. hits: rows of (size, columns...). scratch (5, m).
-    most (levels,): no larger subset below the level can get under its limit. packing, factor, sets: see
-    ``packing``. place: 0, 1, 2, ... slack: allowance for rounding in a determinant. scored, prefixes: see
-    ``compiled``.
-    """
-
-    A: Any
-    B: Any
-    x: Any
-    beta: Any
-    ids: Any
-    count: Any
-    phase: Any
-    at: Any
-    owns: Any
-    rss: Any
-    bound: Any
-    chosen: Any
-    status: Any
-    trail: Any
-    requires: Any
-    excludes: Any
-    hits: Any
-    scratch: Any
-    most: Any
-    packing: Any
-    factor: Any
-    sets: Any
-    place: Any
-    state: Any
-    base: int
-    slack: float
-    scored: int
-    prefixes: int
+    A: Any  # (levels, m, m): S, or the factor R
+    B: Any  # (levels, m, m): H; of orthogonal steps scratch
+    x: Any  # (levels, m): c, or z
+    beta: Any  # (levels, m): coefficients with all undecided columns in
+    ids: Any  # (levels, m): the undecided columns
+    count: Any  # (levels,): how many they are
+    phase: Any  # (levels,): where the level stands
+    at: Any  # (levels,): place of the column branched on
+    owns: Any  # (levels,): whether B is the level's own
+    rss: Any  # (levels,): residual without the undecided columns
+    bound: Any  # (levels,): residual with all of them
+    most: Any  # (levels,): no larger subset below the level can get under its limit
+    chosen: Any  # the included columns
+    status: Any  # (columns,): what the path has decided, for the rules
+    trail: Any  # the drops along the path, with their levels
+    requires: Any  # (columns, columns) bytes, empty without rules; the diagonal counts what a column brings along
+    excludes: Any  # (columns, columns) bytes, empty without rules
+    hits: Any  # rows of (size, columns...)
+    scratch: Any  # (5, m)
+    packing: Any  # (5, m): see `bounds`
+    factor: Any  # (m, m): see `bounds`
+    sets: Any  # (4, m): see `bounds`
+    place: Any  # 0, 1, 2, ...
+    state: Any  # LEVEL, NODES, HITS, TRAIL
+    base: int  # columns included before the search
+    slack: float  # allowance for rounding in a determinant
+    scored: int  # see SCORED in `compiled`
+    prefixes: int  # see MOST_PREFIXES there
 
 
 @compiled_part

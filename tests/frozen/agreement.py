@@ -21,18 +21,23 @@ ACROSS_BUILDS = 1e-6
 CLOSE = 1e-9
 
 ABSENT = "(absent)"
-Same = Callable[[Any, Any, float | None], bool]
-"""Whether two numbers agree; the third is the size that their difference is held against, None for their own."""
+Same = Callable[[float, float, float], bool]
+"""Whether two numbers agree; the third is the size that their difference is held against."""
+SMALL_PROBABILITY = 1e-3
+"""Below it a probability is compared as if it were this large."""
+SIZE_OF_ZERO = 1e-9
+"""What a difference from nothing is held against: a sum that cancels leaves its rounding."""
 _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?")
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Two leaves that do not agree, at `path`."""
+    """Two leaves that do not agree, at `path`; `size` is what a difference of numbers is held against."""
 
     path: str
     frozen: Any
     found: Any
+    size: float = 0.0
 
     @property
     def relative(self) -> float:
@@ -40,6 +45,11 @@ class Difference:
         if not (_is_number(self.frozen) and _is_number(self.found)) or self.frozen == 0.0:
             return math.inf
         return abs(self.found - self.frozen) / abs(self.frozen)
+
+    def within(self, share: float) -> bool:
+        """Whether these are numbers that differ by no more than this share of their size."""
+        both = _is_number(self.frozen) and _is_number(self.found)
+        return both and abs(self.found - self.frozen) <= share * self.size
 
     def __str__(self) -> str:
         size = f" ({self.relative:.1e} relative)" if math.isfinite(self.relative) else ""
@@ -58,12 +68,21 @@ class Explanation:
         return fnmatchcase(path, self.path)
 
 
+@dataclass(frozen=True)
+class Allowance:
+    """How far apart numbers at these paths may be with other libraries than those of the writing, and why."""
+
+    path: str
+    share: float
+    reason: str
+
+
 def identical(frozen: Any, found: Any, path: str = "", *, exact: bool = False) -> list[Difference]:
     """The same keys, texts, flags and whole numbers; the same numbers, bit for bit, where `exact`.
 
     This holds on the machine where the result was written. Elsewhere, with another numpy or BLAS, an estimate beside
-    its `std_error` may differ by 1e-6 of it, any other number by 1e-6 of itself, one of an array by 1e-6 of the
-    largest in it.
+    its `std_error` may differ by 1e-6 of it, and its F-ratio as the square of the two; any other number by 1e-6 of
+    itself, a probability by 1e-9 at least, one of an array by 1e-6 of the largest in it.
     """
     return list(_differences(frozen, found, path, _bit_for_bit if exact else _within(ACROSS_BUILDS)))
 
@@ -93,10 +112,12 @@ def disagreements(
     *,
     asked: Literal["exact", "close", "across builds"] = "across builds",
     explanations: Sequence[Explanation] | None = None,
+    allowances: Sequence[Allowance] = (),
 ) -> list[Difference]:
     """What of a result, values and messages, agrees neither as `asked` nor as `explained.yaml` says of its path.
 
-    `name` is NAME.COMMAND. Messages are the same, word for word where `asked` is exact (`same_words`).
+    `name` is NAME.COMMAND. Messages are the same, word for word where `asked` is exact (`same_words`). `allowances` are
+    those for other libraries, where the libraries are others.
     """
     known = read_explanations() if explanations is None else explanations
     if asked == "close":
@@ -104,7 +125,11 @@ def disagreements(
     else:
         values = identical(frozen["values"], found["values"], f"{name}:values", exact=asked == "exact")
     words = list(_in_words(frozen["messages"], found["messages"], f"{name}:messages", exact=asked == "exact"))
-    return [each for each in (*values, *words) if not _is_explained(each, known)]
+    return [
+        each
+        for each in (*values, *words)
+        if not _is_explained(each, known) and not _is_allowed(each, allowances)
+    ]
 
 
 @cache
@@ -120,12 +145,23 @@ def read_explanations(file: Path = Path(__file__).parent / "explained.yaml") -> 
     return found
 
 
+@cache
+def read_allowances(file: Path = Path(__file__).parent / "rounding.yaml") -> tuple[Allowance, ...]:
+    """What the file holds, in its order."""
+    return tuple(Allowance(**each) for each in yaml.safe_load(file.read_text(encoding="utf-8")))
+
+
+def _is_allowed(difference: Difference, allowances: Sequence[Allowance]) -> bool:
+    share = next((each.share for each in allowances if fnmatchcase(difference.path, each.path)), 0.0)
+    return difference.within(share)
+
+
 def _is_explained(difference: Difference, explanations: Sequence[Explanation]) -> bool:
     for each in explanations:
         if each.covers(difference.path):
             if each.agreement == "explained":
                 return difference.found is not ABSENT
-            if not close(difference.frozen, difference.found):
+            if difference.within(CLOSE):
                 return True
     return False
 
@@ -134,12 +170,10 @@ def _differences(
     frozen: Any, found: Any, path: str, same: Same, size: float | None = None
 ) -> Iterator[Difference]:
     if isinstance(frozen, dict) and isinstance(found, dict):
-        std_error = frozen.get("std_error")
         for key in sorted(frozen.keys() | found.keys()):
-            of_estimate = std_error if key == "value" and _is_number(std_error) and std_error > 0.0 else None
-            yield from _differences(
-                frozen.get(key, ABSENT), found.get(key, ABSENT), _joined(path, key), same, of_estimate
-            )
+            place = _joined(path, key)
+            old, new = frozen.get(key, ABSENT), found.get(key, ABSENT)
+            yield from _differences(old, new, place, same, _size_beside(frozen, key, place))
     elif isinstance(frozen, list) and isinstance(found, list):
         numbers = [abs(each) for each in frozen if _is_number(each)]
         largest = max(numbers) if numbers and len(frozen) > 1 else None
@@ -150,10 +184,25 @@ def _differences(
     elif frozen is ABSENT or found is ABSENT:
         yield Difference(path, frozen, found)
     elif isinstance(frozen, float) and _is_number(found):
-        if not same(frozen, found, size):
-            yield Difference(path, frozen, found)
+        held_against = (abs(frozen) or SIZE_OF_ZERO) if size is None else size
+        if not same(frozen, found, held_against):
+            yield Difference(path, frozen, found, held_against)
     elif same is not _anything and (type(frozen) is not type(found) or frozen != found):
         yield Difference(path, frozen, found)
+
+
+def _size_beside(section: dict[str, Any], key: str, path: str) -> float | None:
+    """What a number's difference is held against, by its neighbours and name; None: the number itself."""
+    number, std_error = section.get(key), section.get("std_error")
+    if not _is_number(number):
+        return None
+    if key == "value" and _is_number(std_error) and std_error > 0.0:
+        return float(std_error)
+    if key == "f_ratio" and "std_error" in section:
+        return 2.0 * math.sqrt(abs(number)) + abs(number)
+    if "probability" in path or "p_value" in path:
+        return max(abs(number), SMALL_PROBABILITY)
+    return None
 
 
 def _in_words(
@@ -166,17 +215,17 @@ def _in_words(
 
 
 def _within(share: float) -> Same:
-    def same(frozen: float, found: float, size: float | None) -> bool:
-        return frozen == found or abs(found - frozen) <= share * (abs(frozen) if size is None else size)
+    def same(frozen: float, found: float, size: float) -> bool:
+        return frozen == found or abs(found - frozen) <= share * size
 
     return same
 
 
-def _bit_for_bit(frozen: float, found: float, size: float | None) -> bool:
+def _bit_for_bit(frozen: float, found: float, size: float) -> bool:
     return repr(frozen) == repr(found)
 
 
-def _anything(frozen: Any, found: Any, size: float | None) -> bool:
+def _anything(frozen: Any, found: Any, size: float) -> bool:
     return True
 
 

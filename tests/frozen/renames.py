@@ -33,7 +33,11 @@ class Rename:
 
 def pending() -> tuple[Rename, ...]:
     """What the frozen files do not yet say."""
-    found = tuple(Rename(**each) for each in _table()["pending"])
+    return _read("pending")
+
+
+def _read(*parts: str) -> tuple[Rename, ...]:
+    found = tuple(Rename(**each) for part in parts for each in _table()[part])
     for each in found:
         if each.of not in ("keys", "values", "messages"):
             raise ValueError(f"{TABLE.name}: a rename of '{each.of}', expected keys, values or messages")
@@ -42,13 +46,7 @@ def pending() -> tuple[Rename, ...]:
 
 def apply_pending() -> int:
     """Renames what is pending in every frozen file; how many files changed. The table then has it as applied."""
-    renames, changed = pending(), 0
-    for file in sorted(RESULTS.glob("*.json")):
-        content = json.loads(file.read_text(encoding="utf-8"))
-        text = as_text(renamed(content, renames, file.stem))
-        if text != file.read_text(encoding="utf-8"):
-            file.write_text(text, encoding="utf-8")
-            changed += 1
+    changed = _apply(pending(), sorted(RESULTS.glob("*.json")))
     table = _table()
     table["applied"] += table["pending"]
     rows = [
@@ -58,6 +56,22 @@ def apply_pending() -> int:
     head = TABLE.read_text(encoding="utf-8").partition("pending:")[0]
     applied = "".join(f"\n  - {row.strip()}" for row in rows) or " []"
     TABLE.write_text(f"{head}pending: []\napplied:{applied}\n", encoding="utf-8")
+    return changed
+
+
+def apply_all(files: Sequence[Path]) -> int:
+    """The whole table, for results that code from before the renames has written; how many files changed."""
+    return _apply(_read("applied", "pending"), files)
+
+
+def _apply(renames: Sequence[Rename], files: Sequence[Path]) -> int:
+    changed = 0
+    for file in files:
+        before = file.read_text(encoding="utf-8")
+        text = as_text(renamed(json.loads(before), renames, file.stem))
+        if text != before:
+            file.write_text(text, encoding="utf-8")
+            changed += 1
     return changed
 
 

@@ -10,12 +10,14 @@ import pytest
 
 from tests.frozen.__main__ import by_key, results
 from tests.frozen.agreement import (
+    Allowance,
     Difference,
     Explanation,
     close,
     disagreements,
     explained,
     identical,
+    read_allowances,
     read_explanations,
     same_words,
 )
@@ -126,6 +128,37 @@ def test_an_explanation_may_ask_for_closeness() -> None:
     assert not disagreements(frozen, moved, "a.b", asked="exact", explanations=known)
     moved["values"]["x"] = 1.0 + 1e-8
     assert disagreements(frozen, moved, "a.b", asked="exact", explanations=known)
+
+
+def test_other_libraries_may_round_otherwise() -> None:
+    frozen, moved = (
+        {"values": {"limits": [0.2, 0.1], "n": 3}, "messages": {}},
+        {"limits": [0.2, 0.104], "n": 3},
+    )
+    known = [Allowance("a.compare:values/limits/*", 0.05, "flat"), Allowance("a.compare:*", 1e-4, "rest")]
+    found = {"values": moved, "messages": {}}
+    assert not disagreements(frozen, found, "a.compare", explanations=(), allowances=known)
+    assert disagreements(frozen, found, "a.compare", explanations=(), allowances=known[1:])
+    assert disagreements(frozen, found, "a.compare", explanations=())
+    moved["n"] = 4
+    assert disagreements(frozen, found, "a.compare", explanations=(), allowances=known)
+
+
+def test_an_f_ratio_is_the_square_of_an_estimate() -> None:
+    """A value of 1e-4 standard errors that moves by 1e-6 of one moves its F-ratio by 2 %."""
+    frozen = {"value": 1e-4, "std_error": 1.0, "f_ratio": 1e-8}
+    assert not identical(frozen, {"value": 1.009e-4, "std_error": 1.0, "f_ratio": 1.009e-4**2})
+    assert identical(frozen, {"value": 1.02e-4, "std_error": 1.0, "f_ratio": 1.02e-4**2})
+
+
+def test_tiny_probabilities_need_not_agree() -> None:
+    assert not identical({"probability": {"lag": 5e-183}}, {"probability": {"lag": 6e-183}})
+    assert identical({"probability": {"lag": 5e-183}}, {"probability": {"lag": 6e-183}}, exact=True)
+    assert identical({"p_value": 1e-3}, {"p_value": 1.001e-3})
+
+
+def test_every_allowance_has_a_reason() -> None:
+    assert all(each.reason and 0.0 < each.share < 1.0 for each in read_allowances())
 
 
 def test_every_explanation_has_a_path_of_the_frozen_results() -> None:

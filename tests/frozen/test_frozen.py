@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from tests.frozen.agreement import disagreements
+from tests.frozen.agreement import disagreements, read_allowances
 from tests.frozen.commands import RESULTS, current_content, frozen_content
 from tests.frozen.flights import COMMANDS, FLIGHTS, Frozen, Measured
+from tests.frozen.libraries import same_libraries
 
 DEFAULT = [flight for flight in FLIGHTS.values() if flight.default]
 
@@ -24,7 +25,15 @@ def _marks(flight: Frozen) -> list[pytest.MarkDecorator]:
     ],
 )
 def test_a_frozen_result_has_not_moved(name: str, command: str) -> None:
-    found = disagreements(frozen_content(name, command), current_content(name, command), f"{name}.{command}")
+    others = not same_libraries()
+    if others and command in FLIGHTS[name].rounded:
+        pytest.skip("it hangs on rounding, and the libraries are not those that it was written with")
+    found = disagreements(
+        frozen_content(name, command),
+        current_content(name, command),
+        f"{name}.{command}",
+        allowances=read_allowances() if others else (),
+    )
     assert not found, "\n".join(map(str, found[:20]))
 
 
@@ -43,3 +52,8 @@ def test_the_default_flights_are_eight_and_run_every_command() -> None:
     assert len(DEFAULT) == 8
     assert {command for flight in DEFAULT for command in flight.commands} == set(COMMANDS)
     assert sum(isinstance(flight, Measured) for flight in DEFAULT) == 2
+
+
+def test_there_are_forty_and_what_hangs_on_rounding_is_frozen() -> None:
+    assert len(FLIGHTS) == 40
+    assert all(set(flight.rounded) <= set(flight.commands) for flight in FLIGHTS.values())

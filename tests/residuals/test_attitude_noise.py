@@ -60,8 +60,11 @@ def test_a_moment_that_does_not_restore_leaves_all(record: InertialRecord) -> No
 def exact() -> SavedModel:
     """The model of the flights below with its true coefficients."""
     found, flown = traced_trim().model.definition, trimmed_cone(TRIM)
-    true = {**flown.aerodynamics.model_dump(), **flown.mechanisms[0].terms}
-    columns = [c.model_copy(update={"value": true.get(c.term, 0.0), "std_error": 0.0}) for c in found.columns]
+    trim, baseline = flown.mechanisms[0].terms, flown.aerodynamics.model_dump()
+    true = [(trim if c.mechanism == "trim" else baseline).get(c.term, 0.0) for c in found.columns]
+    columns = [
+        c.model_copy(update={"value": value, "std_error": 0.0}) for c, value in zip(found.columns, true, strict=True)
+    ]
     return found.model_copy(update={"columns": tuple(columns), "covariance": (), "error": None})
 
 

@@ -102,10 +102,10 @@ def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction
 
 def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
     assert held.refitted == ()
-    values = {term.name: term for term in traced.model.terms}
+    values = {(term.mechanism, term.name): term for term in traced.model.terms}
     for term in held.frozen:
         assert (term.value, term.std_error) == pytest.approx(
-            (values[term.name].value, values[term.name].std_error)
+            (values[term.mechanism, term.name].value, values[term.mechanism, term.name].std_error)
         )
     assert held.error.frozen > predicted.error.frozen
 

@@ -149,25 +149,6 @@ def test_moments_add_up_over_several_mechanisms() -> None:
     np.testing.assert_allclose(body, truth.C_m + 1j * truth.C_n, atol=1e-12)
 
 
-@pytest.mark.slow
-def test_stiffness_may_step_with_mach() -> None:
-    """C_malpha changes by the step where Mach passes it; nothing out of plane."""
-    aerodynamics = CONE.aerodynamics.model_dump() | {
-        "C_mq": 0.0,
-        "slope_variations": [
-            {"variable": "mach", "kind": "step", "change": -0.03, "at": 23.05, "width": 0.01}
-        ],
-    }
-    config = planting(aerodynamics=aerodynamics, duration=4.0)
-    truth, motion = simulate(config, seed=1).truth, true_motion(config)
-    slope = truth.C_N / truth.alpha
-    np.testing.assert_allclose(slope[motion.mach > 23.1], -0.0883 - 0.03, rtol=1e-3)
-    np.testing.assert_allclose(slope[motion.mach < 23.0], -0.0883, rtol=1e-3)
-    assert np.any(motion.mach > 23.1)
-    assert np.any(motion.mach < 23.0)
-    np.testing.assert_allclose(truth.C_Z, 0.0, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -10,8 +10,9 @@ import pytest
 
 from brv_hypo.subset import best_columns, best_subsets, frame, tree
 from brv_hypo.subset.frame import Frame
-from brv_hypo.subset.tree import Leaf, OpenSubtree, make_leaf
+from brv_hypo.subset.tree import Node, OpenSubtree, make_leaf
 from tests.subset.brute_force import enumerate_subsets
+from tests.subset.kernels import best_subsets_by
 
 RNG = np.random.default_rng(11)
 ROWS = 80
@@ -38,14 +39,14 @@ def test_the_sum_of_two_columns_is_named_and_the_search_stays_exact() -> None:
         assert subset.rss == pytest.approx(expected[subset.size][0][0], rel=1e-9)
 
 
-@pytest.mark.parametrize("kernel", ["numpy-schur", "numba-schur"])
+@pytest.mark.parametrize("kernel", ["numpy", "numba-schur"])
 @pytest.mark.parametrize("distance", [1e-13, 1e-12])
 def test_a_winner_next_to_dependence_is_refused_with_the_reason(distance: float, kernel: str) -> None:
     X = columns()
     hidden = RNG.standard_normal(ROWS)
     X[:, 6] = X[:, 2] + X[:, 3] + distance * hidden
     y = hidden + 0.01 * RNG.standard_normal(ROWS)
-    result = best_subsets(X, y, 4, kernel=kernel)
+    result = best_subsets_by(kernel, X, y, 4)
     assert result.certificate.exact
     (refusal,) = result.refused
     assert set(refusal.columns) == {2, 3, 6}
@@ -76,7 +77,7 @@ def test_a_tree_of_many_pieces_holds_one_of_them_at_a_time() -> None:
     X = np.column_stack([one, other, one + other, RNG.standard_normal((ROWS, 20))])
     y = X[:, :6].sum(axis=1) + RNG.standard_normal(ROWS)
     tracemalloc.start()
-    result = best_subsets(X, y, 6, kernel="numpy-schur")
+    result = best_subsets_by("numpy", X, y, 6)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert result.certificate.exact
@@ -91,27 +92,27 @@ def sums(others: int) -> tuple[np.ndarray, np.ndarray]:
     return X, X.sum(axis=1) + rng.standard_normal(ROWS)
 
 
-@pytest.mark.parametrize("kernel", ["auto", "numpy-schur", "numpy-givens", "numba-schur", "numba-givens"])
+@pytest.mark.parametrize("kernel", ["auto", "numpy", "numba-schur", "numba-givens"])
 @pytest.mark.parametrize("most", range(1, 6))
 def test_leaves_of_any_size_hold_what_every_subset_does(most: int, kernel: str) -> None:
     X, y = sums(3)
-    result = best_subsets(X, y, most, forced=(), n_best=3, kernel=kernel)
+    result = best_subsets_by(kernel, X, y, most, forced=(), n_best=3)
     expected = enumerate_subsets(X, y, (), range(X.shape[1]), most)
     for size in range(1, most + 1):
         found = [subset for subset in result.subsets if subset.size == size]
         assert [s.columns for s in found] == [columns for _, columns in expected[size][:3]]
 
 
-@pytest.mark.parametrize("kernel", ["numpy-schur", "numba-schur"])
+@pytest.mark.parametrize("kernel", ["numpy", "numba-schur"])
 def test_a_leaf_is_made_once(monkeypatch: pytest.MonkeyPatch, kernel: str) -> None:
     made: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
 
-    def counted(own: Frame, part: OpenSubtree, room: int) -> Leaf | None:
+    def counted(own: Frame, part: OpenSubtree, room: int) -> Node | None:
         made.append((part.included, part.undecided))
         return make_leaf(own, part, room)
 
     monkeypatch.setattr(tree, "make_leaf", counted)
-    best_subsets(*sums(6), 5, forced=(), kernel=kernel)
+    best_subsets_by(kernel, *sums(6), 5, forced=())
     assert len(made) == len(set(made)) > 3
 
 

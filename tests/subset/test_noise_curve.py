@@ -5,19 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.subset import best_subsets, compiled
+from brv_hypo.subset import compiled
 from tests.studies.subset.benchmark import CURVES, curve_point
 from tests.studies.subset.problems import delay_problem, spline_problem, with_r_squared
 from tests.subset.brute_force import enumerate_subsets
+from tests.subset.kernels import best_subsets_by
 
 
-@pytest.mark.parametrize("kernel", ["numba-schur", pytest.param("numpy-schur", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("kernel", ["numba-schur", pytest.param("numpy", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("share", [0.3, *(pytest.param(s, marks=pytest.mark.thorough) for s in (0.9, 0.9999))])
 @pytest.mark.parametrize("kind", ["spline", pytest.param("delay", marks=pytest.mark.thorough)])
 def test_collinear_columns_are_searched_exactly_at_every_noise(kind: str, share: float, kernel: str) -> None:
     clean = spline_problem(5, noise=0.0) if kind == "spline" else delay_problem(6, 3, noise=0.0)
     X, y = with_r_squared(clean, share)
-    result = best_subsets(X, y, 4, kernel=kernel)
+    result = best_subsets_by(kernel, X, y, 4)
     expected = enumerate_subsets(X, y, (0,), range(1, X.shape[1]), 4)
     assert result.certificate.exact
     for size in range(1, 5):
@@ -32,7 +33,7 @@ def test_disjoint_sets_rule_out_nothing_that_counts(seed: int) -> None:
     rng = np.random.default_rng(seed)
     X = np.column_stack([np.ones(90), np.cumsum(rng.standard_normal((90, 22)), axis=0)])
     y = X[:, [3, 9, 15]].sum(axis=1) + rng.choice([1.0, 5.0, 20.0]) * rng.standard_normal(90)
-    plain, packed = (best_subsets(X, y, 7, n_best=4, kernel=f"{k}-schur") for k in ("numpy", "numba"))
+    plain, packed = (best_subsets_by(kernel, X, y, 7, n_best=4) for kernel in ("numpy", "numba-schur"))
     assert packed.certificate.exact
     assert packed.certificate.nodes < plain.certificate.nodes
     assert [s.columns for s in packed.subsets] == [s.columns for s in plain.subsets]
@@ -43,10 +44,10 @@ def test_what_is_found_hangs_on_no_constant_of_the_search(
     scored: int, prefixes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     X, y = with_r_squared(spline_problem(8, noise=0.0), 0.6)
-    usual = best_subsets(X, y, 7, n_best=3, kernel="numba-schur")
+    usual = best_subsets_by("numba-schur", X, y, 7, n_best=3)
     monkeypatch.setattr(compiled, "SCORED", scored)
     monkeypatch.setattr(compiled, "MOST_PREFIXES", prefixes)
-    result = best_subsets(X, y, 7, n_best=3, kernel="numba-schur")
+    result = best_subsets_by("numba-schur", X, y, 7, n_best=3)
     assert result.certificate.nodes != usual.certificate.nodes
     assert [s.columns for s in result.subsets] == [s.columns for s in usual.subsets]
 

@@ -36,6 +36,7 @@ from tests.studies.subset.problems import (
     spline_problem,
     with_r_squared,
 )
+from tests.subset.kernels import best_subsets_by
 
 # Prints the seconds, then one line a size: the columns chosen (1 is the first after the constant).
 LEAPS = """
@@ -107,7 +108,7 @@ def main() -> None:
     load = os.getloadavg()[0]
     print(f"{os.cpu_count()} cores, load {load:.1f}; R leaps {'found' if with_leaps else 'absent'}")
     allowed = _Allowed(options.leaps_limit if with_leaps else 0.0, options.to_target)
-    best_subsets(*spline_problem(5), 3, kernel="numba-schur")  # loads the kernel
+    best_subsets_by("numba-schur", *spline_problem(5), 3)  # loads the kernel
     if options.long:
         _print_long(options.shares)
         return

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import argparse
 
-from brv_hypo.subset import best_subsets, compiled
+from brv_hypo.subset import compiled
 from tests.studies.subset.benchmark import CURVES, curve_point, timed
 from tests.studies.subset.problems import spline_problem
+from tests.subset.kernels import best_subsets_by
 
 PAIRS = ((4, 3000), (3, 3000), (2, 3000), (4, 0), (4, 300), (4, 1000), (4, 10000))
 SHARES = (0.3, 0.9, 0.99)
@@ -21,7 +22,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shares", type=float, nargs="+", default=SHARES, help="R^2 of the points of the curve")
     shares = parser.parse_args().shares
-    best_subsets(*spline_problem(5), 3, kernel="numba-schur")  # loads the kernel
+    best_subsets_by("numba-schur", *spline_problem(5), 3)  # loads the kernel
     print("CPU s with (scored, most prefixes)", *PAIRS)
     for case in CURVES:
         for share in shares:
