@@ -46,9 +46,10 @@ from brv_hypo.identification.record_errors import (
     lever_force,
 )
 from brv_hypo.likelihood import Delayed
-from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import OwnTime
-from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.model.moment import Evaluated, evaluated, summed
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.motion import Motion
@@ -152,7 +153,6 @@ Values = Mapping[str, float]
 AtDelays = Mapping[str, Delayed]
 """States and inputs at the delays that are parameters, by name."""
 RateUse = Literal["unused", "affine", "other"]
-Known = dict[tuple[str, Theta], dict[str, Term]]
 
 _ROUNDING = 1e-9
 
@@ -176,7 +176,7 @@ class MomentModel:
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
     rates: RateUse = "other"
-    _known: Memory[tuple[Motion, Known]] = field(default_factory=Memory, compare=False, repr=False)
+    _known: Memory[tuple[Motion, Evaluated]] = field(default_factory=Memory, compare=False, repr=False)
 
     @cached_property
     def shape_parameters(self) -> tuple[str, ...]:
@@ -201,7 +201,7 @@ class MomentModel:
         motion = self._with_in_plane_moment(now, theta, columns, half, own)
         if earlier:
             motion = replace(motion, history=partial(earlier_motion, earlier))
-        terms = self._terms(columns, motion, dict(self._wind_fixed_terms(now)))
+        terms = evaluated(columns, self.mechanisms, motion, dict(self._wind_fixed_terms(now)))
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
 
     def _wind_fixed(self, columns: Sequence[Regressor]) -> list[tuple[str, Regressor]]:
@@ -218,26 +218,17 @@ class MomentModel:
     ) -> Motion:
         """C_mw of Eq. 5.1 from the wind-fixed columns."""
         fixed = self._wind_fixed(columns)
-        terms = self._terms([column for _, column in fixed], motion, self._wind_fixed_terms(motion))
-        moment = np.zeros_like(motion.alpha)
-        for (name, column), term in zip(fixed, terms, strict=True):
+        terms = evaluated([column for _, column in fixed], self.mechanisms, motion, self._wind_fixed_terms(motion))
+        weights = []
+        for name, column in fixed:
             here = placed(column.time_basis, motion.time, half, own)
-            weight = 1.0 if column.time_basis.kind == "constant" else on_grid(*here)
-            moment = moment + theta[name] * weight * term.in_plane
+            weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else on_grid(*here)))
+        moment = summed((term.in_plane for term in terms), weights, motion.alpha)
         return replace(motion, in_plane_moment=moment)
 
-    def _wind_fixed_terms(self, motion: Motion) -> Known:
+    def _wind_fixed_terms(self, motion: Motion) -> Evaluated:
         """Terms of wind-fixed columns that were evaluated on this motion already."""
         return self._known((id(motion),), lambda: (motion, {}))[1]
-
-    def _terms(self, columns: Sequence[Regressor], motion: Motion, known: Known) -> list[Term]:
-        """The term of each column; a mechanism is evaluated once for each of its thetas."""
-        for column in columns:
-            key = (column.mechanism, column.theta)
-            if key not in known:
-                terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-                known[key] = {term.name: term for term in terms}
-        return [known[column.mechanism, column.theta][column.term] for column in columns]
 
 
 def use_of_rates(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> RateUse:

@@ -59,7 +59,7 @@ class AeroTable(BaseModel):
         if len(self.mach) * len(self.alpha) > _MOST_PLACES:
             raise ValueError(f"got {len(self.mach) * len(self.alpha)} places, expected at most {_MOST_PLACES}")
         for name, values in (("slope", self.slope), ("std_error", self.std_error)):
-            if len(values) != len(self.mach) or any(len(row) != len(self.alpha) for row in values):
+            if [len(row) for row in values] != [len(self.alpha)] * len(self.mach):
                 raise ValueError(f"'{name}' must hold one value for each mach ({len(self.mach)}) and alpha")
         if any(error <= 0.0 for row in self.std_error for error in row):
             raise ValueError("'std_error' must be greater than zero: no table is exact")
@@ -150,20 +150,15 @@ def _of_yaml(path: Path) -> dict[str, Any]:
     if "alpha_deg" in content:
         content["alpha"] = [np.radians(float(value)) for value in _listed(content.pop("alpha_deg"))]
     machs, alphas = len(_listed(content.get("mach"))), len(_listed(content.get("alpha", [0.0])))
-    for name in ("slope", "std_error"):
-        if name in content:
-            content[name] = _by_place(content[name], machs, alphas)
+    for name in {"slope", "std_error"} & content.keys():
+        # A number, or a list by Mach number, as a list of lists.
+        rows = content[name] if isinstance(content[name], list) else [content[name]] * machs
+        content[name] = [row if isinstance(row, list) else [row] * alphas for row in rows]
     return content
 
 
 def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
-
-
-def _by_place(value: Any, machs: int, alphas: int) -> Any:
-    """A number, or a list by Mach number, as a list of lists."""
-    rows = value if isinstance(value, list) else [value] * machs
-    return [row if isinstance(row, list) else [row] * alphas for row in rows]
 
 
 def _of_csv(path: Path) -> dict[str, Any]:

@@ -64,20 +64,20 @@ class StaticMoment(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Each static term times each polynomial; the first of each is the mean over the window."""
-        polynomials = self._polynomials(motion.time if self.by == "time" else motion.mach)
+        along = motion.time if self.by == "time" else motion.mach
+        polynomials = _legendre(scaled(along, self.start, self.stop), max(self.offset_degree, self.slope_degree))
+        offset, slope = static_terms(motion)
         found: list[Term] = []
-        nothing = np.zeros_like(motion.alpha)
-        for term, degree in zip(static_terms(motion), (self.offset_degree, self.slope_degree), strict=True):
+        for term, degree in ((offset, self.offset_degree), (slope, self.slope_degree)):
             for order in range(degree + 1):
                 name = term.name if order == 0 else f"{term.name} drift {order}"
-                variation = polynomials[order]
-                found.append(Term(name, term.in_plane * variation, nothing, term.units))
+                found.append(replace(term, name=name, in_plane=term.in_plane * polynomials[order]))
         if self.reynolds is not None:
-            variation = scaled(np.log10(motion.reynolds), *self.reynolds)
-            found.append(Term("C_malpha drift Re", motion.alpha * variation, nothing, "1/rad"))
+            drift = scaled(np.log10(motion.reynolds), *self.reynolds)
+            found.append(replace(slope, name="C_malpha drift Re", in_plane=motion.alpha * drift))
         if self.speeds is not None:
-            variation = scaled(motion.velocity, *self.speeds)
-            found.append(Term("C_malpha drift V", motion.alpha * variation, nothing, "1/rad"))
+            drift = scaled(motion.velocity, *self.speeds)
+            found.append(replace(slope, name="C_malpha drift V", in_plane=motion.alpha * drift))
         return tuple(found)
 
     def mean_slope(self, motion: Motion, values: Mapping[str, float]) -> float:
@@ -88,9 +88,6 @@ class StaticMoment(Mechanism):
         at_one = replace(motion, alpha=np.ones_like(motion.alpha))
         slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_malpha"))
         return float(np.mean(np.sum(list(slopes), axis=0)))
-
-    def _polynomials(self, along: FloatArray) -> list[FloatArray]:
-        return _legendre(scaled(along, self.start, self.stop), max(self.offset_degree, self.slope_degree))
 
 
 def _legendre(place: FloatArray, degree: int) -> list[FloatArray]:

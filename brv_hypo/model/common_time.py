@@ -49,11 +49,6 @@ class OwnTime:
         """Common time that goes by in one of the flight's own, at its own time (s), any shape."""
         return np.asarray(np.interp(time, self.time, np.gradient(self.common, self.time)), dtype=float)
 
-    @property
-    def mach_range(self) -> float:
-        """The width of the range of Mach numbers that it flies."""
-        return abs(float(self.mach[-1] - self.mach[0]))
-
     def flies(self, common: float) -> bool:
         """Whether the flight comes by that common time (s)."""
         return bool(self.common[0] <= common <= self.common[-1])
@@ -74,7 +69,8 @@ class CommonTime:
 
     def mach(self, common: float) -> float:
         """The Mach number of a common time, s: that of the flight of the widest range that comes by it."""
-        own = max((own for own in self.flights if own.flies(common)), key=lambda own: own.mach_range, default=None)
+        there = (own for own in self.flights if own.flies(common))
+        own = max(there, key=lambda own: abs(float(own.mach[-1] - own.mach[0])), default=None)
         if own is not None:
             return float(np.interp(common, own.common, own.mach))
         # Between flights that share nothing, or beyond all: at the reference flight's mean pace.
@@ -135,57 +131,43 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
 def _beside(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: FloatArray) -> OwnTime:
     """A flight with its time (n,) s, measured and smooth Mach number (n,), in the reference flight's time."""
     raw = _time_of(mach, reference.time, reference.mach)
-    means = _means(time, measured, COMMON_MEANS)
-    of_means = means[:, 0]
-    smoother = _smoother(
-        means, np.interp(of_means, time, raw), np.interp(of_means, time, mach), reference.time, reference.mach
-    )
-    return OwnTime(time, raw if smoother is None else smoother(time), mach)
+    smooth = _smooth_common(reference, _means(time, measured, COMMON_MEANS), time, raw, mach)
+    return OwnTime(time, raw if smooth is None else smooth, mach)
 
 
-def _smoother(
-    means: FloatArray, raw: FloatArray, own: FloatArray, time: FloatArray, reference: FloatArray
-) -> Callable[[FloatArray], FloatArray] | None:
-    """The common time as a polynomial of a flight's own, where its means (n, 2) want no more by BIC; a shift first.
+def _smooth_common(
+    reference: OwnTime, means: FloatArray, time: FloatArray, raw: FloatArray, mach: FloatArray
+) -> FloatArray | None:
+    """The common time (n,) as a polynomial of a flight's own, where its means (m, 2) want no more by BIC.
 
-    `raw` (n,) is the common time by Mach number alone and `own` (n,) the flight's smooth one: where Mach number hardly
-    runs it determines time badly; a shift or a change of pace between flights is then estimated far better.
+    `raw` (n,) is the common time by Mach number alone: where that hardly runs it determines time badly; a shift or a
+    change of pace between flights is then estimated far better.
     """
-    inside = (raw > time[0]) & (raw < time[-1])
-    at, measured_mach = means[inside].T
+    pace, by_mach = np.gradient(reference.mach, reference.time), np.interp(means[:, 0], time, raw)
+    inside = (by_mach > reference.time[0]) & (by_mach < reference.time[-1])
+    at, measured = means[inside].T
     if at.size <= 2 * COMMON_DEGREE:
         return None
-    pace = np.gradient(reference, time)
-    weight = np.abs(np.interp(raw[inside], time, pace))
-    best, found = _bic(_squares(measured_mach - own[inside]), at.size, COMMON_DEGREE + 2), None
+    weight = np.abs(np.interp(by_mach[inside], reference.time, pace))
+    rest = measured - np.interp(at, time, mach)
+    best, found = _bic(float(rest @ rest), at.size, COMMON_DEGREE + 2), None
     for degree in range(COMMON_DEGREE + 1):
-        powers = Polynomial.fit(at, raw[inside] - at, degree, w=weight)
+        powers = Polynomial.fit(at, by_mach[inside] - at, degree, w=weight)
         for _ in range(COMMON_ROUNDS):
             common = at + powers(at)
-            left = measured_mach - np.interp(common, time, reference)
-            powers = powers + Polynomial.fit(at, left / np.interp(common, time, pace), degree, w=weight)
+            rest = measured - np.interp(common, reference.time, reference.mach)
+            powers = powers + Polynomial.fit(at, rest / np.interp(common, reference.time, pace), degree, w=weight)
         common = at + powers(at)
-        bic = _bic(_squares(measured_mach - np.interp(common, time, reference)), at.size, degree + 1)
+        rest = measured - np.interp(common, reference.time, reference.mach)
+        bic = _bic(float(rest @ rest), at.size, degree + 1)
         if bic < best and np.all(np.diff(common) > 0.0):
             best, found = bic, common
-    return None if found is None else _prolonged(found, at)
-
-
-def _prolonged(common: FloatArray, at: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """The common times of own times `at` (n,), and straight on beyond them."""
-    line = CubicSpline(at, common, bc_type="natural")
+    if found is None:
+        return None
+    line = CubicSpline(at, found, bc_type="natural")  # and straight on beyond the means
     slopes = line(at[[0, -1]], 1)
-
-    def extended(time: FloatArray) -> FloatArray:
-        within = line(np.clip(time, at[0], at[-1]))
-        before, after = np.minimum(time - at[0], 0.0), np.maximum(time - at[-1], 0.0)
-        return np.asarray(within + before * slopes[0] + after * slopes[1], dtype=float)
-
-    return extended
-
-
-def _squares(left: FloatArray) -> float:
-    return float(left @ left)
+    before, after = np.minimum(time - at[0], 0.0), np.maximum(time - at[-1], 0.0)
+    return np.asarray(line(np.clip(time, at[0], at[-1])) + before * slopes[0] + after * slopes[1], dtype=float)
 
 
 def _bic(squares: float, size: int, parameters: int) -> float:

@@ -95,15 +95,11 @@ class KnownSlopeSchedule(SlopeSchedule):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The sum of the schedule's terms."""
-        slope, bend = (chebval(self._cosine(motion), (0.0, *own)) for own in self._halves)
+        count = len(self.coefficients) // 2
+        halves = self.coefficients[:count], self.coefficients[count:]
+        slope, bend = (chebval(self._cosine(motion), (0.0, *half)) for half in halves)
         total = motion.alpha * (slope + motion.alpha**2 * bend)
         return (Term("C_malpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
-
-    @property
-    def _halves(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Coefficients of the slope, and of its bend."""
-        count = len(self.coefficients) // 2
-        return self.coefficients[:count], self.coefficients[count:]
 
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """None: the schedule is known."""

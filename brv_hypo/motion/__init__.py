@@ -3,7 +3,8 @@
 reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py
     options                                                      config.py
     gyros to attitude, accelerometers to the c.g.                inertial.py
-    the crossflow                                                method.py: joint, velocity, rates, polar
+    the crossflow                                                methods/: joint, polar, rates, velocity
+    what open-loop methods share                                 method.py
     what the joint method rests on                               measurement.py, smoother.py
     sensitivity to errors of the record                          responses.py
     Euler's equations inverted, axial force                      moments.py

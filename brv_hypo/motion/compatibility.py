@@ -23,9 +23,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo import thresholds as limits
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
@@ -33,109 +35,92 @@ from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.corrections import AS_IT_IS, Correction, corrections
 from brv_hypo.motion.inertial import gravity_magnitude
 from brv_hypo.motion.signals import differentiate, white_noise_level
-from brv_hypo.thresholds import (
-    COMPATIBILITY_AXIAL_SIGMAS,
-    COMPATIBILITY_AXIAL_SPREAD,
-    COMPATIBILITY_AXIAL_WITHIN,
-    COMPATIBILITY_BROKEN,
-    COMPATIBILITY_BROKEN_ALONE,
-    COMPATIBILITY_CORRECTED,
-    COMPATIBILITY_DECISIVE,
-    COMPATIBILITY_DECISIVE_IF_STRAINED,
-    COMPATIBILITY_DENSITY_SPREAD,
-    COMPATIBILITY_FURTHER_MISTAKE,
-    COMPATIBILITY_KEPT,
-    COMPATIBILITY_NEARLY_EQUAL,
-    COMPATIBILITY_NOISE_SPREAD,
-    COMPATIBILITY_NORMAL_SLOPE,
-    COMPATIBILITY_NORMAL_SPREAD,
-    COMPATIBILITY_NORMAL_WITHIN,
-    COMPATIBILITY_PRESSURE_WITHIN,
-    COMPATIBILITY_QUIET,
-    COMPATIBILITY_STEADY,
-    COMPATIBILITY_STRAINED,
-    COMPATIBILITY_TIMES_NOISE,
-    COMPATIBILITY_TOO_NOISY,
-    COMPATIBILITY_UNRELATED,
-    COMPATIBILITY_WIND,
-    COMPATIBILITY_WIND_TOLERANCES,
-    MINIMUM_SAMPLES,
-)
 
 COMPATIBILITY_FEWEST_SAMPLES = 64  # of a segment that is judged
 COMPATIBILITY_MOST_SAMPLES = 300  # that it is thinned to; bounds the time
 COMPATIBILITY_ALTITUDE_DEGREE = 3  # of the polynomial through the altitude: it is noisy, and its rate changes slowly
-COMPATIBILITY_WIND_MEMORY = 0.5
+COMPATIBILITY_WIND_MEMORY = 0.5  # of a segment, over which wind is correlated
 COMPATIBILITY_GRAVITY = 10.0  # m/s^2, of a planet that is not known
 COMPATIBILITY_GRAVITY_DOUBT = 0.2  # 1-sigma share of gravity along the path that the altitude leaves open
 COMPATIBILITY_GRAVITY_UNKNOWN = 1.0  # the same without altitude: all of it
-COMPATIBILITY_LIFT_DOUBT = (
-    1.0  # 1-sigma of the deceleration by lift, in what it is where the force has the slope of any body
-)
+# 1-sigma of the deceleration by lift, in what it is where the force has the slope of any body.
+COMPATIBILITY_LIFT_DOUBT = 1.0
 COMPATIBILITY_ANY_SPEED = 1e3  # m/s, 1-sigma of the speed that a segment starts with: open
 COMPATIBILITY_AXIAL_SAMPLES = 60  # that tell the deceleration; the time goes with their cube
-COMPATIBILITY_AXIAL_REACH = 4.0 * COMPATIBILITY_AXIAL_SPREAD  # logarithms of it that are tried
+COMPATIBILITY_AXIAL_REACH = 4.0 * limits.COMPATIBILITY_AXIAL_SPREAD  # logarithms of it that are tried
 COMPATIBILITY_AXIAL_STEPS = 41  # values tried, a fifth of a spread apart
 COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts beyond
 COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
 
 
-# ---- Gyros against accelerometers against air data: how well a record obeys what holds for every body ----
-
-
 @dataclass(frozen=True)
 class Readings:
-    """What the trial needs of one segment: all in SI over (n,) or (3, n); `change` is that of the rates."""
+    """One segment of n samples, in SI."""
 
     time: FloatArray
+    """Since its first sample (n,), s."""
     rates: FloatArray
+    """p, q, r (3, n)."""
     change: FloatArray
+    """Their derivatives (3, n); zero where the accelerometers are at the c.g. and need none."""
     forces: FloatArray
+    """ax, ay, az (3, n)."""
     velocity: FloatArray
+    """(n,)"""
     dynamic_pressure: FloatArray
+    """(n,)"""
     altitude: FloatArray | None
+    """(n,), where the record has one."""
 
 
 @dataclass(frozen=True)
 class PreparedRecord:
-    """A flight, made ready to be judged under many corrections; `*_sigma` (3,) white noise of the channels.
-
-    `wind_sigma` is that of the wind along the path, m/s; `gravity` its size, m/s^2.
-    """
+    """A flight, made ready to be judged under many corrections."""
 
     flight: Flight
+    """As it was read."""
     segments: tuple[Readings, ...]
+    """Those that are long enough."""
     rate_sigma: FloatArray
+    """White noise (3,) of the gyros, rad/s."""
     force_sigma: FloatArray
+    """White noise (3,) of the accelerometers, m/s^2."""
     velocity_sigma: float
+    """White noise of the speed, m/s."""
     wind_sigma: float
+    """Standard deviation of the wind along the path, m/s."""
     gravity: float
+    """Its size, m/s^2."""
 
 
 @dataclass(frozen=True)
 class Compatibility:
-    """How a record keeps to the relations.
-
-    `left` (3,): share of each relation that is left unexplained, 1 where the slope has the wrong sign; `noise` (3,):
-    the share that white noise alone leaves; `informative` (3,): whether the record can tell; `normal_slope` C_N per
-    rad as relation 1 has it, or None; `axial` true over sensed deceleration and `axial_sigma`; `pressure` recorded
-    over expected dynamic pressure, or None. `cost` is -ln likelihood of all but the relations.
-    """
+    """How a record keeps to the three relations."""
 
     left: FloatArray
+    """Share (3,) of each relation that is not explained; 1 where the slope has the wrong sign."""
     noise: FloatArray
+    """Share (3,) that white noise alone makes of it."""
     informative: BoolArray
+    """Whether the record can tell (3,)."""
     normal_slope: float | None
+    """C_N per rad by relation 1."""
     axial: float
+    """True over sensed deceleration."""
     axial_sigma: float
+    """Its standard deviation; inf where the record cannot tell."""
     pressure: float | None
+    """Recorded over expected dynamic pressure."""
     cost: float
+    """-ln likelihood of all but the relations."""
 
     def better_than(self, other: Compatibility) -> float:
         """By how much ln likelihood is higher, over the relations that can be judged under both."""
         both = self.informative & other.informative
-        logs = [np.log(np.maximum(one.left, np.maximum(COMPATIBILITY_KEPT, one.noise))) for one in (other, self)]
-        return float(np.sum((logs[0] - logs[1])[both])) + other.cost - self.cost
+        before, after = (
+            np.log(np.maximum(one.left, np.maximum(limits.COMPATIBILITY_KEPT, one.noise))) for one in (other, self)
+        )
+        return float(np.sum((before - after)[both])) + other.cost - self.cost
 
 
 def prepared(flight: Flight) -> PreparedRecord:
@@ -143,8 +128,9 @@ def prepared(flight: Flight) -> PreparedRecord:
     segments = tuple(piece for piece in flight.segments if piece[1] - piece[0] >= COMPATIBILITY_FEWEST_SAMPLES)
     rates = np.stack([flight.p, flight.q, flight.r])
     forces = np.stack([flight.ax, flight.ay, flight.az])
-    rate_sigma = np.array([white_noise_level(channel, flight.segments) for channel in rates])
-    force_sigma = np.array([white_noise_level(channel, flight.segments) for channel in forces])
+    rate_sigma, force_sigma = (
+        np.array([white_noise_level(channel, flight.segments) for channel in triad]) for triad in (rates, forces)
+    )
     change = np.zeros_like(rates)
     if segments and any(flight.vehicle.accelerometer_position):
         change = np.stack(
@@ -158,20 +144,22 @@ def prepared(flight: Flight) -> PreparedRecord:
         flight=flight,
         segments=tuple(
             Readings(
-                flight.time[a:b] - flight.time[a],
-                rates[:, a:b],
-                change[:, a:b],
-                forces[:, a:b],
-                flight.velocity[a:b],
-                flight.dynamic_pressure[a:b],
-                None if height is None else height[a:b],
+                time=flight.time[a:b] - flight.time[a],
+                rates=rates[:, a:b],
+                change=change[:, a:b],
+                forces=forces[:, a:b],
+                velocity=flight.velocity[a:b],
+                dynamic_pressure=flight.dynamic_pressure[a:b],
+                altitude=None if height is None else height[a:b],
             )
             for a, b in segments
         ),
         rate_sigma=rate_sigma,
         force_sigma=force_sigma,
         velocity_sigma=white_noise_level(flight.velocity, flight.segments),
-        wind_sigma=max(COMPATIBILITY_WIND, COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind)),
+        wind_sigma=max(
+            limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind)
+        ),
         gravity=gravity_magnitude(flight) or COMPATIBILITY_GRAVITY,
     )
 
@@ -186,48 +174,48 @@ def compatibility_of(record: PreparedRecord, correction: Correction) -> Compatib
     total = np.sum([tally.squares for tally in tallies], axis=0) if tallies else np.zeros((3, 3))
     size = np.maximum(total[:, 0], 1e-300)
     noise = total[:, 2] / size
-    informative = (total[:, 0] > 0.0) & (noise < COMPATIBILITY_TOO_NOISY)
+    informative = (total[:, 0] > 0.0) & (noise < limits.COMPATIBILITY_TOO_NOISY)
     left = np.where(informative, np.clip(total[:, 1] / size, 0.0, 1.0), 1.0)
-    slope = _mean_slope(tallies) if informative[0] else None
-    if slope is not None and slope <= 0.0:
-        left[0], slope = 1.0, None
+    slope = None
+    if informative[0]:
+        weight = np.array([tally.squares[0, 0] for tally in tallies])
+        slope = float(weight @ np.array([tally.normal_slope for tally in tallies]) / np.sum(weight))
+        if slope <= 0.0:
+            left[0], slope = 1.0, None
     axial, axial_sigma = _axial(record, pieces, correction)
     pressure = _pressure_ratio(record.flight, correction)
     cost = (
-        _of_normal(slope)
+        _of_ratio(slope and slope / limits.COMPATIBILITY_NORMAL_SLOPE, limits.COMPATIBILITY_NORMAL_SPREAD)
         + _of_axial(axial, axial_sigma)
-        + _of_pressure(pressure)
-        + _of_steady(max((tally.steady for tally in tallies), default=0.0))
+        + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
+        # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
+        + _of_ratio(max([1.0, *(tally.steady for tally in tallies)]), 1.0)
         + _of_noise(rate_sigma)
         + _of_noise(force_sigma)
-        + COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
+        + limits.COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
-
-
-def _mean_slope(tallies: Sequence[_Tally]) -> float:
-    """C_N over all segments, by what each has to explain."""
-    weight = np.array([tally.squares[0, 0] for tally in tallies])
-    return float(weight @ np.array([tally.normal_slope for tally in tallies]) / np.sum(weight))
 
 
 def _corrected(piece: Readings, correction: Correction) -> Readings:
     gyros, accelerometers = np.array(correction.gyros), np.array(correction.accelerometers)
     speed, pressure, height = correction.air
-    return Readings(
-        piece.time,
-        gyros @ piece.rates,
-        gyros @ piece.change,
-        accelerometers @ piece.forces,
-        speed * piece.velocity,
-        pressure * piece.dynamic_pressure,
-        None if piece.altitude is None else height * piece.altitude,
+    return replace(
+        piece,
+        rates=gyros @ piece.rates,
+        change=gyros @ piece.change,
+        forces=accelerometers @ piece.forces,
+        velocity=speed * piece.velocity,
+        dynamic_pressure=pressure * piece.dynamic_pressure,
+        altitude=None if piece.altitude is None else height * piece.altitude,
     )
 
 
 @dataclass(frozen=True)
 class _Tally:
-    """Of one segment: for each relation (3,) the square to be explained, what is left, what noise leaves."""
+    """One segment: `squares` (3, 3) of each relation to be explained, not explained, and of noise; C_N per rad; a
+    constant force in the body over what varies of it.
+    """
 
     squares: FloatArray
     normal_slope: float
@@ -237,7 +225,7 @@ class _Tally:
 def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, force_sigma: FloatArray) -> _Tally:
     vehicle = record.flight.vehicle
     time = piece.time
-    roll = _running(time, piece.rates[0])
+    roll = _integral(time, piece.rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
     omega = piece.rates[1] + 1j * piece.rates[2]
     axial, force = _force(piece, vehicle.accelerometer_position)
@@ -248,43 +236,32 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
     scale = pressure * vehicle.reference_area / vehicle.mass
     tau = 2.0 * time / time[-1] - 1.0
     powers = np.stack([np.ones_like(tau), tau, tau**2])
+    noise, rate_noise = (2.0 * float(np.mean(sigma[1:] ** 2)) for sigma in (force_sigma, rate_sigma))
 
     # Relation 1, in body axes; the path starts anywhere, and gravity and wind bend it slowly.
     start = [scale / piece.velocity * np.conj(turn) * power for power in powers]
     fixed = [powers[0].astype(complex), axial.astype(complex), scale.astype(complex), tau.astype(complex)]
-    first = _fit(force, [-scale * xi * power for power in powers], [*start, *fixed])
-    noise = float(np.mean(force_sigma[1:] ** 2))
-
+    first, slope = _fit(noise, force, [-scale * xi * power for power in powers], [*start, *fixed])
     # Relation 2, integrated; a moment fixed in the body may come and go.
     body = [_integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
     damped = _integral(time, pressure / piece.velocity * omega * spin)
     ones = np.ones_like(spin)
     ratio = [_integral(time, 1j * force * spin * power) for power in powers]
-    second = _fit(omega * spin, ratio, [ones, *body, damped, _integral(time, axial * spin)])
+    second, _ = _fit(rate_noise, omega * spin, ratio, [ones, *body, damped, _integral(time, axial * spin)])
 
     # Relation 3, integrated.
     away = spin * np.conj(turn)
     drift = [_integral(time, pressure / piece.velocity * away * power) for power in powers]
     gyro_crossflow = path_of_gyros / piece.velocity * away
     static = [_integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
-    third = _fit(omega * spin, static, [ones, *body, damped, *drift])
-    rate_noise = float(np.mean(rate_sigma[1:] ** 2))
-    squares = np.array(
-        [
-            (first.size, first.left, 2.0 * noise * first.rows),
-            (second.size, second.left, 2.0 * rate_noise * second.rows),
-            (third.size, third.left, 2.0 * rate_noise * third.rows),
-        ]
-    )
-    steady = abs(complex(np.mean(force))) / (COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
-    return _Tally(squares, first.slope, steady)
+    third, _ = _fit(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
+    steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
+    return _Tally(np.array([first, second, third]), slope, steady)
 
 
-def _integral(time: FloatArray, values: ComplexArray) -> ComplexArray:
+def _integral(time: FloatArray, values: Values) -> Values:
     """Integral of `values` (n,) from the first sample on, by trapezoids."""
-    result = np.zeros(time.size, dtype=complex)
-    np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time), out=result[1:])
-    return result
+    return np.asarray(cumulative_trapezoid(values, time, initial=0))
 
 
 def _force(piece: Readings, position: tuple[float, float, float]) -> tuple[FloatArray, ComplexArray]:
@@ -297,18 +274,13 @@ def _force(piece: Readings, position: tuple[float, float, float]) -> tuple[Float
     return moved[0], moved[1] + 1j * moved[2]
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """`size`: square of what the nuisances leave; `left`: of what the slopes leave too; `slope` on average."""
+def _fit(
+    noise: float, observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[ComplexArray]
+) -> tuple[tuple[float, float, float], float]:
+    """`observed` by real slopes, after complex nuisances: the slope on average, and three squares.
 
-    size: float
-    left: float
-    slope: float
-    rows: int
-
-
-def _fit(observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[ComplexArray]) -> _Fit:
-    """`observed` by real slopes, after complex nuisances."""
+    Those are of what nuisances do not explain, of what slopes do not explain either, and of noise of that variance.
+    """
     every = max(1, observed.size // COMPATIBILITY_MOST_SAMPLES)
     table = np.stack([*nuisances, *(1j * column for column in nuisances), *slopes, observed], axis=1)[::every]
     rows = np.concatenate([table.real, table.imag])
@@ -324,9 +296,8 @@ def _fit(observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[Com
     fitted = rows[:, count:-1] @ (answer / np.where(norms[count:-1] > 0.0, norms[count:-1], 1.0))
     first = rows[:, count]
     slope = float(first @ fitted / max(float(first @ first), 1e-300)) * float(norms[-1])
-    return _Fit(
-        power * float(rest[:, -1] @ rest[:, -1]), power * float(residual @ residual), slope, table.shape[0]
-    )
+    squares = power * float(rest[:, -1] @ rest[:, -1]), power * float(residual @ residual), noise * table.shape[0]
+    return squares, slope
 
 
 def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correction) -> tuple[float, float]:
@@ -342,8 +313,11 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
         time = piece.time[::every]
         change, doubt = piece.velocity - piece.velocity[0], COMPATIBILITY_GRAVITY_UNKNOWN
         if piece.altitude is not None:
-            fall = np.gradient(_slowly(piece.altitude), piece.time)
-            change = change + record.gravity * _running(piece.time, fall / piece.velocity)
+            # Altitude is noisy, and its rate changes slowly.
+            place = np.linspace(-1.0, 1.0, piece.time.size)
+            smooth = np.polyval(np.polyfit(place, piece.altitude, COMPATIBILITY_ALTITUDE_DEGREE), place)
+            fall = np.gradient(smooth, piece.time)
+            change = change + record.gravity * _integral(piece.time, fall / piece.velocity)
             doubt = COMPATIBILITY_GRAVITY_DOUBT
         apart = np.abs(time[:, None] - time) / (COMPATIBILITY_WIND_MEMORY * time[-1])
         covariance = record.wind_sigma**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
@@ -351,7 +325,7 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
         lift = COMPATIBILITY_LIFT_DOUBT * _slowed_by_lift(record.flight.vehicle, piece)[::every]
         covariance += np.outer(lift, lift)
         covariance += (record.velocity_sigma * correction.air[0]) ** 2 * np.eye(time.size)
-        sensed = _running(piece.time, piece.forces[0])[::every]
+        sensed = _integral(piece.time, piece.forces[0])[::every]
         weighted = np.linalg.solve(covariance, sensed)
         information += float(weighted @ sensed)
         right += float(weighted @ change[::every])
@@ -363,20 +337,9 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
 def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
     """Speed (n,) m/s that the normal force takes: f^2 over q_inf S C_N / m, and never more than f."""
     normal = np.hypot(piece.forces[1], piece.forces[2])
-    stiffness = COMPATIBILITY_NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
+    stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
     angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
-    return _running(piece.time, normal * angle)
-
-
-def _running(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Integral of real `values` (n,) from the first sample on."""
-    return np.asarray(_integral(time, values.astype(complex)).real)
-
-
-def _slowly(values: FloatArray) -> FloatArray:
-    """A polynomial through `values` (n,): altitude is noisy, and its rate changes slowly."""
-    place = np.linspace(-1.0, 1.0, values.size)
-    return np.asarray(np.polyval(np.polyfit(place, values, COMPATIBILITY_ALTITUDE_DEGREE), place), dtype=np.float64)
+    return _integral(piece.time, normal * angle)
 
 
 def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
@@ -397,33 +360,16 @@ def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
     return float(np.median(ratios)) if ratios.size else None
 
 
-def _of_normal(slope: float | None) -> float:
-    if slope is None:
-        return 0.0
-    return min(
-        0.5 * float(np.log(slope / COMPATIBILITY_NORMAL_SLOPE) / COMPATIBILITY_NORMAL_SPREAD) ** 2,
-        COMPATIBILITY_MOST_PER_CHECK,
-    )
-
-
-def _of_steady(size: float) -> float:
-    """What a constant force in the body costs: a wrong roll rate or lever arm makes one out of nothing."""
-    return min(0.5 * float(np.log(max(size, 1.0))) ** 2, COMPATIBILITY_MOST_PER_CHECK)
+def _of_ratio(ratio: float | None, spread: float) -> float:
+    """What a ratio costs that should be 1, its logarithm of that standard deviation; nothing where it is not known."""
+    return 0.0 if ratio is None else min(0.5 * float(np.log(ratio) / spread) ** 2, COMPATIBILITY_MOST_PER_CHECK)
 
 
 def _of_axial(ratio: float, sigma: float) -> float:
     """What a deceleration of `ratio` to that sensed costs: shared by an error of scale and by wind and gravity."""
     logs = np.linspace(-COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_REACH, COMPATIBILITY_AXIAL_STEPS)
-    costs = 0.5 * (logs / COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
+    costs = 0.5 * (logs / limits.COMPATIBILITY_AXIAL_SPREAD) ** 2 + 0.5 * ((ratio - np.exp(logs)) / sigma) ** 2
     return min(float(np.min(costs)), COMPATIBILITY_MOST_PER_CHECK)
-
-
-def _of_pressure(ratio: float | None) -> float:
-    return (
-        0.0
-        if ratio is None
-        else min(0.5 * float(np.log(ratio) / COMPATIBILITY_DENSITY_SPREAD) ** 2, COMPATIBILITY_MOST_PER_CHECK)
-    )
 
 
 def _of_noise(sigma: FloatArray) -> float:
@@ -431,10 +377,8 @@ def _of_noise(sigma: FloatArray) -> float:
     if not np.all(sigma > 0.0):
         return 0.0
     logs = np.log(sigma)
-    return min(
-        0.5 * float(np.sum((logs - np.median(logs)) ** 2)) / COMPATIBILITY_NOISE_SPREAD**2,
-        COMPATIBILITY_MOST_OF_NOISE,
-    )
+    squares = float(np.sum((logs - np.median(logs)) ** 2))
+    return min(0.5 * squares / limits.COMPATIBILITY_NOISE_SPREAD**2, COMPATIBILITY_MOST_OF_NOISE)
 
 
 # ---- The trial of a record, before anything is fitted to it: `try_record` ----
@@ -456,7 +400,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     so is a flight that is no valid record, or of which masking leaves nothing. A window of a sound record that is too
     short for any record is not tried.
     """
-    if flight.time.size < MINIMUM_SAMPLES:
+    if flight.time.size < limits.MINIMUM_SAMPLES:
         return flight, RecordTrial(sound=True, faults=())
     try:
         masked, faults = masked_flight(flight)
@@ -479,75 +423,60 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if not broken:
         return ()
     found = []
-    least = COMPATIBILITY_DECISIVE if set(broken) - {"path, strained"} else COMPATIBILITY_DECISIVE_IF_STRAINED
-    ranked = _ranked(record, as_read)
+    strained = set(broken) == {"path, strained"}
+    least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
+    tried = [(one, compatibility_of(record, one)) for one in corrections()]
+    ranked = sorted(((one, after.better_than(as_read), after) for one, after in tried), key=lambda entry: -entry[1])
     corrected = ranked[0][2]
     likely = [
         correction
         for correction, gain, after in ranked
-        if gain >= max(least, ranked[0][1] - COMPATIBILITY_NEARLY_EQUAL) and _corrects(after, as_read, broken)
+        if gain >= max(least, ranked[0][1] - limits.COMPATIBILITY_NEARLY_EQUAL) and _corrects(after, as_read, broken)
     ]
     if likely and likely[0] is ranked[0][0]:
-        found.append(_named(flight, likely))
+        best, others = likely[0], "; or ".join(one.words for one in likely[1 : 1 + MOST_OTHERS])
+        nearly = f" (nearly as likely: {others})" if others else ""
+        found.append(_fault(flight, best.channel, best.fault, f"{best.words}{nearly}: correct the map"))
     if "path" in broken and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
         found.append(_fault(flight, "p, q, r, ay, az", "axes", words))
     return tuple(found)
 
 
-def _ranked(record: PreparedRecord, as_read: Compatibility) -> list[tuple[Correction, float, Compatibility]]:
-    """Every correction with what it gains and leaves, the best first."""
-    tried = [(one, compatibility_of(record, one)) for one in corrections()]
-    ranked = [(one, after.better_than(as_read), after) for one, after in tried]
-    return sorted(ranked, key=lambda entry: -entry[1])
-
-
-def _named(flight: Flight, likely: Sequence[Correction]) -> RecordFault:
-    """The fault of the likeliest correction; others that restore the record nearly as well are named."""
-    best, others = likely[0], likely[1 : 1 + MOST_OTHERS]
-    nearly = f" (nearly as likely: {'; or '.join(one.words for one in others)})" if others else ""
-    action = f"{best.words}{nearly}: correct the map"
-    return _fault(flight, best.channel, best.fault, action)
-
-
 def _broken(found: Compatibility) -> Sequence[str]:
     """The checks that the record fails by more than any tolerance."""
     failed = []
-    beyond_noise = found.left[0] - COMPATIBILITY_TIMES_NOISE * found.noise[0]
-    if found.informative[0] and beyond_noise > COMPATIBILITY_STRAINED:
-        failed.append("path" if beyond_noise > COMPATIBILITY_BROKEN else "path, strained")
-    if not found.informative[0] and found.informative[2] and found.left[2] > COMPATIBILITY_BROKEN_ALONE:
+    beyond_noise = found.left[0] - limits.COMPATIBILITY_TIMES_NOISE * found.noise[0]
+    if found.informative[0] and beyond_noise > limits.COMPATIBILITY_STRAINED:
+        failed.append("path" if beyond_noise > limits.COMPATIBILITY_BROKEN else "path, strained")
+    if not found.informative[0] and found.informative[2] and found.left[2] > limits.COMPATIBILITY_BROKEN_ALONE:
         failed.append("gyros")
-    doubt = COMPATIBILITY_AXIAL_SIGMAS * found.axial_sigma
-    if found.axial + doubt < COMPATIBILITY_AXIAL_WITHIN[0] or found.axial - doubt > COMPATIBILITY_AXIAL_WITHIN[1]:
+    doubt, (least, most) = limits.COMPATIBILITY_AXIAL_SIGMAS * found.axial_sigma, limits.COMPATIBILITY_AXIAL_WITHIN
+    if found.axial + doubt < least or found.axial - doubt > most:
         failed.append("axial")
-    if (
-        found.pressure is not None
-        and not COMPATIBILITY_PRESSURE_WITHIN[0] < found.pressure < COMPATIBILITY_PRESSURE_WITHIN[1]
+    for name, value, (low, high) in (
+        ("pressure", found.pressure, limits.COMPATIBILITY_PRESSURE_WITHIN),
+        ("slope", found.normal_slope, limits.COMPATIBILITY_NORMAL_WITHIN),
     ):
-        failed.append("pressure")
-    if (
-        found.normal_slope is not None
-        and not COMPATIBILITY_NORMAL_WITHIN[0] < found.normal_slope < COMPATIBILITY_NORMAL_WITHIN[1]
-    ):
-        failed.append("slope")
+        if value is not None and not low < value < high:
+            failed.append(name)
     return failed
 
 
 def _corrects(corrected: Compatibility, as_read: Compatibility, broken: Sequence[str]) -> bool:
     """Whether a correction restores any of the broken checks, and breaks no other."""
     still = set(_broken(corrected))
-    if corrected.left[0] < COMPATIBILITY_CORRECTED * as_read.left[0]:
+    if corrected.left[0] < limits.COMPATIBILITY_CORRECTED * as_read.left[0]:
         still -= {"path", "path, strained"}
-    if corrected.left[2] < COMPATIBILITY_CORRECTED * as_read.left[2]:
+    if corrected.left[2] < limits.COMPATIBILITY_CORRECTED * as_read.left[2]:
         still.discard("gyros")
     return still < set(broken)
 
 
 def _unrelated(found: Compatibility) -> bool:
     """Whether much of each instrument does not follow from the others, though noise would let it."""
-    conclusive = found.informative & (found.noise < COMPATIBILITY_QUIET)
-    return bool(conclusive[0] and (found.left[conclusive] > COMPATIBILITY_UNRELATED).all())
+    conclusive = found.informative & (found.noise < limits.COMPATIBILITY_QUIET)
+    return bool(conclusive[0] and (found.left[conclusive] > limits.COMPATIBILITY_UNRELATED).all())
 
 
 def _fault(flight: Flight, channel: str, fault: str, action: str) -> RecordFault:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from brv_hypo.io.text import meant
+from brv_hypo.motion.methods import method_names
 from brv_hypo.motion.signals import ColouredNoise
 
-Method = Literal["joint", "velocity", "rates", "polar"]
+
+def _known(name: str) -> str:
+    known = method_names()
+    if name not in known:
+        raise ValueError(f"no such method ({meant(name, known, 'known are ' + ', '.join(known))})")
+    return name
+
+
+Method = Annotated[str, AfterValidator(_known)]
 Measurements = Literal["auto", "force", "moment", "both"]
 
 

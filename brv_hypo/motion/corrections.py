@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +16,13 @@ _G = 9.80665  # m/s^2, standard gravity (CGPM 1901)
 _FEET = 0.3048  # m in a foot (international, 1959)
 _PSF = 47.88026  # Pa in a lbf/ft^2
 
-_GYROS = ("p", "q", "r")
-_ACCELEROMETERS = ("ax", "ay", "az")
+_TRIADS = {"gyros": ("p", "q", "r"), "accelerometers": ("ax", "ay", "az")}
+_TRIAD_UNITS = (
+    ("gyros", _DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
+    ("accelerometers", _G, "g tagged m/s^2", "m/s^2 tagged g"),
+    ("accelerometers", 1.0 / _FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
+)
 _AIR = ("velocity", "dynamic_pressure", "altitude")
-
 _AIR_UNITS = (
     (("velocity",), 1.0 / _FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
     (("dynamic_pressure",), _PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
@@ -31,19 +36,22 @@ _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @dataclass(frozen=True)
 class Correction:
-    """Gyros and accelerometers as they should read are `gyros` and `accelerometers` (3, 3) times those read.
-
-    `air` multiplies velocity, dynamic pressure and altitude. `channels` are at fault; `fault` names the kind
-    and `words` say it. `changes` counts how many separate mistakes would have been made.
-    """
+    """What undoes a mistake: the factors from what a record reads to what it should read."""
 
     channels: tuple[str, ...]
+    """Those at fault."""
     fault: str
+    """Its kind: sign, axes or units."""
     words: str
+    """How the channels read, in a sentence."""
     gyros: Matrix = _IDENTITY
+    """(3, 3), times p, q, r."""
     accelerometers: Matrix = _IDENTITY
+    """(3, 3), times ax, ay, az."""
     air: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Times velocity, dynamic pressure and altitude."""
     changes: int = 1
+    """How many separate mistakes would have been made."""
 
     @property
     def channel(self) -> str:
@@ -59,83 +67,69 @@ def corrections() -> tuple[Correction, ...]:
     return (*_signs(), *_exchanges(), *_units(), *_turned_gyros())
 
 
-def _signs() -> list[Correction]:
-    found = []
-    for triad, names in (("gyros", _GYROS), ("accelerometers", _ACCELEROMETERS)):
+def _signs() -> Iterator[Correction]:
+    for triad, names in _TRIADS.items():
         for i, name in enumerate(names):
-            factors = np.ones(3)
-            factors[i] = -1.0
             words = f"{name} reads as if its sign were flipped"
-            found.append(_of_triad(triad, (name,), "sign", words, np.diag(factors)))
-    return found
+            yield _of_triad(triad, (name,), "sign", words, _scaled(i, -1.0))
 
 
-def _exchanges() -> list[Correction]:
-    found = []
-    for triad, names in (("gyros", _GYROS), ("accelerometers", _ACCELEROMETERS)):
+def _exchanges() -> Iterator[Correction]:
+    for triad, names in _TRIADS.items():
         for i, j in ((1, 2), (0, 1), (0, 2)):
             matrix = np.eye(3)
             matrix[[i, j]] = matrix[[j, i]]
-            pair = (names[i], names[j])
             words = f"{names[i]} and {names[j]} read as if they were exchanged"
-            found.append(_of_triad(triad, pair, "axes", words, matrix))
-    return found
+            yield _of_triad(triad, (names[i], names[j]), "axes", words, matrix)
 
 
-def _units() -> list[Correction]:
-    found = []
-    kinds = (
-        ("gyros", _GYROS, _DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
-        ("accelerometers", _ACCELEROMETERS, _G, "g tagged m/s^2", "m/s^2 tagged g"),
-        ("accelerometers", _ACCELEROMETERS, 1.0 / _FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
-    )
-    for triad, names, factor, too_small, too_large in kinds:
+def _units() -> Iterator[Correction]:
+    for triad, factor, too_small, too_large in _TRIAD_UNITS:
+        names = _TRIADS[triad]
         for value, mislabel in ((factor, too_small), (1.0 / factor, too_large)):
             for i, name in enumerate(names):
-                factors = np.ones(3)
-                factors[i] = value
                 words = f"{name} reads as if it were {mislabel}"
-                found.append(_of_triad(triad, (name,), "units", words, np.diag(factors)))
+                yield _of_triad(triad, (name,), "units", words, _scaled(i, value))
             words = f"{', '.join(names)} read as if they were {mislabel}"
-            found.append(_of_triad(triad, names, "units", words, value * np.eye(3)))
+            yield _of_triad(triad, names, "units", words, value * np.eye(3))
     for chosen, factor, too_small, too_large in _AIR_UNITS:
         for value, mislabel in ((factor, too_small), (1.0 / factor, too_large)):
-            air = tuple(value if name in chosen else 1.0 for name in _AIR)
+            velocity, pressure, altitude = (value if name in chosen else 1.0 for name in _AIR)
             verb = "read as if they were" if len(chosen) > 1 else "reads as if it were"
             words = f"{' and '.join(chosen)} {verb} {mislabel}"
-            found.append(Correction(chosen, "units", words, air=(air[0], air[1], air[2])))
-    return found
+            yield Correction(chosen, "units", words, air=(velocity, pressure, altitude))
 
 
-def _turned_gyros() -> list[Correction]:
+def _turned_gyros() -> Iterator[Correction]:
     """The other ways in which the transverse gyros can stand to the transverse accelerometers.
 
     Signs and an exchange of y and z make 16 ways, counted with the sign of p; those of a single mistake are
     above. Turning both triads together changes nothing that can be seen.
     """
-    found = []
     for swapped, p, q, r in product((False, True), (1.0, -1.0), (1.0, -1.0), (1.0, -1.0)):
-        flipped = [name for name, sign in zip(_GYROS, (p, q, r), strict=True) if sign < 0.0]
+        names = _TRIADS["gyros"]
+        flipped = [name for name, sign in zip(names, (p, q, r), strict=True) if sign < 0.0]
         changes = len(flipped) + swapped
         if changes < 2:
             continue
-        rows = [[p, 0.0, 0.0], [0.0, q, 0.0], [0.0, 0.0, r]]
-        if swapped:
-            rows = [[p, 0.0, 0.0], [0.0, 0.0, q], [0.0, r, 0.0]]
         mistakes = ["q and r were exchanged"] if swapped else []
         if flipped:
             mistakes.append(f"the sign of {' and '.join(flipped)} flipped")
-        at_fault = tuple(name for name in _GYROS if name in flipped or (swapped and name != "p"))
+        at_fault = tuple(name for name in names if name in flipped or (swapped and name != "p"))
         words = f"axes and signs of the gyros are in doubt: they read as if {', and '.join(mistakes)}"
-        matrix = np.array(rows)
-        found.append(_of_triad("gyros", at_fault, "axes", words, matrix, changes))
-    return found
+        matrix = np.diag([p, q, r])[:, [0, 2, 1] if swapped else [0, 1, 2]]
+        yield _of_triad("gyros", at_fault, "axes", words, matrix, changes)
+
+
+def _scaled(axis: int, factor: float) -> FloatArray:
+    matrix = np.eye(3)
+    matrix[axis, axis] = factor
+    return matrix
 
 
 def _of_triad(
     triad: str, channels: tuple[str, ...], fault: str, words: str, matrix: FloatArray, changes: int = 1
 ) -> Correction:
     values: Matrix = tuple((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
-    if triad == "gyros":
-        return Correction(channels, fault, words, gyros=values, changes=changes)
-    return Correction(channels, fault, words, accelerometers=values, changes=changes)
+    factors: dict[str, Any] = {triad: values}
+    return Correction(channels, fault, words, changes=changes, **factors)

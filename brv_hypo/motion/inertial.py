@@ -22,13 +22,13 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.kinematics import body_attitude
+from brv_hypo.motion.kinematics import body_attitude, unit
 from brv_hypo.motion.signals import (
     ColouredNoise,
     Derivative,
     differentiate,
+    differentiated,
     transverse_noise_level,
-    white_noise_level,
 )
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
@@ -36,37 +36,36 @@ FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
 LEAST_CYCLES = 0.5  # of the nose, that a record counts as
 
 
-# ---- What the instruments say before any wind is assumed: attitude, forces at the c.g., noise levels ----
-
-
-
-
 @dataclass(frozen=True)
 class InertialRecord:
-    """A flight, integrated; transverse pairs are y + i z, arrays are over time (n,).
-
-    `roll` rad, the integral of p; `attitude` (n, 3, 3) turns body axes into those of the first sample;
-    `transverse_rate` q + i r rad/s, smoothed, and `rate_change` its derivative, rad/s^2; `spin_rate` is the
-    filter's work on (q + i r) exp(i `spin_angle`), `spin_angle` being (1 - Ix/I) of the roll, where spin
-    coupling drops out; `force` (n, 3) m/s^2 the specific force at the c.g. in body axes; `measured` where
-    the instruments were read, not bridged; `gyro_sigma` rad/s, `accel_sigma` m/s^2 white noise;
-    `gyro_walk` rad/s the noise that the attitude is integrated with; `force_sigma` (n,) m/s^2 that of the transverse
-    force once moved to the c.g.
-    """
+    """A flight of n samples, its gyros integrated; transverse pairs are y + i z."""
 
     flight: Flight
+    """The record."""
     roll: FloatArray
+    """Integral of p (n,), rad."""
     attitude: FloatArray
+    """Turns body axes into those of the first sample (n, 3, 3)."""
     transverse_rate: ComplexArray
+    """q + i r (n,) rad/s, smoothed."""
     rate_change: ComplexArray
+    """Its derivative (n,), rad/s^2."""
     spin_rate: Derivative
+    """The derivative of (q + i r) exp(i `spin_angle`), from which spin coupling drops out."""
     spin_angle: FloatArray
+    """(1 - Ix/I) of the roll (n,), rad."""
     force: FloatArray
+    """Specific force at the c.g. in body axes (n, 3), m/s^2."""
     measured: BoolArray
+    """Where the instruments were read (n,), not bridged."""
     gyro_sigma: float
+    """White noise of the transverse gyros, rad/s."""
     gyro_walk: ColouredNoise
+    """The noise that the attitude is integrated with, rad/s."""
     accel_sigma: float
+    """White noise of the transverse accelerometers, m/s^2."""
     force_sigma: FloatArray
+    """Noise (n,) of the transverse force once moved to the c.g., m/s^2."""
 
     @property
     def time(self) -> FloatArray:
@@ -122,13 +121,18 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     time = flight.time - flight.time[0]
     roll, attitude = body_attitude(time, flight.p, flight.q + 1j * flight.r)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
-    spin = differentiate(
-        (flight.q + 1j * flight.r) * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments
-    )
+    rates = flight.q + 1j * flight.r
+    spin = differentiate(rates * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments)
     rate = spin.value * np.exp(-1j * spin_angle)
     turning = 1j * (1.0 - flight.vehicle.inertia_ratio) * flight.p * rate
     change = spin.rate * np.exp(-1j * spin_angle) - turning
-    force, force_sigma = _force_at_cg(flight, rate, change, spin, gyro_sigma, accel_sigma)
+    force, force_sigma = sensed_force(flight), np.full(flight.samples, accel_sigma)
+    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
+    if np.any(arm):
+        p_change = differentiated(flight, flight.p).rate.real
+        force = force - arm_acceleration(flight.p, p_change, rate, change, arm)
+        gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)
+        force_sigma = np.sqrt(accel_sigma**2 + (np.linalg.norm(arm) * gyro_sigma * gain) ** 2)
     return InertialRecord(
         flight=flight,
         roll=roll,
@@ -138,7 +142,7 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
         spin_rate=spin,
         spin_angle=spin_angle,
         force=force,
-        measured=_measured(flight),
+        measured=measured(flight),
         gyro_sigma=gyro_sigma,
         gyro_walk=config.gyro_walk or ColouredNoise(gyro_sigma),
         accel_sigma=accel_sigma,
@@ -163,10 +167,11 @@ def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
             )
 
 
-def _measured(flight: Flight) -> BoolArray:
+def measured(flight: Flight, ends: int = 0) -> BoolArray:
+    """Where the instruments were read (n,), not bridged, less so many samples at the ends of each segment."""
     inside = np.zeros(flight.samples, dtype=bool)
     for start, stop in flight.segments:
-        inside[start:stop] = True
+        inside[start + ends : stop - ends] = True
     return inside
 
 
@@ -187,25 +192,12 @@ def arm_acceleration(
     return out
 
 
-def _force_at_cg(
-    flight: Flight,
-    rate: ComplexArray,
-    change: ComplexArray,
-    spin: Derivative,
-    gyro_sigma: float,
-    accel_sigma: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Specific force at the c.g. (n, 3) and its transverse noise (n,), from CONVENTIONS."""
-    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    sensed = np.stack([flight.ax, flight.ay, flight.az], axis=1)
-    if not np.any(arm):
-        return sensed, np.full(flight.samples, accel_sigma)
-    roll_rate = differentiate(
-        flight.p.astype(complex), flight.step, white_noise_level(flight.p, flight.segments), flight.segments
-    )
-    moved = sensed - arm_acceleration(flight.p, roll_rate.rate.real, rate, change, arm)
-    gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)
-    return moved, np.sqrt(accel_sigma**2 + (np.linalg.norm(arm) * gyro_sigma * gain) ** 2)
+def sensed_force(flight: Flight) -> FloatArray:
+    """What the accelerometers read (n, 3), m/s^2."""
+    return np.stack([flight.ax, flight.ay, flight.az], axis=1)
+
+
+# ---- The velocity from a start, by forces and gravity ----
 
 
 # Surface gravity m/s^2 and mean radius m.
@@ -234,19 +226,26 @@ def gravity_magnitude(flight: Flight) -> float | None:
     return surface * (radius / (radius + height)) ** 2
 
 
+def gravity_size(flight: Flight) -> float:
+    """How large gravity may be, m/s^2."""
+    return gravity_magnitude(flight) or FREE_GRAVITY
+
+
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
     if forces:
         return direction_by_impulse(record, start, force_impulse(record))
     turned = running_integral(record.time, start.gravity / record.flight.velocity[:, None])
-    velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
-    return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
+    return _unit(start.direction + turned - np.outer(turned @ start.direction, start.direction))
 
 
 def direction_by_impulse(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
     """The same turned by forces, whose impulse (n, 3) m/s is known."""
-    velocity = _velocity(record, start, impulse)
-    return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
+    return _unit(_velocity(record, start, impulse))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> list[ComplexArray]:
@@ -321,6 +320,12 @@ def transverse_axes(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
         second - ((direction @ second) / size)[:, None] * both,
         third - ((direction @ third) / size)[:, None] * both,
     )
+
+
+def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
+    """Unit number (n,) that turns a transverse pair from wind axes, of a velocity direction (n, 3), into body axes."""
+    second, third = (record.to_body(axis) for axis in transverse_axes(direction))
+    return unit(second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2]))
 
 
 def cycles(record: InertialRecord) -> float:

@@ -1,5 +1,6 @@
-"""Measured inputs freed of noise: roll rate, speed and pressure enter the equations of motion, and their
-noise accumulates. What is left of it is slow (`smoothing`).
+"""Measured inputs freed of noise: roll rate, speed and pressure enter the equations of motion, and noise accumulates.
+
+`smooth_inputs` is the entrance. What is left of the noise is slow, and known as shapes in time (signals.py).
 """
 
 from __future__ import annotations
@@ -10,11 +11,19 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.inertial import arm_acceleration
+from brv_hypo.motion.inertial import arm_acceleration, sensed_force
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.kinematics import crossflow, derolled_attitude
+from brv_hypo.motion.kinematics import derolled_attitude
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.signals import InputError, Smooth, differentiate, smoothed, unsmoothed, white_noise_level
+from brv_hypo.motion.signals import (
+    InputError,
+    Smooth,
+    smooth_channel,
+    smoothed,
+    unsmoothed,
+    white_noise_level,
+    with_smooth_air,
+)
 
 DENSITY_PASSES = 3  # Gauss-Newton steps, from the density smoothed as it stands
 DENSITY_LEAST = 1e-3  # of the largest: where the pressure is lost in its noise its logarithm means nothing
@@ -30,34 +39,54 @@ PRESSURE = "pressure noise"
 
 @dataclass(frozen=True)
 class SmoothInputs:
-    """One flight's inputs as the equations of motion take them: roll rate rad/s and its integral rad, speed m/s,
-    dynamic pressure Pa, each (n,); `errors` what is left of their noise.
-
-    Row j of `gravity_axes` (n, 3, 3) holds the axes of the first sample along de-rolled axis j at each sample.
-    """
+    """The inputs of one flight of n samples, as the equations of motion take them."""
 
     roll_rate: FloatArray
+    """(n,) rad/s."""
     roll: FloatArray
+    """Its integral (n,), rad."""
     gravity_axes: FloatArray
+    """Row j holds the axes of the first sample along de-rolled axis j at each sample (n, 3, 3)."""
     speed: FloatArray
+    """(n,) m/s."""
     pressure: FloatArray
+    """Dynamic pressure (n,), Pa."""
     errors: tuple[InputError, ...]
+    """What is left of their noise."""
 
 
 def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
     """The inputs of a flight, at its reconstructed motion; those of a flight that holds them smoothed as they are."""
     flight, motion = reconstruction.flight, reconstruction.motion
+    omega = motion.q + 1j * motion.r
+
+    def derolled(roll_rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        roll = running_integral(flight.time, roll_rate)
+        turn = derolled_attitude(flight.time, omega * np.exp(1j * roll))
+        return roll, np.asarray(np.transpose(turn, (0, 2, 1)))
+
     if reconstruction.input_errors:
-        roll = running_integral(flight.time, flight.p)
-        axes = _gravity_axes(reconstruction, roll)
+        roll, axes = derolled(flight.p)
         return SmoothInputs(
-            flight.p, roll, axes, flight.velocity, flight.dynamic_pressure, reconstruction.input_errors
+            roll_rate=flight.p,
+            roll=roll,
+            gravity_axes=axes,
+            speed=flight.velocity,
+            pressure=flight.dynamic_pressure,
+            errors=reconstruction.input_errors,
         )
-    roll_rate = _roll_rate(flight)
-    force = _force_at_cg(reconstruction, roll_rate.values)
-    roll = running_integral(flight.time, roll_rate.values)
-    axes = _gravity_axes(reconstruction, roll)
-    speed = smooth_speed(flight, force, crossflow(motion.alpha, motion.windward_meridian))
+    roll_rate = smoothed(flight.p)
+    if not follows(flight.p, roll_rate.values, flight):  # the local filter leaves slow noise as it is
+        noise = white_noise_level(flight.p, flight.segments)
+        roll_rate = Smooth(smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
+    roll, axes = derolled(roll_rate.values)
+    # About an arm the sensed force turns with the body, as large as the drag where that spins.
+    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
+    force = sensed_force(flight)
+    if np.any(arm):
+        roll_change, change = (np.gradient(values, flight.time) for values in (roll_rate.values, omega))
+        force = force - arm_acceleration(roll_rate.values, roll_change, omega, change, arm)
+    speed = smooth_speed(flight, force, reconstruction.crossflow)
     waves = scale_heights_risen(flight, _lifted(reconstruction, force, roll, axes))
     density = log_density(flight, speed, waves)
     pressure = replace(density, values=np.exp(density.values) * speed**2)
@@ -72,16 +101,14 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
         InputError(ROLL_RATE, span, significant_shapes(roll_rate.scale, 1.0 / order, reconstruction)),
         InputError(PRESSURE, span, significant_shapes(pressure.scale, np.ones(INPUT_MOST_SHAPES), reconstruction)),
     )
-    return SmoothInputs(roll_rate.values, roll, axes, speed, pressure.values, errors)
-
-
-def _roll_rate(flight: Flight) -> Smooth:
-    """By a spline; where it varies faster, by the local filter, which leaves slow noise as it is."""
-    spline = smoothed(flight.p)
-    if follows(flight.p, spline.values, flight):
-        return spline
-    noise = white_noise_level(flight.p, flight.segments)
-    return Smooth(smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
+    return SmoothInputs(
+        roll_rate=roll_rate.values,
+        roll=roll,
+        gravity_axes=axes,
+        speed=speed,
+        pressure=pressure.values,
+        errors=errors,
+    )
 
 
 def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
@@ -113,45 +140,10 @@ def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
     return bool(np.std(np.concatenate(left)) <= INPUT_FOLLOWED * white)
 
 
-def with_smooth_air(flight: Flight) -> Flight:
-    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
-
-    The density is far smoother than the pressure, which follows drag and lift through the speed.
-    """
-    speed = smooth_channel(flight, flight.velocity)
-    density = flight.dynamic_pressure / speed**2
-    least = 1e-6 * float(np.max(density))
-    logarithm = smooth_channel(flight, np.log(np.maximum(density, least)))
-    return replace(flight, velocity=speed, dynamic_pressure=np.exp(logarithm) * speed**2)
-
-
-def smooth_channel(flight: Flight, channel: FloatArray) -> FloatArray:
-    """A channel (n,) through the filter of least mean-square error."""
-    noise = white_noise_level(channel, flight.segments)
-    sigma = max(noise, 1e-9 * float(np.max(np.abs(channel))) + 1e-300)
-    return differentiate(channel.astype(complex), flight.step, sigma, flight.segments).value.real
-
-
-def _force_at_cg(reconstruction: Reconstruction, roll_rate: FloatArray) -> FloatArray:
-    """Specific force (n, 3) m/s^2 at the c.g.: about an arm it turns with the body, as large as the drag where that
-    spins.
-    """
-    flight, motion = reconstruction.flight, reconstruction.motion
-    sensed = np.stack([flight.ax, flight.ay, flight.az], axis=1)
-    arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    if not np.any(arm):
-        return sensed
-    rate = motion.q + 1j * motion.r
-    roll_change, change = (np.gradient(values, flight.time) for values in (roll_rate, rate))
-    return np.asarray(sensed - arm_acceleration(roll_rate, roll_change, rate, change, arm))
-
-
 def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatArray:
-    """Speed (n,), m/s: the integral of the `force` (n, 3) m/s^2 along the velocity, at the crossflow `xi` (n,), plus
-    what varies slowly.
+    """Speed (n,) m/s: the integral of the `force` (n, 3) m/s^2 along the velocity, plus what varies slowly.
 
-    Drag follows the angle of attack, so that the speed itself is not slow; what the accelerometers leave over
-    is.
+    Drag follows the angle of attack, so that the speed itself is not slow; the rest is. `xi` (n,) is the crossflow.
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(xi) ** 2, 0.0))
     along = force[:, 0] * forward + ((force[:, 1] + 1j * force[:, 2]) * np.conj(xi)).real
@@ -159,16 +151,7 @@ def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatAr
     return smoothed(flight.velocity - impulse).values + impulse
 
 
-def _gravity_axes(reconstruction: Reconstruction, roll: FloatArray) -> FloatArray:
-    """See `SmoothInputs`."""
-    omega = reconstruction.motion.q + 1j * reconstruction.motion.r
-    turn = derolled_attitude(reconstruction.flight.time, omega * np.exp(1j * roll))
-    return np.asarray(np.transpose(turn, (0, 2, 1)))
-
-
-def _lifted(
-    reconstruction: Reconstruction, force: FloatArray, roll: FloatArray, axes: FloatArray
-) -> FloatArray:
+def _lifted(reconstruction: Reconstruction, force: FloatArray, roll: FloatArray, axes: FloatArray) -> FloatArray:
     """Height (n,) m by which the `force` (n, 3) across the axis has raised the vehicle: a coning body flies a helix.
 
     Zero where the direction of gravity is not known.
@@ -194,11 +177,10 @@ def scale_heights_risen(flight: Flight, height: FloatArray) -> FloatArray:
 
 
 def log_density(flight: Flight, speed: FloatArray, risen: FloatArray) -> Smooth:
-    """Logarithm of dynamic pressure over the square of the speed: what varies slowly, less `risen` (n,), the
-    height that lift has raised the vehicle by, in scale heights.
+    """Logarithm of dynamic pressure over the square of the speed: what varies slowly, less `risen` (n,) scale heights.
 
-    It is far smoother than the pressure; the noise is that of the pressure, so that it is fitted by least
-    squares of the pressure (Gauss-Newton).
+    It is far smoother than the pressure; the noise is that of the pressure, so that it is fitted by least squares of
+    the pressure (Gauss-Newton).
     """
     measured = flight.dynamic_pressure / speed**2
     density = smoothed(measured).values

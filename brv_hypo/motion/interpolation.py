@@ -3,32 +3,27 @@
 `Spline` and `running_integral` are cubic splines without a knot at the second and the last but one sample; signals on
 the same samples share one factorisation (de Boor, A Practical Guide to Splines, Chapter IV). `lagrange` is the
 polynomial through the six nearest nodes as one sparse matrix, with an error of 2e-6 of a sine at 24 nodes a cycle.
-`decimated_grid` keeps only the samples that a motion needs; all others follow by that matrix.
+By that matrix a `Quadrature` has nodes between the samples, and a `DecimatedGrid` keeps only those that a motion needs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
 from scipy.interpolate import CubicSpline
 from scipy.linalg.lapack import dpttrf, dpttrs
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import FloatArray, IntArray, Values
 
 RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest motion
 
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
-
 # Samples from which splines have no knot at the second and the last but one.
 _FEWEST = 4
-# Values that are worked on at once.
-_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -51,70 +46,43 @@ class SplineGrid:
         return np.diff(self.time)[:, np.newaxis]
 
     @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray]:
-        """Of the equations of the slopes, each over the product of its steps: they are symmetric so, and positive."""
-        per_step = 1.0 / self.steps[:, 0]
+    def _equations(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Factors of the equations of the slopes, and what each has of the rises of the values before and after its
+        sample (m, 1); at the ends, of the first two and of the last two.
+
+        Each equation is over the product of its steps: they are symmetric so, and positive.
+        """
+        h = self.steps
+        per_step = 1.0 / h[:, 0]
         both = per_step[:-1] + per_step[1:]
         diagonal = np.concatenate([[per_step[0] ** 2 / both[0]], 2.0 * both, [per_step[-1] ** 2 / both[-1]]])
         factored, off, _ = dpttrf(diagonal, per_step)
-        return factored, off
-
-    @cached_property
-    def _weights(self) -> tuple[FloatArray, FloatArray]:
-        """What the equation of each slope has of the rises of the values before and after its sample (m, 1); at the
-        ends, of the first two and of the last two.
-        """
-        h = self.steps
         before, after = np.empty((2, self.time.size, 1))
         before[1:-1], after[1:-1] = 3.0 / h[:-1] ** 2, 3.0 / h[1:] ** 2
         first, last = h[0] + h[1], h[-1] + h[-2]
         before[0], after[0] = (h[0] + 2.0 * first) * h[1] / (h[0] * first) ** 2, h[0] / (h[1] * first**2)
         before[-1], after[-1] = h[-1] / (h[-2] * last**2), (2.0 * last + h[-1]) * h[-2] / (h[-1] * last) ** 2
-        return before, after
+        return factored, off, before, after
 
     def slopes(self, values: Values) -> Values:
         """Slopes at the samples of the splines through `values` (m, columns), real or complex."""
-        return self._by_columns(self._slopes, values)
-
-    def integrals(self, values: Values, slopes: Values) -> Values:
-        """Integrals (m, columns) from the first sample to each of the splines with these values and slopes."""
-        return self._by_columns(self._integrals, values, slopes)
-
-    def _by_columns(self, call: Callable[..., Values], *arrays: Values) -> Values:
-        """What `call` makes of arrays (m, columns), so many columns at once that what it needs stays small."""
-        count = arrays[0].shape[1]
-        width = max(1, _AT_ONCE // self.time.size)
-        if width >= count:
-            return call(*arrays)
-        out = np.empty_like(arrays[-1])
-        for first in range(0, count, width):
-            some = slice(first, first + width)
-            out[:, some] = call(*(each[:, some] for each in arrays))
-        return out
-
-    def _slopes(self, values: Values) -> Values:
-        before, after = self._weights
+        factored, off, before, after = self._equations
         rises = np.diff(values, axis=0)
         right = np.empty(values.shape, dtype=rises.dtype)
         np.multiply(before[1:-1], rises[:-1], out=right[1:-1])
         right[1:-1] += after[1:-1] * rises[1:]
-        for own, (one, other) in ((0, (0, 1)), (-1, (-2, -1))):
-            right[own] = before[own] * rises[one] + after[own] * rises[other]
-        found, _ = dpttrs(*self._factors, right.view(float), overwrite_b=True)
+        right[0] = before[0] * rises[0] + after[0] * rises[1]
+        right[-1] = before[-1] * rises[-2] + after[-1] * rises[-1]
+        found, _ = dpttrs(factored, off, right.view(float), overwrite_b=True)
         return np.ascontiguousarray(found).view(right.dtype)
 
-    def _integrals(self, values: Values, slopes: Values) -> Values:
-        half, twelfth = self._shares
+    def integrals(self, values: Values, slopes: Values) -> Values:
+        """Integrals (m, columns) from the first sample to each of the splines with these values and slopes."""
         out = np.zeros_like(slopes)
-        pieces = half * (values[:-1] + values[1:])
-        pieces += twelfth * (slopes[:-1] - slopes[1:])
-        np.cumsum(pieces, axis=0, out=out[1:])
+        parts = self.steps / 2.0 * (values[:-1] + values[1:])
+        parts += self.steps**2 / 12.0 * (slopes[:-1] - slopes[1:])
+        np.cumsum(parts, axis=0, out=out[1:])
         return out
-
-    @cached_property
-    def _shares(self) -> tuple[FloatArray, FloatArray]:
-        """What a step's integral has of the values at its ends and of the difference of their slopes (m - 1, 1)."""
-        return self.steps / 2.0, self.steps**2 / 12.0
 
 
 @lru_cache(maxsize=4)
@@ -123,46 +91,36 @@ def _kept_grid(time: bytes) -> SplineGrid:
 
 
 class Spline:
-    """Cubic spline through `values` (m, ...), made when it is first asked for."""
+    """Cubic spline through `values` (m, ...) at `time` (m,) s; its coefficients are made when it is first asked for."""
 
     def __init__(self, time: FloatArray, values: FloatArray) -> None:
-        self._samples: tuple[FloatArray, FloatArray] | None = (time, values)
-        self._powers: tuple[FloatArray, ...] = ()
+        self._time, self._values = time, values
 
-    def __call__(self, places: Places) -> FloatArray:
-        """Values (n, ...) at these places."""
-        if self._samples is not None:
-            self._powers, self._samples = _powers(*self._samples), None
-        i, u = places.interval, places.since
+    def __call__(self, time: FloatArray) -> FloatArray:
+        """Values (n, ...) at these times (n,) s; outside of the samples the outermost piece goes on."""
+        i, u = among(self._time, time)
         c0, c1, c2, c3 = (each.take(i, axis=-1) for each in self._powers)
         return np.asarray((c0 + u * (c1 + u * (c2 + u * c3))).T, dtype=float)
 
+    @cached_property
+    def _powers(self) -> tuple[FloatArray, ...]:
+        """Coefficients (..., m - 1) of the powers of the time since each sample, the constant first."""
+        time, values = self._time, self._values
+        if time.size < _FEWEST:
+            return tuple(np.moveaxis(c, 0, -1).copy() for c in CubicSpline(time, values).c[::-1])
+        flat = np.ascontiguousarray(values).reshape(time.size, -1)
+        grid = SplineGrid.on(time)
+        slopes, h = grid.slopes(flat), grid.steps
+        chord = np.diff(flat, axis=0) / h
+        bend = (slopes[:-1] + slopes[1:] - 2.0 * chord) / h
+        found = (flat[:-1], slopes[:-1], (chord - slopes[:-1]) / h - bend, bend / h)
+        return tuple(np.ascontiguousarray(c.T).reshape(*values.shape[1:], time.size - 1) for c in found)
 
-@dataclass(frozen=True)
-class Places:
-    """Times (n,) s by the interval of samples that holds each, and the time since its first sample."""
 
-    interval: IntArray
-    since: FloatArray
-
-    @classmethod
-    def among(cls, samples: FloatArray, time: FloatArray) -> Places:
-        """Where `time` (n,) lies among the samples; outside of them the outermost interval counts."""
-        interval = samples[1:-1].searchsorted(time, side="right")
-        return cls(interval, time - samples[interval])
-
-
-def _powers(time: FloatArray, values: FloatArray) -> tuple[FloatArray, ...]:
-    """Coefficients (..., m - 1) of the powers of the time since each sample, the constant first."""
-    if time.size < _FEWEST:
-        return tuple(np.moveaxis(c, 0, -1).copy() for c in CubicSpline(time, values).c[::-1])
-    flat = np.ascontiguousarray(values).reshape(time.size, -1)
-    grid = SplineGrid.on(time)
-    slopes, h = grid.slopes(flat), grid.steps
-    chord = np.diff(flat, axis=0) / h
-    bend = (slopes[:-1] + slopes[1:] - 2.0 * chord) / h
-    found = (flat[:-1], slopes[:-1], (chord - slopes[:-1]) / h - bend, bend / h)
-    return tuple(np.ascontiguousarray(c.T).reshape(*values.shape[1:], time.size - 1) for c in found)
+def among(samples: FloatArray, time: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The interval of samples that holds each time (n,) s, and the time since its first sample (n,) s."""
+    interval = samples[1:-1].searchsorted(time, side="right")
+    return interval, time - samples[interval]
 
 
 def running_integral(time: FloatArray, values: Values) -> Values:
@@ -195,6 +153,36 @@ def lagrange(nodes: FloatArray, places: FloatArray) -> sparse.csr_array:
     return sparse.csr_array(
         (weights.ravel(), which, np.arange(places.size + 1) * width), shape=(places.size, nodes.size)
     )
+
+
+def applied(operator: sparse.csr_array, values: Values) -> Values:
+    """A sparse operator (m, n) on values (n, ...), real or complex."""
+    flat = np.ascontiguousarray(values).reshape(values.shape[0], -1).view(float)
+    return np.asarray(operator @ flat).view(values.dtype).reshape(-1, *values.shape[1:])
+
+
+@dataclass(frozen=True)
+class Quadrature:
+    """The nodes of a flight, at which what is integrated is evaluated."""
+
+    time: FloatArray
+    """(m,) s."""
+    samples: IntArray
+    """Which of them the samples are (n,)."""
+    spread: sparse.csr_array | None = None
+    """What makes values at the nodes of those at the samples (m, n); None where the samples are all."""
+
+    def of(self, values: Values) -> Values:
+        """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""
+        if self.spread is None:
+            return values
+        found = applied(self.spread, values)
+        found[self.samples] = values
+        return found
+
+    def rows(self, first: int, stop: int) -> slice:
+        """The nodes from one sample to before another, those after the last of them left out."""
+        return slice(int(self.samples[first]), int(self.samples[stop - 1]) + 1)
 
 
 # ---- What is as slow as the motion, kept on as many samples as the motion needs ----
@@ -250,8 +238,7 @@ class DecimatedGrid:
         """All samples, or these `rows`, of what was kept (m, ...)."""
         if self.spread is None:
             return kept[rows]
-        flat = np.asarray(self.spread[rows] @ np.ascontiguousarray(kept).reshape(self.size, -1))
-        return flat.reshape(-1, *kept.shape[1:])
+        return applied(self.spread[rows], kept)
 
 
 def full_grid(count: int) -> DecimatedGrid:

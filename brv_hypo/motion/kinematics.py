@@ -41,6 +41,11 @@ def crossflow(alpha: FloatArray, phi_w: FloatArray) -> ComplexArray:
     return np.asarray(1j * np.sin(alpha) * np.exp(-1j * phi_w), dtype=complex)
 
 
+def unit(xi: ComplexArray) -> ComplexArray:
+    """Unit numbers of the same direction; zero stays zero."""
+    return np.asarray(xi / np.maximum(np.abs(xi), 1e-12))
+
+
 def effective(xi: ComplexArray) -> ComplexArray:
     """Crossflow of size alpha rather than sin(alpha): what a force linear in alpha follows."""
     size = np.abs(xi)

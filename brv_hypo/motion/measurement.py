@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.kinematics import effective
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.inertial import InertialRecord, measured
+from brv_hypo.motion.kinematics import effective, unit
 from brv_hypo.motion.responses import EffectResponses, Responses
 
 # What bends may be as large at this angle of attack (rad, about ten degrees) as what is in proportion (1 sigma).
@@ -31,26 +31,28 @@ LARGEST_LOCAL_SCALING = 4.0  # of an observation that hardly changes along the c
 
 @dataclass(frozen=True)
 class MeasurementModel:
-    """One kind of observation of the crossflow.
-
-    `observed` (n,); `scale` (n,) complex, so that observed = scale * slope(t) * xi + nuisance; `slope_basis`
-    (n, k); `nuisance` (n, m) complex columns with real coefficients; `effects` what errors of the record of one
-    standard deviation add to the observation at the same crossflow, and `factors` what share they add to its
-    scale, where they do; `sigma` (n,), inf where nothing is measured; `complex_slope`: whether the slope's
-    coefficients are complex; `bends`: whether a real slope has a bend with the square of alpha, whose
-    coefficient stands after those in time.
-    """
+    """One kind of observation of the crossflow xi: observed = scale * slope(t) * xi + nuisance + errors."""
 
     name: str
+    """force or moment."""
     observed: ComplexArray
+    """(n,)"""
     scale: ComplexArray
+    """(n,)"""
     slope_basis: FloatArray
+    """The slope's time bases (n, k)."""
     nuisance: ComplexArray
+    """Columns (n, m) with real coefficients."""
     effects: Responses[ComplexArray]
+    """What errors of the record of one standard deviation add to the observation at the same crossflow."""
     factors: Responses[FloatArray] | None
+    """The share that they add to its scale; None where they add none."""
     sigma: FloatArray
+    """Noise (n,) of either part; inf where nothing is measured."""
     complex_slope: bool
+    """Whether the slope's coefficients are complex."""
     bends: bool = False
+    """Whether a real slope has a bend with the square of alpha; its coefficient stands after those in time."""
 
     @property
     def unknowns(self) -> int:
@@ -98,10 +100,8 @@ class MeasurementModel:
         across = self.ratio(xi, coefficients).real
         along = across + 2.0 * self.bend(coefficients) * np.abs(effective(xi)) ** 2
         factor = across / np.where(along == 0.0, 1e-300, along)
-        turn = xi / np.maximum(np.abs(xi), 1e-12)
-        return LocalScaling(
-            np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING), turn**2
-        )
+        bounded = np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING)
+        return LocalScaling(bounded, unit(xi) ** 2)
 
     def add_effects(self, columns: ComplexArray, rows: slice, modelled: ComplexArray) -> None:
         """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
@@ -161,7 +161,7 @@ def force_measurement(record: InertialRecord, responses: EffectResponses) -> Mea
         nuisance=np.zeros((record.time.size, 0), dtype=complex),
         effects=responses.force,
         factors=responses.pressure,
-        sigma=np.where(_inside(record), record.force_sigma, np.inf),
+        sigma=np.where(measured(record.flight, SEGMENT_ENDS), record.force_sigma, np.inf),
         complex_slope=False,
     )
 
@@ -183,11 +183,3 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
         sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
         complex_slope=True,
     )
-
-
-def _inside(record: InertialRecord) -> BoolArray:
-    """Where the instruments were read (n,), less the ends of the segments."""
-    inside = np.zeros(record.time.size, dtype=bool)
-    for start, stop in record.flight.segments:
-        inside[start + SEGMENT_ENDS : stop - SEGMENT_ENDS] = True
-    return inside

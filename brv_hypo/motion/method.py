@@ -1,11 +1,7 @@
-"""The interface of reconstruction methods: `WindHistory`, the wind-relative motion with its standard deviations.
+"""The result of a reconstruction method, `WindHistory`, and what open-loop methods share: `open_loop`.
 
-A method is a function of an inertial record, the options and the errors that the record may have:
-
-    method(record, config, perturbations) -> WindHistory
-
-and stands in a file of its own: joint.py, velocity.py, rates.py, polar.py. `open_loop` is what the last three share:
-the velocity propagated from a start, where gyro noise adds up as a random walk.
+Methods stand in `methods/`, one file each. An open-loop method propagates the velocity from a start, where gyro noise
+adds up as a random walk; `nose_start` is the start by the nose's mean direction.
 """
 
 from __future__ import annotations
@@ -18,12 +14,11 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import (
-    FREE_GRAVITY,
     InertialRecord,
     WindStart,
     body_crossflow,
     cycles,
-    gravity_magnitude,
+    gravity_size,
     start_from_nose,
     wind_direction,
 )
@@ -42,26 +37,28 @@ NO_GRAVITY = "gravity is left out: it turns the velocity by about g t / V"
 
 @dataclass(frozen=True)
 class WindHistory:
-    """Crossflow (v + i w) / V (n,) in body axes, and the standard deviations (n,) of its two parts.
-
-    `record` is what it was found in: the flight's, less what was found of its errors. `radial_sigma` along
-    the crossflow, `tangential_sigma` across it; `gravity` (3,) m/s^2 in body axes at the first sample;
-    `normal_force_slope` (n,) 1/rad of `normal_force_terms`, NaN where the method does not find it, to which
-    `normal_force_bend` (1/rad^3) adds with the square of alpha; `accel_sigma` m/s^2 as the fit left it; `effects` what
-    the record says of its own errors.
-    """
+    """The wind relative to the vehicle over a record of n samples, and how well it is known."""
 
     record: InertialRecord
+    """What it was found in: the flight's inertial record, corrected by the errors that were estimated."""
     crossflow: ComplexArray
+    """(v + i w) / V (n,) in body axes."""
     radial_sigma: FloatArray
+    """Standard deviation (n,) of the crossflow along itself."""
     tangential_sigma: FloatArray
+    """Standard deviation (n,) across it."""
     gravity: FloatArray
+    """(3,) m/s^2 in body axes at the first sample."""
     normal_force_slope: FloatArray
+    """(n,) 1/rad at alpha = 0, NaN where the method does not estimate it."""
     accel_sigma: float
+    """White noise of the accelerometers as estimated by the fit, m/s^2."""
     effects: EffectFit
+    """The estimated errors of the record."""
     warnings: tuple[str, ...] = ()
-    normal_force_terms: int = 0
+    """What limits the result."""
     normal_force_bend: float = 0.0
+    """What the slope gains with the square of alpha, 1/rad^3."""
 
     @property
     def alpha_sigma(self) -> FloatArray:
@@ -70,28 +67,52 @@ class WindHistory:
 
     @property
     def phi_w_sigma(self) -> FloatArray:
-        """Standard deviation of the windward meridian (n,), rad; that of an angle not known at all near
-        alpha = 0."""
+        """Standard deviation of the windward meridian (n,), rad; that of an unknown angle near alpha = 0."""
         size = np.maximum(np.abs(self.crossflow), 1e-12)
         return np.asarray(np.minimum(self.tangential_sigma / size, UNKNOWN_ANGLE))
 
 
+def nose_start(
+    record: InertialRecord, config: ReconstructionConfig, *, forces: bool = True
+) -> tuple[WindStart, float, float]:
+    """The start by the nose's mean direction; the standard deviations of each part of it, rad, and of gravity, m/s^2.
+
+    The mean errs by what a broken cycle adds, and gravity, which follows from the nose's drift, by that over time.
+    Where gravity is left out it is its own standard deviation.
+    """
+    size = config.gravity_magnitude or gravity_size(record.flight)
+    start = start_from_nose(record, size if config.gravity else 0.0, forces=forces)
+    xi = body_crossflow(record, wind_direction(record, start, forces=forces))
+    sigma = float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2)) / (np.pi * cycles(record)))
+    if not config.gravity:
+        return start, sigma, size
+    return start, sigma, float(np.sqrt(12.0) * sigma * np.mean(record.flight.velocity) / record.time[-1])
+
+
+def from_nose(
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation], *, forces: bool
+) -> WindHistory:
+    """`open_loop` from the nose's mean direction, which is best known in the middle of the record."""
+    start, sigma, gravity_sigma = nose_start(record, config, forces=forces)
+    middle = 0.5 * float(record.time[-1])
+    return open_loop(record, config, perturbations, start, (sigma, gravity_sigma), middle, forces=forces)
+
+
 def open_loop(
     record: InertialRecord,
-    start: WindStart,
-    start_sigma: float,
-    *,
-    forces: bool,
-    gravity_sigma: float,
-    known_at: float,
+    config: ReconstructionConfig,
     perturbations: Sequence[Perturbation],
+    start: WindStart,
+    sigmas: tuple[float, float],
+    known_at: float,
+    *,
+    forces: bool = True,
     warnings: tuple[str, ...] = (),
 ) -> WindHistory:
-    """Attitude about a velocity propagated from `start`, untied: gyro noise adds up as a random walk.
+    """Attitude about a velocity propagated from `start`: gyro noise adds up as a random walk.
 
-    `start_sigma` rad is the standard deviation of each part of the direction, known best `known_at` s after
-    the first sample; `gravity_sigma` m/s^2 that of each part of gravity, or gravity itself where it is left
-    out. Errors of the record are as large as expected: nothing here tells more of them.
+    `sigmas`: those of each part of the direction, rad, which is known best `known_at` s after the first sample, and of
+    each part of gravity, m/s^2. Errors of the record are as large as expected: nothing here measures them.
     """
     speed = record.flight.velocity
     xi = body_crossflow(record, wind_direction(record, start, forces=forces))
@@ -101,7 +122,7 @@ def open_loop(
     drift = responses.rows.all_of(responses.drift)
     moved = drift - drift[int(np.argmin(elapsed))]
     errors = np.sum(moved**2, axis=(1, 2)) / (2.0 * speed**2)
-    sigma = np.sqrt(start_sigma**2 + walk + (gravity_sigma * elapsed / speed) ** 2 + errors)
+    sigma = np.sqrt(sigmas[0] ** 2 + walk + (sigmas[1] * elapsed / speed) ** 2 + errors)
     return WindHistory(
         record=record,
         crossflow=xi,
@@ -111,44 +132,5 @@ def open_loop(
         normal_force_slope=np.full(xi.size, np.nan),
         accel_sigma=record.accel_sigma,
         effects=as_expected(responses),
-        warnings=warnings,
+        warnings=warnings if config.gravity else (*warnings, NO_GRAVITY),
     )
-
-
-def from_nose(
-    record: InertialRecord,
-    config: ReconstructionConfig,
-    perturbations: Sequence[Perturbation],
-    *,
-    forces: bool,
-) -> WindHistory:
-    """`open_loop` from the nose's mean direction; gravity is found along unless `config.gravity` is off."""
-    size = expected_gravity(record, config)
-    start = start_from_nose(record, size if config.gravity else 0.0, forces=forces)
-    xi = body_crossflow(record, wind_direction(record, start, forces=forces))
-    sigma = nose_sigma(record, xi)
-    return open_loop(
-        record,
-        start,
-        sigma,
-        forces=forces,
-        known_at=0.5 * float(record.time[-1]),
-        gravity_sigma=nose_gravity_sigma(record, sigma) if config.gravity else size,
-        perturbations=perturbations,
-        warnings=() if config.gravity else (NO_GRAVITY,),
-    )
-
-
-def expected_gravity(record: InertialRecord, config: ReconstructionConfig) -> float:
-    """How large gravity may be, m/s^2."""
-    return config.gravity_magnitude or gravity_magnitude(record.flight) or FREE_GRAVITY
-
-
-def nose_sigma(record: InertialRecord, xi: ComplexArray) -> float:
-    """Standard deviation (rad) of each part of the nose's mean direction: what a broken cycle leaves."""
-    return float(np.sqrt(0.5 * np.mean(np.abs(xi) ** 2)) / (np.pi * cycles(record)))
-
-
-def nose_gravity_sigma(record: InertialRecord, sigma: float) -> float:
-    """Standard deviation (m/s^2) of gravity from the nose's drift, its mean being known to `sigma` rad."""
-    return float(np.sqrt(12.0) * sigma * np.mean(record.flight.velocity) / record.time[-1])

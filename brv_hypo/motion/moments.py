@@ -18,15 +18,11 @@ from brv_hypo.motion.responses import EffectFit
 AXIAL_SIGNIFICANT = 25.0  # squares of standard errors by which the axial coefficient has to change (seed 162023)
 
 
-# ---- Moment coefficients from the gyros: Euler's equations inverted (Eq. 2.3, Section 3.2.4) ----
-
-
 def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimate:
     """C_m + i C_n and its standard deviation, in which noise and estimated bias of the differentiation count.
 
-    With y = (q + i r) exp(i (1 - Ix/I) roll) the spin coupling drops out, y' = exp(i ...) q_inf S d / I
-    (C_m + i C_n): it is y that is differentiated. `record` has lost `known` of its errors; the
-    rest of what was found is taken out here, and what they may be beyond that counts in `sigma`.
+    `record` is corrected by the `known` of its errors; the rest of the estimates is subtracted here, and their
+    covariance counts in `sigma`.
     """
     spin = record.spin_rate
     responses = effects.responses.moment
@@ -36,7 +32,6 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
         sigma=np.sqrt(noise**2 + 0.5 * responses.variance(effects.covariance)),
         noise_sigma=noise,
         usable=record.measured & spin.interior,
-        filter_half_width=spin.half_width,
         noise_correlation=spin.noise_correlation,
         spin_angle=record.spin_angle,
     )
@@ -58,9 +53,6 @@ def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray)
     return np.asarray(columns @ answer)
 
 
-# ---- The history of the axial force, by which a c.g. off the axis turns the vehicle ----
-
-
 def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     """The axial force's coefficient over its median (n,): what drifts, and what goes with alpha squared.
 
@@ -77,16 +69,12 @@ def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:
     rows = np.vstack([columns / left, priors])
     values = np.linalg.lstsq(rows, np.concatenate([force / left, np.zeros(len(priors))]), rcond=None)[0]
     coefficient = shapes @ values[:count]
-    changes = float(np.std(coefficient) * np.median(scale)) > left
     # With the changes last, the triangle's last rows hold what of them is beyond all others.
     others = [0, *range(count, columns.shape[1])]
     _, triangle = np.linalg.qr(rows[:, [*others, *range(1, count)]])
-    if (
-        not changes
-        or float(np.sum((triangle[len(others) :, len(others) :] @ values[1:count]) ** 2)) < AXIAL_SIGNIFICANT
-    ):
-        return None
-    return np.asarray(coefficient / np.median(coefficient), dtype=float)
+    squares = float(np.sum((triangle[len(others) :, len(others) :] @ values[1:count]) ** 2))
+    significant = float(np.std(coefficient) * np.median(scale)) > left and squares >= AXIAL_SIGNIFICANT
+    return np.asarray(coefficient / np.median(coefficient), dtype=float) if significant else None
 
 
 def _read_along_the_axis(record: InertialRecord) -> FloatArray:

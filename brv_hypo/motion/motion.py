@@ -10,16 +10,16 @@ alpha passes by zero).
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.motion.interpolation import Places, Spline, lagrange
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.motion.interpolation import Quadrature, Spline, lagrange
 from brv_hypo.motion.kinematics import (
     angle_of_attack,
     angle_rates,
@@ -39,9 +39,6 @@ NODE_HALVINGS = 7  # of a sample: what turns faster does so in less than a hundr
 NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zero all the time
 
 
-# ---- `Motion`: all that a mechanism may know of a vehicle's flight, as arrays ----
-
-
 SMOOTH = (
     *("alpha_rate", "windward_meridian_rate", "p", "q", "r"),
     *("velocity", "dynamic_pressure", "mach", "reynolds"),
@@ -55,33 +52,44 @@ class Motion:
 
     The simulator evaluates the same mechanisms at the running state: there the shape is (flights,), all at
     one instant. A mechanism therefore works elementwise and asks `delayed` for the past.
-
-    time s; alpha, windward_meridian rad (unwrapped over a record); their rates rad/s; p, q, r rad/s;
-    velocity m/s; dynamic_pressure Pa; mach, reynolds (NaN where the record cannot tell);
-    in_plane_moment: the wind-fixed in-plane moment coefficient C_mw of Eq. 5.1; reference_length m.
-    roll_acceleration rad/s^2 and axial_share, the axial force's coefficient over its median, are None where they are
-    not known: at a running state, and in the past.
-    common_time s, of flights that share their Mach numbers; None where each has its own time, and in the past.
     """
 
     time: FloatArray
+    """s"""
     alpha: FloatArray
+    """Angle of attack, rad."""
     alpha_rate: FloatArray
+    """rad/s"""
     windward_meridian: FloatArray
+    """rad, unwrapped over a record."""
     windward_meridian_rate: FloatArray
+    """rad/s"""
     p: FloatArray
+    """Roll rate, rad/s."""
     q: FloatArray
+    """Pitch rate, rad/s."""
     r: FloatArray
+    """Yaw rate, rad/s."""
     velocity: FloatArray
+    """Speed relative to the air, m/s."""
     dynamic_pressure: FloatArray
+    """Pa"""
     mach: FloatArray
+    """Mach number; NaN where the record cannot tell."""
     reynolds: FloatArray
+    """Reynolds number; NaN where the record cannot tell."""
     in_plane_moment: FloatArray
+    """The wind-fixed in-plane moment coefficient C_mw of Eq. 5.1."""
     reference_length: float
+    """m"""
     history: Callable[[float], Motion] | None = None
+    """The motion so many seconds earlier; see `delayed`."""
     roll_acceleration: FloatArray | None = None
+    """rad/s^2; None where it is not known: at a running state, and in the past."""
     axial_share: FloatArray | None = None
+    """The axial force's coefficient over its median; None as well."""
     common_time: FloatArray | None = None
+    """s, of flights that share their Mach numbers; None where each has its own time, and in the past."""
 
     def __repr__(self) -> str:
         """Short: the arrays are long."""
@@ -111,11 +119,11 @@ class Motion:
         return self.time if self.common_time is None else self.common_time
 
     def to_plane(self, moment: ComplexArray) -> ComplexArray:
-        """C_N' + i C_Z' from C_m + i C_n: `frames.plane_from_body`, the turn found once."""
+        """C_N' + i C_Z' from C_m + i C_n: `plane_from_body`, the turn found once."""
         return np.asarray(moment * self._turn, dtype=complex)
 
     def to_body(self, in_plane: FloatArray, out_of_plane: FloatArray) -> ComplexArray:
-        """C_m + i C_n from C_N' and C_Z': `frames.body_from_plane`, the turn found once."""
+        """C_m + i C_n from C_N' and C_Z': `body_from_plane`, the turn found once."""
         return np.asarray((in_plane + 1j * out_of_plane) * np.conj(self._turn), dtype=complex)
 
     @cached_property
@@ -169,11 +177,7 @@ def recorded(motion: Motion) -> Motion:
     The angles are interpolated as crossflow, because alpha has a cusp and the meridian jumps by pi where
     alpha passes through zero.
     """
-    values = {name: getattr(motion, name) for name in (*SMOOTH, _MOMENT)}
-    xi = crossflow(motion.alpha, motion.windward_meridian)
-    splines = {name: Spline(motion.time, each) for name, each in values.items() if np.all(np.isfinite(each))}
-    splines[_CROSSFLOW] = Spline(motion.time, np.stack([xi.real, xi.imag], axis=1))
-    return _with_past(motion, splines, _Kept())
+    return replace(motion, history=_Past(replace(motion, history=None)))
 
 
 def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
@@ -181,45 +185,31 @@ def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
     moved, past = replace(motion, in_plane_moment=moment), motion.history
     if not isinstance(past, _Past):
         return recorded(moved)
-    return _with_past(moved, {**past.splines, _MOMENT: Spline(motion.time, moment)}, past.kept)
+    splines = {name: each for name, each in past.splines.items() if name != _MOMENT}
+    return replace(moved, history=_Past(replace(moved, history=None), splines, past.kept))
 
 
-def _with_past(motion: Motion, splines: Mapping[str, Spline], kept: _Kept) -> Motion:
-    return replace(motion, history=_Past(replace(motion, history=None), splines, kept))
-
-
-class _Kept:
-    """Quantities that were asked for lately, by delay and name; all but the in-plane moment, which may be another."""
-
-    def __init__(self) -> None:
-        self._found: OrderedDict[tuple[float, str], Any] = OrderedDict()
-
-    def get(self, key: tuple[float, str]) -> Any:
-        """What was kept; None where nothing was."""
-        return self._found.get(key)
-
-    def put(self, key: tuple[float, str], values: Any) -> None:
-        """Keep it; what was put first goes where there are too many."""
-        self._found[key] = values
-        while len(self._found) * np.size(values) > _KEPT_VALUES:
-            self._found.popitem(last=False)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """A pickled motion need not hold what can be found again."""
-        return {"_found": OrderedDict()}
-
-
-@dataclass(frozen=True)
 class _Past:
     """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
 
-    `splines` hold the crossflow and other quantities by name; what has none is taken for constant.
+    `splines` through the crossflow and other quantities are made when they are first asked for. `kept` are quantities
+    that were asked for lately, by delay and name; all but the in-plane moment, which may be another.
     """
 
-    motion: Motion
-    splines: Mapping[str, Spline]
-    kept: _Kept
-    ago: float = 0.0
+    def __init__(
+        self,
+        motion: Motion,
+        splines: dict[str, Spline] | None = None,
+        kept: OrderedDict[tuple[float, str], Any] | None = None,
+        ago: float = 0.0,
+    ) -> None:
+        self.motion, self.ago = motion, ago
+        self.splines = {} if splines is None else splines
+        self.kept = OrderedDict() if kept is None else kept
+
+    def __reduce__(self) -> Any:
+        """A pickled motion need not hold what can be found again."""
+        return _Past, (self.motion, None, None, self.ago)
 
     def __call__(self, tau: float) -> Motion:
         past = _Past(self.motion, self.splines, self.kept, self.ago + tau)
@@ -227,43 +217,53 @@ class _Past:
         vars(earlier).update(past=past, history=past, time=_fixed(self.motion.time - past.ago))
         return earlier
 
+    def quantity(self, time: FloatArray, name: str) -> Any:
+        """One quantity of the motion at these times (n,), kept for the next time."""
+        key = (self.ago, name)
+        if key in self.kept:
+            return self.kept[key]
+        found = _fixed(self._at(time, name))
+        if name != _MOMENT:
+            self.kept[key] = found
+        while len(self.kept) * np.size(found) > _KEPT_VALUES:
+            self.kept.popitem(last=False)
+        return found
+
+    def _at(self, time: FloatArray, name: str) -> Any:
+        motion = self.motion
+        if name == "alpha":
+            return angle_of_attack(self._crossflow_at(time))
+        if name == "windward_meridian":
+            before = np.minimum(time - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
+            return _unwrapped_near(windward_meridian(self._crossflow_at(time)) + before, motion.windward_meridian)
+        values = getattr(motion, name)
+        if name not in (*SMOOTH, _MOMENT) or not np.all(np.isfinite(values)):
+            return values  # taken for constant
+        return self._interpolated(name, time)
+
+    def _crossflow_at(self, time: FloatArray) -> ComplexArray:
+        found = self._interpolated(_CROSSFLOW, time)
+        return np.asarray(found[:, 0] + 1j * found[:, 1], dtype=complex)
+
+    def _interpolated(self, name: str, time: FloatArray) -> FloatArray:
+        """Values at these times (n,); before the first sample those of the first."""
+        motion, samples = self.motion, self.motion.time
+        if name not in self.splines:
+            xi = crossflow(motion.alpha, motion.windward_meridian) if name == _CROSSFLOW else None
+            values = getattr(motion, name) if xi is None else np.stack([xi.real, xi.imag], axis=1)
+            self.splines[name] = Spline(samples, values)
+        return self.splines[name](np.maximum(time, samples[0]))
+
 
 class EarlierMotion(Motion):
     """A recorded motion some time ago: each quantity is interpolated at its first use, and is read-only."""
-
-    @cached_property
-    def places(self) -> Places:
-        """Where its times lie among the samples of the recorded motion."""
-        time = vars(self)["past"].motion.time
-        return Places.among(time, np.maximum(self.time, time[0]))
 
     def __getattr__(self, name: str) -> Any:
         past = vars(self).get("past")
         if past is None or name.startswith("_") or not hasattr(past.motion, name):
             raise AttributeError(f"a motion has no quantity '{name}'")
-        found = None if name == _MOMENT else past.kept.get((past.ago, name))
-        if found is None:
-            found = _fixed(_at(past, self.time, self.places, name))
-            if name != _MOMENT:
-                past.kept.put((past.ago, name), found)
-        vars(self)[name] = found
+        vars(self)[name] = found = past.quantity(self.time, name)
         return found
-
-
-def _at(past: _Past, time: FloatArray, places: Places, name: str) -> Any:
-    """One quantity of the motion at these times (n,), which lie at these places."""
-    motion = past.motion
-    if name == "alpha":
-        return angle_of_attack(_crossflow_at(past, places))
-    if name == "windward_meridian":
-        before = np.minimum(time - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
-        return _unwrapped_near(windward_meridian(_crossflow_at(past, places)) + before, motion.windward_meridian)
-    return past.splines[name](places) if name in past.splines else getattr(motion, name)
-
-
-def _crossflow_at(past: _Past, places: Places) -> ComplexArray:
-    found = past.splines[_CROSSFLOW](places)
-    return np.asarray(found[:, 0] + 1j * found[:, 1], dtype=complex)
 
 
 def _fixed(values: Any) -> Any:
@@ -283,37 +283,14 @@ def _unwrapped_near(angle: FloatArray, reference: FloatArray) -> FloatArray:
     return np.asarray(angle + 2.0 * np.pi * turns, dtype=float)
 
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
-
-
-@dataclass(frozen=True)
-class Quadrature:
-    """The nodes of a flight: `time` (m,) s, which of them the samples are (n,), and what makes values there of those at
-    the samples (m, n); None where the samples are all.
-    """
-
-    time: FloatArray
-    samples: IntArray
-    spread: sparse.csr_array | None = None
-
-    def of(self, values: Values) -> Values:
-        """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""
-        if self.spread is None:
-            return values
-        flat = np.ascontiguousarray(values).reshape(self.samples.size, -1).view(float)
-        found = np.asarray(self.spread @ flat)
-        found[self.samples] = flat
-        return found.view(values.dtype).reshape(-1, *values.shape[1:])
-
-    def rows(self, first: int, stop: int) -> slice:
-        """The nodes from one sample to before another, those after the last of them left out."""
-        return slice(int(self.samples[first]), int(self.samples[stop - 1]) + 1)
+# ---- Between the samples, where the meridian turns too fast for them ----
 
 
 def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadrature:
     """The nodes of a motion over segments [a, b) of its samples, between which nothing is added."""
     xi = crossflow(motion.alpha, motion.windward_meridian)
-    delay = _usual_delay(motion.time, xi)
+    speed = float(np.linalg.norm(np.diff(xi) / np.diff(motion.time)))
+    delay = NODE_LATE * float(np.linalg.norm(xi) / max(speed, 1e-300))  # in which it moves so much of its own size
     parts = [_nodes_between(motion.time[a:b], xi[a:b], delay) for a, b in segments]
     between = np.concatenate([np.zeros(0), *parts])
     if not between.size:
@@ -326,12 +303,6 @@ def quadrature(motion: Motion, segments: Sequence[tuple[int, int]]) -> Quadratur
     weights = np.concatenate([part.data for part in own])
     spread = sparse.csr_array((weights, (rows, columns)), shape=(time.size, motion.time.size))
     return Quadrature(time, samples, spread)
-
-
-def _usual_delay(time: FloatArray, xi: ComplexArray) -> float:
-    """Time in which the crossflow moves by so much of its own size, s."""
-    speed = np.linalg.norm(np.diff(xi) / np.diff(time))
-    return NODE_LATE * float(np.linalg.norm(xi) / max(float(speed), 1e-300))
 
 
 def _nodes_between(time: FloatArray, xi: ComplexArray, delay: float) -> FloatArray:
@@ -370,25 +341,9 @@ def at_nodes(motion: Motion, nodes: Quadrature) -> Motion:
         return motion
     xi = crossflow(motion.alpha, motion.windward_meridian)
     there, rate = nodes.of(xi), nodes.of(crossflow_rate(motion, xi))
-    moved = replace(
-        motion,
-        time=nodes.time,
-        windward_meridian=np.unwrap(windward_meridian(there)),
-        p=nodes.of(motion.p),
-        q=nodes.of(motion.q),
-        r=nodes.of(motion.r),
-        velocity=nodes.of(motion.velocity),
-        dynamic_pressure=nodes.of(motion.dynamic_pressure),
-        mach=nodes.of(motion.mach),
-        reynolds=nodes.of(motion.reynolds),
-        in_plane_moment=nodes.of(motion.in_plane_moment),
-        roll_acceleration=_known(motion.roll_acceleration, nodes),
-        axial_share=_known(motion.axial_share, nodes),
-        common_time=_known(motion.common_time, nodes),
-        history=None,
-    )
+    smooth = ("p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds", _MOMENT)
+    read = {name: getattr(motion, name) for name in (*smooth, "roll_acceleration", "axial_share", "common_time")}
+    found: dict[str, Any] = {name: None if values is None else nodes.of(values) for name, values in read.items()}
+    meridian = np.unwrap(windward_meridian(there))
+    moved = replace(motion, time=nodes.time, windward_meridian=meridian, history=None, **found)
     return recorded(with_crossflow(moved, there, rate))
-
-
-def _known(values: FloatArray | None, nodes: Quadrature) -> FloatArray | None:
-    return None if values is None else nodes.of(values)

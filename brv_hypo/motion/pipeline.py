@@ -1,32 +1,30 @@
 """`reconstruct`: from a flight record to its wind-relative motion and moments; the entrance of this package.
 
 A record that cannot hold an answer is refused first (`require_answerable`); then the inertial record, one of
-`METHODS` for the crossflow, the moments, and warnings about what limits the result (`limits_of`).
+the methods for the crossflow, the moments, and warnings about what limits the result (`limits_of`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.config import Method, ReconstructionConfig
+from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, gravity_magnitude, inertial_record
-from brv_hypo.motion.joint import joint
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, plane_from_body, windward_meridian
 from brv_hypo.motion.method import UNKNOWN_ANGLE, WindHistory
+from brv_hypo.motion.methods import method_of
 from brv_hypo.motion.moments import axial_share, error_of_differentiation, moment_estimate, static_in_plane
 from brv_hypo.motion.motion import Motion, recorded
-from brv_hypo.motion.polar import polar
-from brv_hypo.motion.rates import rates
 from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected
-from brv_hypo.motion.velocity import velocity
+from brv_hypo.motion.signals import rms
 from brv_hypo.thresholds import (
     FASTEST_RATE,
     LARGEST_MOMENT,
@@ -38,9 +36,6 @@ from brv_hypo.thresholds import (
 )
 
 WARNED_LEFT = 10.0  # percent of the moments that fitted errors of the record leave, below which a warning tells it
-
-
-# ---- Refuses records that cannot hold an answer, before any numerics meet them ----
 
 
 def require_answerable(flight: Flight) -> None:
@@ -102,8 +97,7 @@ def _attitude_lost(record: InertialRecord) -> str | None:
 
 def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
     alpha = angle_of_attack(wind.crossflow)[record.measured]
-    sigma = wind.alpha_sigma[record.measured]
-    share = float(np.sqrt(np.mean(sigma**2)) / max(np.sqrt(np.mean(alpha**2)), 1e-150))
+    share = rms(wind.alpha_sigma[record.measured]) / max(rms(alpha), 1e-150)
     if share < WARNED_ALPHA:
         return None
     known = f"known to {100.0 * share:.0f} % of its rms only"
@@ -121,24 +115,20 @@ def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> str | None
     usable = moments.usable
     if not usable.any():
         return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
-    size = _rms(moments.body[usable]) / np.sqrt(2.0)
-    if _rms(moments.noise_sigma[usable]) < WARNED_MOMENTS * max(size, 1e-300):
+    size = rms(moments.body[usable]) / np.sqrt(2.0)
+    if rms(moments.noise_sigma[usable]) < WARNED_MOMENTS * max(size, 1e-300):
         return None
     pressure = record.flight.dynamic_pressure[usable]
-    shown = _rms(record.moment[usable] * pressure) / np.sqrt(2.0)
-    percent = 100.0 * _rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
+    shown = rms(record.moment[usable] * pressure) / np.sqrt(2.0)
+    percent = 100.0 * rms(error_of_differentiation(record)[usable] * pressure) / max(shown, 1e-300)
     text = (
         f"the error of differentiating the gyros is {percent:.0f} % of the moments that they show (rms); "
         "only strong mechanisms can be distinguished"
     )
-    share = 100.0 * _rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
+    share = 100.0 * rms(moments.body[usable] * pressure) / np.sqrt(2.0) / max(shown, 1e-300)
     if share < WARNED_LEFT:
         text += f". The errors of the record that were fitted leave {share:.2g} % of these moments"
     return text
-
-
-def _rms(values: FloatArray | ComplexArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
 
 def _samples_per_cycle(record: InertialRecord) -> str | None:
@@ -175,19 +165,6 @@ def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
     )
 
 
-# ---- The reconstruction methods of Section 3.2, one file each, on one interface ----
-
-
-_Finder = Callable[[InertialRecord, ReconstructionConfig, Sequence[Perturbation]], WindHistory]
-
-METHODS: dict[Method, _Finder] = {
-    "joint": joint,
-    "velocity": velocity,
-    "rates": rates,
-    "polar": polar,
-}
-
-
 # ---- From a flight record to its wind-relative motion and moments: the entrance of this package ----
 
 
@@ -205,10 +182,7 @@ def reconstruct(
     config = config or ReconstructionConfig()
     require_answerable(flight)
     record = inertial_record(flight, config)
-    if config.method == "joint":
-        wind = joint(record, config, perturbations)
-    else:
-        wind = METHODS[config.method](record, config, perturbations)
+    wind: WindHistory = method_of(config.method)(record, config, perturbations)
     moments = moment_estimate(wind.record, wind.effects)
     warnings = (*wind.warnings, *limits_of(record, wind, moments))
     motion = recorded(_motion(record, wind, moments))
@@ -224,7 +198,6 @@ def reconstruct(
         phi_w_sigma=np.minimum(meridian_sigma, UNKNOWN_ANGLE),
         gravity_body=wind.gravity,
         normal_force_slope=wind.normal_force_slope,
-        normal_force_terms=wind.normal_force_terms,
         normal_force_bend=wind.normal_force_bend,
         gyro_sigma=record.gyro_sigma,
         accel_sigma=wind.accel_sigma,
@@ -268,7 +241,14 @@ def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:
     """What is known of each error, in its units."""
     sigma = np.sqrt(np.diag(fit.covariance))
     return tuple(
-        EffectEstimate(e.effect, e.component, e.units, e.size, e.size * float(value), e.size * float(error))
+        EffectEstimate(
+            effect=e.effect,
+            component=e.component,
+            units=e.units,
+            size=e.size,
+            value=e.size * float(value),
+            std_error=e.size * float(error),
+        )
         for e, value, error in zip(fit.responses.effects, fit.value, sigma, strict=True)
     )
 

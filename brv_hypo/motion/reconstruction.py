@@ -14,35 +14,34 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.hdf5 import Dataset, Tree, write_tree
 from brv_hypo.motion.config import Method
-from brv_hypo.motion.inertial import WindStart
+from brv_hypo.motion.inertial import WindStart, measured
+from brv_hypo.motion.interpolation import Quadrature
 from brv_hypo.motion.kinematics import crossflow
-from brv_hypo.motion.motion import Motion, Quadrature, at_nodes, quadrature
-from brv_hypo.motion.signals import InputError
+from brv_hypo.motion.motion import Motion, at_nodes, quadrature
+from brv_hypo.motion.signals import InputError, rms
 from brv_hypo.results import HasCharts, Histories
-
-# ---- The result of a reconstruction: motion, moments and how well each is known ----
 
 
 @dataclass(frozen=True)
 class MomentEstimate:
     """Moment coefficients from differentiated gyros, with the noise that differentiation gives them.
 
-    `body` (n,) is C_m + i C_n, less what was found of the record's errors; `noise_sigma` (n,) the standard
-    deviation of each of its two components by the gyros' noise; `sigma` (n,) the same by noise and by all
-    that is not known of the record's errors, which is anything but white. `filter_half_width` samples and
-    `noise_correlation` (2 half_width + 1,) describe the noise's colour: its correlation at lag 0, 1, ...
-    samples. `usable` (n,) is False where no estimate is made. The noise is so correlated in the axes that
-    turn with (1 - Ix/I) of the roll: multiply `body` by exp(i spin_angle), `spin_angle` (n,) rad, and by the
-    dynamic pressure, to have it stationary.
+    The noise is so correlated in the axes that turn with (1 - Ix/I) of the roll: multiply `body` by exp(i spin_angle),
+    and by the dynamic pressure, to have it stationary.
     """
 
     body: ComplexArray
+    """C_m + i C_n (n,), corrected by the estimated errors of the record."""
     sigma: FloatArray
+    """Standard deviation (n,) of each component by noise and by what is not known of those errors; not white."""
     noise_sigma: FloatArray
+    """The same by the gyros' noise alone."""
     usable: BoolArray
-    filter_half_width: int
+    """False (n,) where no estimate is made."""
     noise_correlation: FloatArray
+    """Correlation of the noise at lags of 0, 1, ... samples (2 half_width + 1,)."""
     spin_angle: FloatArray
+    """(n,) rad."""
 
     def __repr__(self) -> str:
         """Short: the arrays are long."""
@@ -51,17 +50,20 @@ class MomentEstimate:
 
 @dataclass(frozen=True)
 class EffectEstimate:
-    """What the reconstruction says of one component of an error of the record, in `units`.
-
-    `size` is the tolerance to which it was known before; `value` and `std_error` what is known after.
-    """
+    """What the reconstruction says of one component of an error of the record."""
 
     effect: str
+    """Its name."""
     component: str
+    """Which of its components."""
     units: str
+    """Of the three sizes below."""
     size: float
+    """The tolerance to which it was known before."""
     value: float
+    """The estimate."""
     std_error: float
+    """Its standard deviation."""
 
 
 def angle_known(sigma: float) -> str:
@@ -72,39 +74,47 @@ def angle_known(sigma: float) -> str:
 
 @dataclass(frozen=True)
 class Reconstruction(HasCharts, Histories):
-    """Wind-relative motion and moments of one flight.
+    """Wind-relative motion and moments of one flight of n samples.
 
-    Standard deviations (n,): `alpha_sigma`, `phi_w_sigma` rad. `gravity_body` (3,) m/s^2 is gravity in body
-    axes at the first sample; `normal_force_slope` (n,) 1/rad is C_Nalpha of the force at alpha = 0, a spline in
-    time of `normal_force_terms` coefficients (0 where it was not found), to which `normal_force_bend` (1/rad^3) adds
-    with the square of alpha; `gyro_sigma` rad/s and `accel_sigma` m/s^2
-    are the white-noise levels estimated from the record. `status` is "ok" or "degraded"; `warnings` say what
-    limits the result and what would help. `effects` are the errors that the record was allowed to have;
-    `corrected` is the flight with what was found of them taken out. `input_errors` are what smoothing left of
-    the noise of inputs, where `flight` holds them smoothed. The motion is on the gyros' clock, which may be late
-    against time by `clock_sigma` s: both standard deviations hold what it moves meanwhile, `alpha_sigma_on_clock` (n,)
-    does not.
+    The motion is on the gyros' clock, which may be late against time by `clock_sigma`.
     """
 
     flight: Flight
+    """The record as it was reconstructed."""
     method: Method
+    """That of the reconstruction."""
     motion: Motion
+    """The most likely motion."""
     moments: MomentEstimate
+    """Moments on it."""
     alpha_sigma: FloatArray
+    """Standard deviation (n,) of alpha, rad, that by the clock included."""
     alpha_sigma_on_clock: FloatArray
+    """The same without that by the clock."""
     phi_w_sigma: FloatArray
+    """Standard deviation (n,) of the windward meridian, rad, that by the clock included."""
     gravity_body: FloatArray
+    """(3,) m/s^2 in body axes at the first sample."""
     normal_force_slope: FloatArray
+    """C_Nalpha (n,) of the force at alpha = 0, 1/rad; NaN where the method does not estimate it."""
     gyro_sigma: float
+    """White noise of the gyros, estimated from the record, rad/s."""
     accel_sigma: float
+    """White noise of the accelerometers, m/s^2."""
     effects: tuple[EffectEstimate, ...]
+    """The errors that the record was allowed to have."""
     corrected: Flight
+    """The flight corrected by the estimates of those errors."""
     status: Literal["ok", "degraded"]
+    """degraded where there are warnings."""
     warnings: tuple[str, ...]
+    """What limits the result and what would help."""
     input_errors: tuple[InputError, ...] = ()
-    normal_force_terms: int = 0
+    """What smoothing left of the noise of inputs, where `flight` holds them smoothed."""
     normal_force_bend: float = 0.0
+    """What the slope gains with the square of alpha, 1/rad^3."""
     clock_sigma: float = 0.0
+    """s"""
 
     __repr__ = Histories.__repr__
     __eq__ = Histories.__eq__
@@ -169,19 +179,12 @@ class Reconstruction(HasCharts, Histories):
     @property
     def alpha_rms_sigma(self) -> float:
         """Root mean square of the standard deviation of alpha, rad, where the record has no gap."""
-        return float(np.sqrt(np.mean(self.alpha_sigma[self._measured] ** 2)))
+        return rms(self.alpha_sigma[measured(self.flight)])
 
     @property
     def phi_w_rms_sigma(self) -> float:
         """Root mean square of the standard deviation of the windward meridian, rad, where there is no gap."""
-        return float(np.sqrt(np.mean(self.phi_w_sigma[self._measured] ** 2)))
-
-    @property
-    def _measured(self) -> BoolArray:
-        inside = np.zeros(self.flight.samples, dtype=bool)
-        for start, stop in self.flight.segments:
-            inside[start:stop] = True
-        return inside
+        return rms(self.phi_w_sigma[measured(self.flight)])
 
 
 # ---- A reconstruction on disk: one HDF5 file, every dataset with its units ----
@@ -198,23 +201,36 @@ def write_motion(reconstruction: Reconstruction, path: str | Path, *, overwrite:
     Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
     """
     motion, flight = reconstruction.motion, reconstruction.flight
+    known = np.where(reconstruction.moments.usable, 1.0, np.nan)
+    body, plane = reconstruction.moments.body * known, reconstruction.plane_moments * known
     histories = {
-        "time": (motion.time, "s"),
-        "alpha": (motion.alpha, "rad"),
-        "alpha_sigma": (reconstruction.alpha_sigma, "rad"),
-        "alpha_rate": (motion.alpha_rate, "rad/s"),
-        "windward_meridian": (motion.windward_meridian, "rad"),
-        "windward_meridian_sigma": (reconstruction.phi_w_sigma, "rad"),
-        "windward_meridian_rate": (motion.windward_meridian_rate, "rad/s"),
-        "p": (motion.p, "rad/s"),
-        "q": (motion.q, "rad/s"),
-        "r": (motion.r, "rad/s"),
-        "velocity": (motion.velocity, "m/s"),
-        "dynamic_pressure": (motion.dynamic_pressure, "Pa"),
-        "mach": (motion.mach, "dimensionless"),
-        "reynolds": (motion.reynolds, "dimensionless"),
-        "normal_force_slope": (reconstruction.normal_force_slope, "1/rad"),
-        **_moments(reconstruction),
+        "s": {"time": motion.time},
+        "rad": {
+            "alpha": motion.alpha,
+            "alpha_sigma": reconstruction.alpha_sigma,
+            "windward_meridian": motion.windward_meridian,
+            "windward_meridian_sigma": reconstruction.phi_w_sigma,
+        },
+        "rad/s": {
+            "alpha_rate": motion.alpha_rate,
+            "windward_meridian_rate": motion.windward_meridian_rate,
+            "p": motion.p,
+            "q": motion.q,
+            "r": motion.r,
+        },
+        "m/s": {"velocity": motion.velocity},
+        "Pa": {"dynamic_pressure": motion.dynamic_pressure},
+        "1/rad": {"normal_force_slope": reconstruction.normal_force_slope},
+        "dimensionless": {
+            "mach": motion.mach,
+            "reynolds": motion.reynolds,
+            "C_m": body.real,
+            "C_n": body.imag,
+            "C_N_prime": plane.real,
+            "C_Z_prime": plane.imag,
+            "moment_sigma": reconstruction.moments.sigma * known,
+            "moment_noise_sigma": reconstruction.moments.noise_sigma * known,
+        },
     }
     attributes = {
         "format": FORMAT,
@@ -231,20 +247,5 @@ def write_motion(reconstruction: Reconstruction, path: str | Path, *, overwrite:
         "accel_sigma": Dataset(np.asarray(reconstruction.accel_sigma), "m/s^2"),
         "noise_correlation": Dataset(reconstruction.moments.noise_correlation, "dimensionless"),
     }
-    datasets = {name: Dataset(values, units) for name, (values, units) in histories.items()}
+    datasets = {name: Dataset(values, units) for units, each in histories.items() for name, values in each.items()}
     write_tree(path, Tree(attributes, datasets, {"estimate": Tree(datasets=single)}), overwrite=overwrite)
-
-
-def _moments(reconstruction: Reconstruction) -> dict[str, tuple[FloatArray, str]]:
-    """Moment coefficients, NaN where there is no estimate."""
-    moments = reconstruction.moments
-    known = np.where(moments.usable, 1.0, np.nan)
-    body, plane = moments.body * known, reconstruction.plane_moments * known
-    return {
-        "C_m": (body.real, "dimensionless"),
-        "C_n": (body.imag, "dimensionless"),
-        "C_N_prime": (plane.real, "dimensionless"),
-        "C_Z_prime": (plane.imag, "dimensionless"),
-        "moment_sigma": (moments.sigma * known, "dimensionless"),
-        "moment_noise_sigma": (moments.noise_sigma * known, "dimensionless"),
-    }

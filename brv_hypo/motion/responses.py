@@ -11,11 +11,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration
@@ -28,15 +28,12 @@ from brv_hypo.motion.interpolation import (
     spacing,
 )
 from brv_hypo.motion.kinematics import body_attitude, windward_meridian
-from brv_hypo.motion.signals import differentiate, white_noise_level
+from brv_hypo.motion.signals import differentiated
 
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
-
-
-# ---- What an error of the record, of whatever origin, does to what is integrated from it ----
 
 
 _TURNING = ("p", "q", "r")
@@ -45,16 +42,18 @@ _SENSED = ("ax", "ay", "az")
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One component of an error that a record may have, as likely as N(0, size^2) in SI `units`.
-
-    `apply(flight, value)` is the record as it would read had the error the value more.
-    """
+    """One component of an error that a record may have, as likely as N(0, size^2)."""
 
     effect: str
+    """Name of the record effect."""
     component: str
+    """Which of its components."""
     units: str
+    """SI units of size and value."""
     size: float
+    """1 sigma."""
     apply: Callable[[Flight, float], Flight]
+    """The record as it would read had the error that value more."""
 
 
 def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
@@ -66,28 +65,19 @@ def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
     for variant in variants:
         changed = {}
         for name in (*CHANNELS, *OPTIONAL_CHANNELS, "wind"):
-            before, other = getattr(flight, name), getattr(variant, name)
+            before, other, known = (getattr(each, name) for each in (flight, variant, out))
             if other is not before:
-                known = getattr(out, name)
-                changed[name] = other if known is before else known + _change(before, other)
-        out = replace(out, vehicle=_with_change(out.vehicle, flight.vehicle, variant.vehicle), **changed)
+                # A wind that was not known was none.
+                changed[name] = other if known is before else known + (other if before is None else other - before)
+        vehicle = out.vehicle
+        if variant.vehicle is not flight.vehicle:
+            each = zip(astuple(vehicle), astuple(variant.vehicle), astuple(flight.vehicle), strict=True)
+            mass, ixx, iyy, length, area, place = (
+                (np.asarray(known) + np.subtract(new, old)).tolist() for known, new, old in each
+            )
+            vehicle = Vehicle(mass, ixx, iyy, length, area, tuple(place))
+        out = replace(out, vehicle=vehicle, **changed)
     return out
-
-
-def _change(before: FloatArray | None, other: FloatArray) -> FloatArray:
-    """What a channel has otherwise than before; a wind that was not known was none."""
-    return other if before is None else other - before
-
-
-def _with_change(vehicle: Vehicle, before: Vehicle, other: Vehicle) -> Vehicle:
-    """The vehicle with what one vehicle has otherwise than the other."""
-    if other is before:
-        return vehicle
-    each = zip(astuple(vehicle), astuple(before), astuple(other), strict=True)
-    mass, ixx, iyy, length, area, place = (
-        (np.asarray(known) + np.subtract(new, old)).tolist() for known, old, new in each
-    )
-    return Vehicle(mass, ixx, iyy, length, area, tuple(place))
 
 
 def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[InertialRecord]:
@@ -95,73 +85,52 @@ def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[Inertia
 
     The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
     """
-    before = record.flight
-    turned = [
-        k
-        for k, flight in enumerate(flights)
-        if any(getattr(flight, name) is not getattr(before, name) for name in _TURNING)
-    ]
-    turns: dict[int, _Turned] = {}
+    before, time = record.flight, record.time
+    turned = [k for k, flight in enumerate(flights) if _differ(flight, before, _TURNING)]
+    turns: dict[int, dict[str, Any]] = {}
     if turned:
         measured = np.stack([flights[k].q + 1j * flights[k].r for k in turned], axis=1)
-        rolls, attitudes = body_attitude(record.time, np.stack([flights[k].p for k in turned], axis=1), measured)
+        rolls, attitudes = body_attitude(time, np.stack([flights[k].p for k in turned], axis=1), measured)
         more = measured - (before.q + 1j * before.r)[:, np.newaxis]
-        rates = record.transverse_rate[:, np.newaxis] + more
-        changes = record.rate_change[:, np.newaxis] + np.gradient(more, record.time, axis=0)
-        turns = {
-            k: _Turned(*(np.ascontiguousarray(each[:, j]) for each in (rolls, attitudes, rates, changes)))
-            for j, k in enumerate(turned)
+        together = {
+            "roll": rolls,
+            "attitude": attitudes,
+            "transverse_rate": record.transverse_rate[:, np.newaxis] + more,
+            "rate_change": record.rate_change[:, np.newaxis] + np.gradient(more, time, axis=0),
         }
-    swing = _swing(before, record.transverse_rate, record.rate_change)
-    return [_moved(record, flight, turns.get(k), swing) for k, flight in enumerate(flights)]
+        for j, k in enumerate(turned):
+            turns[k] = {name: np.ascontiguousarray(each[:, j]) for name, each in together.items()}
+    swing = _swing(record, before)
+    return [_moved(record, flight, turns.get(k, {}), swing) for k, flight in enumerate(flights)]
 
 
-class _Turned(NamedTuple):
-    """Roll (n,), attitude (n, 3, 3), transverse rate (n,) and its derivative of a record of other rates."""
-
-    roll: FloatArray
-    attitude: FloatArray
-    rate: ComplexArray
-    change: ComplexArray
+def _differ(flight: Flight, before: Flight, names: Sequence[str]) -> bool:
+    return any(getattr(flight, name) is not getattr(before, name) for name in names)
 
 
-def _moved(record: InertialRecord, flight: Flight, turned: _Turned | None, swing: FloatArray) -> InertialRecord:
-    """The inertial record of one flight; `turned` where its rates differ. `swing` (n, 3) is what the record's was."""
-    before = record.flight
-    roll, attitude, rate, change = turned or (
-        record.roll,
-        record.attitude,
-        record.transverse_rate,
-        record.rate_change,
-    )
-    force = record.force
-    if any(getattr(flight, name) is not getattr(before, name) for name in _SENSED):
+def _moved(record: InertialRecord, flight: Flight, turned: dict[str, Any], swing: FloatArray) -> InertialRecord:
+    """The inertial record of one flight, `turned` by other rates. `swing` (n, 3) m/s^2 is what the record's was."""
+    before, moved, force = record.flight, replace(record, flight=flight, **turned), record.force
+    if _differ(flight, before, _SENSED):
         force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in _SENSED], axis=1)
     if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
         force = force + swing
-        force -= _swing(flight, rate, change)
+        force -= _swing(moved, flight)
     spin_angle = record.spin_angle
     if turned or flight.vehicle.inertia_ratio != before.vehicle.inertia_ratio:
-        spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
-    return replace(
-        record,
-        flight=flight,
-        roll=roll,
-        attitude=attitude,
-        transverse_rate=rate,
-        rate_change=change,
-        spin_angle=spin_angle,
-        force=force,
-    )
+        spin_angle = (1.0 - flight.vehicle.inertia_ratio) * moved.roll
+    return replace(moved, spin_angle=spin_angle, force=force)
 
 
-def _swing(flight: Flight, rate: ComplexArray, change: ComplexArray) -> FloatArray:
-    """Acceleration (n, 3) m/s^2 that the declared arm makes of these rates."""
+def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
+    """Acceleration (n, 3) m/s^2 that the declared arm of a flight makes of a record's rates."""
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
-    return arm_acceleration(flight.p, np.gradient(flight.p, flight.time), rate, change, arm)
+    p_change = np.gradient(flight.p, flight.time)
+    return arm_acceleration(flight.p, p_change, record.transverse_rate, record.rate_change, arm)
 
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
+# ---- Linear responses, and what the record says of its errors ----
+
 
 # Samples of perturbed records that are held at once, some 200 bytes each.
 AT_ONCE = 60_000
@@ -198,18 +167,21 @@ class Responses(Generic[Values]):
 class EffectResponses:
     """Changes of what the record says, for an error of each of k effects of one standard deviation.
 
-    `rows` are the samples that are kept; `drift` (kept, 3, k) m/s: the velocity relative to the air in the axes of the
-    first sample, as the body sees it; `force` m/s^2: the transverse force; `pressure`: the dynamic pressure over
-    itself, which the normal force follows as it follows its slope; `moment`: C_m + i C_n. The truth lies below the
-    record by that much, times the error.
+    The truth lies below the record by that much, times the error.
     """
 
     effects: tuple[Perturbation, ...]
+    """The k effects."""
     rows: DecimatedGrid
+    """The samples that are kept."""
     drift: FloatArray
+    """Velocity relative to the air in the axes of the first sample, as the body sees it (kept, 3, k), m/s."""
     force: Responses[ComplexArray]
+    """Transverse force, m/s^2."""
     pressure: Responses[FloatArray]
+    """Dynamic pressure over itself, which the normal force follows as it follows its slope."""
     moment: Responses[ComplexArray]
+    """C_m + i C_n."""
 
 
 @dataclass(frozen=True)
@@ -256,11 +228,9 @@ def corrected(flight: Flight, fit: EffectFit) -> Flight:
     if min(float(np.min(flight.velocity)), float(np.min(flight.dynamic_pressure))) > 0.0:
         return flight
     largest = sorted(zip(fit.value, fit.responses.effects, strict=True), key=lambda pair: -abs(pair[0]))
-    largest_named = ", ".join(
-        f"{effect.effect} {effect.component} {value:.0f}" for value, effect in largest[:MOST_NAMED]
-    )
+    named = ", ".join(f"{effect.effect} {effect.component} {value:.0f}" for value, effect in largest[:MOST_NAMED])
     raise UnanswerableError(
-        f"gyros, accelerometers and air data agree only with errors of many times their tolerances ({largest_named}):"
+        f"gyros, accelerometers and air data agree only with errors of many times their tolerances ({named}):"
         " no motion can be determined from them. Likely cause: gusts or controls that move the vehicle more than its "
         "own motion, or axes and signs that are not as the map says. Remedy: check the map, take another window "
         "(--start, --stop), or state wider tolerances (--instruments). What follows from the gyros "
@@ -277,26 +247,35 @@ def effect_responses(
     smooth, kept = noise_free(record, force), _kept(record, crossflow)
     width = max(1, AT_ONCE // kept.count)
     drift = np.empty((kept.size, 3, len(effects)))
-    forces, pressures, moments = _Gathered(kept), _Gathered(kept), _Gathered(kept)
+    changes: dict[str, dict[int, Any]] = {"force": {}, "pressure": {}, "moment": {}}
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
-        both = [
-            effect.apply(smooth.flight, sign * 0.5 * RESPONSE_STEP * effect.size)
-            for sign in (1.0, -1.0)
-            for effect in some
-        ]
-        records = perturbed(smooth, both)
+        steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
+        records = perturbed(smooth, [effect.apply(smooth.flight, step) for effect, step in steps])
         drifts = kept.of(_drift(smooth, crossflow, records))
         drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
-        pairs = zip(records[: len(some)], records[len(some) :], strict=True)
-        for k, (more, less) in enumerate(pairs, start=first):
-            forces.add(k, more.transverse_force - less.transverse_force)
-            pressures.add(k, (more.force_scale - less.force_scale) / smooth.force_scale)
-            moments.add(k, more.moment - less.moment)
+        for k, (more, less) in enumerate(zip(records[: len(some)], records[len(some) :], strict=True), start=first):
+            of_one: dict[str, Any] = {
+                "force": more.transverse_force - less.transverse_force,
+                "pressure": (more.force_scale - less.force_scale) / smooth.force_scale,
+                "moment": more.moment - less.moment,
+            }
+            for name, change in of_one.items():
+                if np.any(change):
+                    changes[name][k] = kept.of(change)
     drift /= RESPONSE_STEP
-    return EffectResponses(
-        tuple(effects), kept, drift, forces.all_of(complex), pressures.all_of(float), moments.all_of(complex)
-    )
+    gathered: dict[str, Any] = {name: _gathered(each, kept) for name, each in changes.items()}
+    return EffectResponses(effects=tuple(effects), rows=kept, drift=drift, **gathered)
+
+
+def _gathered(changes: dict[int, Any], kept: DecimatedGrid) -> Responses[Any]:
+    """Changes (kept,) by effect, per unit of them; they are let go one by one."""
+    which = np.array(list(changes), dtype=np.int64)
+    kind = changes[int(which[0])].dtype if changes else float
+    values: Any = np.empty((kept.size, which.size), dtype=kind, order="F")
+    for place, effect in enumerate(which.tolist()):
+        np.divide(changes.pop(effect), RESPONSE_STEP, out=values[:, place])
+    return Responses(which, kept, values)
 
 
 def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
@@ -307,81 +286,41 @@ def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
     return decimated_grid(list(itertools.pairwise(edges)), spacing(rate, flight.p, flight.step, RESPONSE_PER_CYCLE))
 
 
-class _Gathered:
-    """Changes of one quantity, effect by effect; those that are none are not kept."""
-
-    def __init__(self, kept: DecimatedGrid) -> None:
-        self._kept = kept
-        self._found: dict[int, Any] = {}
-
-    def add(self, effect: int, change: Any) -> None:
-        """The change (n,) by one effect."""
-        if np.any(change):
-            self._found[effect] = self._kept.of(change)
-
-    def all_of(self, kind: type) -> Responses[Any]:
-        """All of them per unit of the effects, which are let go one by one."""
-        which = np.array(list(self._found), dtype=np.int64)
-        values: Any = np.empty((self._kept.size, which.size), dtype=kind, order="F")
-        for place, effect in enumerate(which.tolist()):
-            np.divide(self._found.pop(effect), RESPONSE_STEP, out=values[:, place])
-        return Responses(which, self._kept, values)
-
-
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything at all."""
+    each: dict[str, Any] = {name: getattr(responses, name) for name in ("force", "pressure", "moment")}
     nonzero = np.any(responses.drift != 0.0, axis=(0, 1))
-    for each in (responses.force, responses.pressure, responses.moment):
-        nonzero[each.which] = True
+    for one in each.values():
+        nonzero[one.which] = True
     if np.all(nonzero):
         return responses
     place = np.cumsum(nonzero) - 1
-    return EffectResponses(
-        tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept),
-        responses.rows,
-        responses.drift[:, :, nonzero],
-        replace(responses.force, which=place[responses.force.which]),
-        replace(responses.pressure, which=place[responses.pressure.which]),
-        replace(responses.moment, which=place[responses.moment.which]),
-    )
+    moved = {name: replace(one, which=place[one.which]) for name, one in each.items()}
+    left = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
+    return replace(responses, effects=left, drift=responses.drift[:, :, nonzero], **moved)
 
 
 def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
     """The record as instruments without noise would read: smoothed, with that transverse force (n,) m/s^2."""
     flight = record.flight
-    p, p_change = _smoothed(record, flight.p)
-    axial, _ = _smoothed(record, record.force[:, 0])
+    roll_rate = differentiated(flight, flight.p)
+    p, p_change = roll_rate.value.real, roll_rate.rate.real
+    axial, velocity, pressure = (
+        differentiated(flight, channel).value.real
+        for channel in (record.force[:, 0], flight.velocity, flight.dynamic_pressure)
+    )
     rate, change = record.transverse_rate, record.rate_change
     at_cg = np.stack([axial, force.real, force.imag], axis=1)
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     ax, ay, az = (at_cg + arm_acceleration(p, p_change, rate, change, arm)).T
-    quiet = replace(
-        flight,
-        p=p,
-        q=rate.real,
-        r=rate.imag,
-        ax=ax,
-        ay=ay,
-        az=az,
-        velocity=_smoothed(record, flight.velocity)[0],
-        dynamic_pressure=_smoothed(record, flight.dynamic_pressure)[0],
-    )
+    channels = {"p": p, "q": rate.real, "r": rate.imag, "ax": ax, "ay": ay, "az": az}
+    quiet = replace(flight, **channels, velocity=velocity, dynamic_pressure=pressure)
     roll, attitude = body_attitude(record.time, p, rate)
     spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     return replace(record, flight=quiet, roll=roll, attitude=attitude, spin_angle=spin_angle, force=at_cg)
 
 
-def _smoothed(record: InertialRecord, channel: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A channel (n,) less its noise, and its derivative, 1/s."""
-    segments = record.flight.segments
-    noise = white_noise_level(channel, segments)
-    found = differentiate(channel.astype(complex), record.flight.step, noise, segments)
-    return found.value.real, found.rate.real
-
-
-def _drift(
-    smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]
-) -> FloatArray:
+def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
     """Change (n, 3, k) m/s of the velocity relative to the air, in the axes of the first sample.
 
     A turned attitude moves the air as much as a turned velocity does.
@@ -391,9 +330,7 @@ def _drift(
     velocity = np.einsum("nij,nj->ni", smooth.attitude, flow)
     before = smooth.force_inertial
     impulses = np.zeros((smooth.time.size, 3, len(records)))
-    moved = [
-        k for k, r in enumerate(records) if r.force is not smooth.force or r.attitude is not smooth.attitude
-    ]
+    moved = [k for k, r in enumerate(records) if r.force is not smooth.force or r.attitude is not smooth.attitude]
     if moved:
         pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
         impulses[:, :, moved] = running_integral(smooth.time, pulls)

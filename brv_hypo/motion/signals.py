@@ -11,9 +11,8 @@ errors account for it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
@@ -21,8 +20,9 @@ from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
 from scipy.signal import oaconvolve, savgol_filter
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
 from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.record import Flight
 
 NOISE_STILL = 0.5  # share of a channel's steps that are none, from which its rounding is its noise
 DERIVATIVE_ORDERS = (2, 4, 6)  # degrees of the local polynomials that are tried
@@ -32,10 +32,16 @@ DERIVATIVE_DOUBT = 4.0  # standard errors by which the bias against a noisy refe
 DERIVATIVE_CORRELATED = 4.0  # samples over which its noise is correlated
 DERIVATIVE_WIDENING = 1.25  # from one window that is tried to the next
 DERIVATIVE_WINDOWS = 5  # of the widest window, that the longest stretch holds at least
+_WIDE = 400  # weights from which on a filter is quicker by Fourier transforms
 SMOOTH_INTERVALS = 64  # of a smoothing spline, at most: roll rate and density vary slowly
 SMOOTH_PER_INTERVAL = 6  # samples at least, so that noise can be told from the signal
 SMOOTH_PENALTIES = (-14.0, 15.0, 117)  # powers of ten, four a decade, from none to a parabola
 SMOOTH_ORDER = 3  # of the differences that are penalised: a parabola is smooth
+
+
+def rms(values: FloatArray | ComplexArray) -> float:
+    """Root mean square, of the size where `values` (n, ...) are complex."""
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
 
 # ---- White-noise level of a channel, from the record itself ----
@@ -91,32 +97,33 @@ def _quantisation(channel: FloatArray) -> float:
     return max(smallest / math.sqrt(12.0), 1e-12 * float(np.max(np.abs(channel), initial=1.0)))
 
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
-
-# Weights from which on a filter is quicker by Fourier transforms.
-_WIDE = 400
+# ---- The first derivative: the local polynomial of the least mean-square error ----
 
 
 @dataclass(frozen=True)
 class Derivative:
-    """First derivative of a sampled signal, and what the filter does to white noise.
-
-    `signal` (n,) as it was, `value`, `rate` (n,): smoothed signal and its derivative; `rate_gain` (n,):
-    standard deviation of the rate per unit of white noise, 1/s; `value_gain` the same of the value;
-    `interior` (n,): where the filter is centred, so that `noise_correlation` (2 half_width + 1,) holds;
-    `rate_bias` rms bias of each part of the rate, as estimated.
-    """
+    """First derivative of a sampled signal, and what the filter does to white noise."""
 
     signal: ComplexArray
+    """As it was (n,)."""
     value: ComplexArray
+    """Smoothed (n,)."""
     rate: ComplexArray
+    """Its derivative (n,), per s."""
     value_gain: FloatArray
+    """Standard deviation (n,) of the value per unit of white noise."""
     rate_gain: FloatArray
+    """The same of the rate, 1/s; inf in segments too short for the filter."""
     interior: BoolArray
+    """Where the filter is centred (n,), so that `noise_correlation` holds."""
     order: int
+    """Degree of the local polynomials."""
     half_width: int
+    """Samples on either side of the middle of the window."""
     noise_correlation: FloatArray
+    """That of the rate's noise at lags of 0, 1, ... samples (2 half_width + 1,)."""
     rate_bias: float
+    """Estimated rms bias of each part of the rate, per s."""
 
 
 def differentiate(
@@ -154,6 +161,29 @@ def differentiate(
         noise_correlation=correlation / correlation[0],
         rate_bias=float(np.sqrt(0.5 * squared_bias)) / step,
     )
+
+
+def differentiated(flight: Flight, channel: FloatArray, least: float = 0.0) -> Derivative:
+    """A channel (n,) of a flight through that filter; its white noise is taken for `least` at least."""
+    sigma = max(white_noise_level(channel, flight.segments), least)
+    return differentiate(channel.astype(complex), flight.step, sigma, flight.segments)
+
+
+def smooth_channel(flight: Flight, channel: FloatArray) -> FloatArray:
+    """A channel (n,) of a flight, freed of noise."""
+    return differentiated(flight, channel, 1e-9 * float(np.max(np.abs(channel))) + 1e-300).value.real
+
+
+def with_smooth_air(flight: Flight) -> Flight:
+    """The flight with speed and dynamic pressure freed of noise: it would add up in the integrated moments.
+
+    The density is far smoother than the pressure, which follows drag and lift through the speed.
+    """
+    speed = smooth_channel(flight, flight.velocity)
+    density = flight.dynamic_pressure / speed**2
+    least = 1e-6 * float(np.max(density))
+    logarithm = smooth_channel(flight, np.log(np.maximum(density, least)))
+    return replace(flight, velocity=speed, dynamic_pressure=np.exp(logarithm) * speed**2)
 
 
 @dataclass(frozen=True)
@@ -225,7 +255,10 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     windows of many cycles smooth everything away whatever their order, and only the second sees it.
     """
     longest = max(piece.size for piece in pieces)
-    parts = [_real_parts(piece) for piece in pieces]
+    parts = [[np.ascontiguousarray(each.real)] for each in pieces]
+    for each, own in zip(pieces, parts, strict=True):
+        if np.any(each.imag):
+            own.append(np.ascontiguousarray(each.imag))
     best, choice = np.inf, (DERIVATIVE_ORDERS[0], 1, 0.0)
     for order in DERIVATIVE_ORDERS:
         valley = np.inf
@@ -244,12 +277,6 @@ def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, fl
     return choice
 
 
-def _real_parts(piece: ComplexArray) -> tuple[FloatArray, FloatArray | None]:
-    """Real and imaginary part (n,); None for a signal that has none."""
-    imaginary = np.ascontiguousarray(piece.imag)
-    return np.ascontiguousarray(piece.real), imaginary if np.any(imaginary) else None
-
-
 def _half_widths(smallest: int, longest: int) -> list[int]:
     """Half-widths in steps of about a quarter, the window at most a fifth of the longest piece."""
     widths, width = [smallest], float(smallest)
@@ -263,24 +290,27 @@ def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
     """Weights of a derivative's filter less those of the next even order, and less those of the narrowest of all."""
     weights = middle_weights(order, half_width)
     narrowest = middle_weights(DERIVATIVE_ORDERS[-1], DERIVATIVE_ORDERS[-1] // 2)
-    found = []
-    for reference in (middle_weights(order + 2, half_width), narrowest):
+
+    def less(reference: FloatArray) -> FloatArray:
         widest = max(weights.size, reference.size)
-        wide = [np.pad(each, (widest - each.size) // 2) for each in (weights, reference)]
-        found.append(wide[0] - wide[1])
-    return found[0], found[1]
+        return np.asarray(np.subtract(*(np.pad(each, (widest - each.size) // 2) for each in (weights, reference))))
+
+    return less(middle_weights(order + 2, half_width)), less(narrowest)
 
 
 def _squared_bias(
-    pieces: list[tuple[FloatArray, FloatArray | None]], difference: FloatArray, sigma: float, margin: float
+    pieces: list[list[FloatArray]], difference: FloatArray, sigma: float, margin: float
 ) -> float:
-    """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none."""
-    power, count = 0.0, 0
-    for parts in pieces:
-        if parts[0].size >= difference.size:
-            count += parts[0].size - difference.size + 1
-            gaps = [_correlated(part, difference) for part in parts if part is not None]
-            power += sum(float(gap @ gap) for gap in gaps)
+    """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none.
+
+    `pieces` are the real and, where it has one, the imaginary part of each.
+    """
+    long = [parts for parts in pieces if parts[0].size >= difference.size]
+    count = sum(parts[0].size - difference.size + 1 for parts in long)
+    power = 0.0
+    for parts in long:
+        gaps = [_correlated(part, difference) for part in parts]
+        power += sum(float(gap @ gap) for gap in gaps)
     noise = 2.0 * sigma**2 * float(difference @ difference)
     excess = power / count - noise
     return excess if excess > margin * noise * np.sqrt(DERIVATIVE_CORRELATED / count) else 0.0
@@ -307,14 +337,14 @@ class Smooth:
 
 @dataclass(frozen=True)
 class InputError:
-    """What smoothing leaves of an input's noise: rad/s of the roll rate, a fraction of the pressure.
-
-    `scale` are shapes of unit standard deviation, as coefficients of a cubic spline over `span` (s).
-    """
+    """What smoothing leaves of an input's noise, as independent shapes in time of unit standard deviation."""
 
     name: str
+    """Of the input: errors of the roll rate are in rad/s, those of the pressure a fraction of it."""
     span: tuple[float, float]
+    """First and last time of the record, s."""
     scale: FloatArray
+    """The shapes (coefficients, shapes) by the coefficients of a cubic spline over the span."""
 
     @property
     def count(self) -> int:
@@ -393,8 +423,6 @@ def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _splines(place: FloatArray, count: int) -> FloatArray:
-    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and as evenly three more on each
-    side.
-    """
+    """The cubic splines (n, count) on knots evenly spaced over 0 to 1, and three more on each side."""
     knots = np.arange(-3, count + 1) / (count - 3)
     return np.asarray(BSpline.design_matrix(place, knots, 3).toarray(), dtype=float)

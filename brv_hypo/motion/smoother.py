@@ -11,7 +11,7 @@ record and coefficients of the measurement models.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -33,11 +33,13 @@ from brv_hypo.motion.inertial import (
     gravity_magnitude,
     start_from_nose,
     transverse_axes,
+    wind_to_body,
 )
 from brv_hypo.motion.interpolation import blocks
-from brv_hypo.motion.kinematics import effective
+from brv_hypo.motion.kinematics import effective, unit
 from brv_hypo.motion.measurement import BENT, LocalScaling, MeasurementModel
 from brv_hypo.motion.responses import EffectFit, EffectResponses, projected_variance
+from brv_hypo.motion.signals import rms
 
 MOTION_MOST_STEPS = 25  # Gauss-Newton steps; bounds the time where they do not settle
 MOTION_CONVERGED = 1e-2  # of the crossflow's standard deviation given the globals, by which the last step changes it
@@ -63,17 +65,28 @@ class Columns(Protocol):
         """These rows of all columns."""
 
 
+class _OnDemand:
+    """Columns whose rows are made when they are asked for."""
+
+    def __init__(self, make: Callable[[slice], ComplexArray]) -> None:
+        self._make = make
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        return self._make(rows)
+
+
 @dataclass(frozen=True)
 class LinearMeasurement:
-    """One observation at each sample: residual (n,), gain h (n,), columns A (n, k), noise sigma (n,).
-
-    `sigma` is the standard deviation of each part of the complex noise; inf where nothing is measured.
-    """
+    """One observation at each of n samples."""
 
     residual: ComplexArray
+    """(n,)"""
     gain: ComplexArray
+    """h (n,)."""
     columns: Columns
+    """A (n, k)."""
     sigma: FloatArray
+    """Standard deviation (n,) of each part of the complex noise; inf where nothing is measured."""
 
 
 @dataclass(frozen=True)
@@ -108,19 +121,16 @@ class WalkEquations:
         walk = self.answer[:, : weights.size] @ weights + 1j * (self.answer[:, weights.size :] @ weights)
         return WalkSolution(walk, theta, covariance, float(cost))
 
-    def residual(self, index: int, solution: WalkSolution) -> ComplexArray:
-        """Residual (n,) of the measurement number `index`."""
-        measurement = self.measurements[index]
-        fitted = [measurement.columns[rows] @ solution.theta for rows in blocks(measurement.residual.size)]
-        return np.asarray(measurement.residual - np.concatenate(fitted) - measurement.gain * solution.walk)
+    def residual(self, solution: WalkSolution) -> ComplexArray:
+        """Residual (n,) of the last measurement."""
+        last = self.measurements[-1]
+        fitted = [last.columns[rows] @ solution.theta for rows in blocks(last.residual.size)]
+        return np.asarray(last.residual - np.concatenate(fitted) - last.gain * solution.walk)
 
 
 @dataclass(frozen=True)
 class WalkSolution:
-    """Walk (n,), globals (k,) and their covariance (k, k).
-
-    `cost`: minus twice the log of likelihood times prior, but for a constant.
-    """
+    """Walk (n,), globals (k,), their covariance (k, k), and minus twice the log of likelihood times prior."""
 
     walk: ComplexArray
     theta: FloatArray
@@ -151,9 +161,7 @@ def walk_equations(
 
 
 def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:
-    """Inner products (k + 1, k + 1) of residual and columns, whitened; and their projection on the walk (n, 2 k +
-    2).
-    """
+    """Inner products (k + 1, k + 1) of whitened residual and columns; their projection on the walk (n, 2 k + 2)."""
     n, count = measurements[0].residual.size, measurements[0].columns[:1].shape[1] + 1
     gram, projected = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
     for measurement in measurements:
@@ -195,25 +203,30 @@ _RAN_AWAY = (
 
 @dataclass(frozen=True)
 class SmoothedMotion:
-    """A converged fit: where the nominal motion starts, the coefficients of the measurements, and the crossflow.
-
-    `residual` (n,) is that of the last measurement; `score` is the Bayesian information criterion.
-    `response` is the crossflow's change (n, k), in wind axes, per unit of each global; None where how well it
-    is known is not needed, for it is large. `walk_sigma` (n,) is its
-    standard deviation given the globals; `turn` (n,) the unit number from wind to body axes.
-    """
+    """A converged fit."""
 
     measurements: tuple[MeasurementModel, ...]
+    """What was fitted."""
     start: WindStart
+    """Where the nominal motion starts."""
     coefficients: tuple[FloatArray, ...]
+    """Those of each measurement (unknowns,)."""
     crossflow: ComplexArray
+    """(n,)"""
     residual: ComplexArray
+    """Of the last measurement (n,)."""
     covariance: FloatArray
+    """Of the globals (k, k)."""
     effects: EffectFit
+    """The estimated errors of the record."""
     response: Columns | None
+    """Change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large."""
     walk_sigma: FloatArray
+    """Standard deviation (n,) of the crossflow given the globals."""
     turn: ComplexArray
+    """Unit number (n,) from wind to body axes."""
     score: float
+    """Bayesian information criterion."""
 
     @property
     def near(self) -> StartingPoint:
@@ -223,10 +236,9 @@ class SmoothedMotion:
     def sigmas(self) -> tuple[FloatArray, FloatArray]:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
         assert self.response is not None
-        along = self.crossflow / np.maximum(np.abs(self.crossflow), 1e-12)
-        turned = (self.turn * np.conj(along))[:, None]
-        radial, tangential = np.empty((2, along.size))
-        for rows in blocks(along.size):
+        turned = (self.turn * np.conj(unit(self.crossflow)))[:, None]
+        radial, tangential = np.empty((2, turned.size))
+        for rows in blocks(turned.size):
             projected = self.response[rows] * turned[rows]
             for sigma, part in ((radial, projected.real), (tangential, projected.imag)):
                 sigma[rows] = np.sqrt(self.walk_sigma[rows] ** 2 + projected_variance(part, self.covariance))
@@ -274,34 +286,29 @@ class RandomWalkSmoother:
         """Unit velocity (n, 3) in the axes of the first sample."""
         return direction_by_impulse(self.record, start, self.impulse)
 
-    def solve_from_scratch(self, measurements: tuple[MeasurementModel, ...]) -> SmoothedMotion:
-        """Fit from the nose's mean, and from the linear fit of the measurements about it; the better of the two."""
-        starts = [
-            self.nose_start,
-            *(s for measurement in measurements if (s := self._linear_start(measurement)) is not None),
-        ]
-        fits = [self._iterate(measurements, start) for start in starts]
-        return min(fits, key=lambda fit: fit.score)
+    def solve(
+        self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None
+    ) -> SmoothedMotion:
+        """Fit from a motion that is near; without one from the nose's mean, or better.
 
-    def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint) -> SmoothedMotion:
-        """Fit from one that is near."""
-        return self._iterate(measurements, near.start, near.crossflow)
+        The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
+        """
+        if near is not None:
+            return self._iterate(measurements, near.start, near.crossflow)
+        starts = [self.nose_start, *map(self._linear_start, measurements)]
+        fits = [self._iterate(measurements, start) for start in starts if start is not None]
+        return min(fits, key=lambda fit: fit.score)
 
     def _linear_start(self, measurement: MeasurementModel) -> WindStart | None:
         """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
         direction = self.direction(self.nose_start)
         xi = body_crossflow(self.record, direction)
-        turn = self._turn(transverse_axes(direction))
+        turn = wind_to_body(self.record, direction)
         valid = np.isfinite(measurement.sigma)
         weight = 1.0 / measurement.sigma[valid]
-        ones = np.ones_like(xi)
+        turned = measurement.scale * turn
         columns = np.column_stack(
-            [
-                measurement.scale * effective(xi),
-                measurement.scale * turn,
-                measurement.scale * turn * self.record.time,
-                ones,
-            ]
+            [measurement.scale * effective(xi), turned, turned * self.record.time, np.ones_like(xi)]
         )
         answer = np.linalg.lstsq(columns[valid] * weight[:, None], measurement.observed[valid] * weight, rcond=None)[0]
         offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
@@ -321,14 +328,13 @@ class RandomWalkSmoother:
         for _ in range(MOTION_MOST_STEPS):
             direction = self.direction(start)
             axes = transverse_axes(direction)
-            nominal, turn = body_crossflow(self.record, direction), self._turn(axes)
+            nominal, turn = body_crossflow(self.record, direction), wind_to_body(self.record, direction)
             xi = crossflow
-            coefficients = coefficients or tuple(
-                self._first_coefficients(measurement, xi) for measurement in measurements
-            )
+            coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
             drift = _Drift(self.record, self.responses, axes)
             equations = None  # large, and about to be replaced
-            equations = self._linear(measurements, coefficients, xi, turn, (xi - nominal) * np.conj(turn), drift)
+            offset = (xi - nominal) * np.conj(turn)
+            equations, scaling = self._linear(measurements, coefficients, xi, turn, offset, drift)
             solution = equations.solve(*self._priors(measurements, coefficients, start))
             shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
             step = nominal + turn * shift - xi
@@ -336,34 +342,39 @@ class RandomWalkSmoother:
                 raise UnanswerableError(_RAN_AWAY)
             share, last = share if last is None else relaxed(share, last, step), step
             crossflow = np.asarray(xi + share * step)
-            start = _moved(
-                start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:_GRAVITY]
-            )
-            coefficients = _added(coefficients, share * solution.theta[self.shared :])
+            start = _moved(start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:_GRAVITY])
+            ends = np.cumsum([values.size for values in coefficients])[:-1]
+            steps = np.split(share * solution.theta[self.shared :], ends)
+            coefficients = tuple(old + new for old, new in zip(coefficients, steps, strict=True))
             walk_sigma = np.sqrt(equations.walk_variance) / self.speed
-            if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * _rms(xi))):
+            if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))):
                 break
         assert equations is not None
-        observations = sum(2 * int(np.count_nonzero(np.isfinite(measurement.sigma))) for measurement in measurements)
+        final = equations
+        observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
+        errors = slice(_GRAVITY, self.shared)
+        left = equations.residual(solution)
+
+        def response(rows: slice) -> ComplexArray:
+            moved, out = drift[rows], final.sensitivity(rows)
+            out[:, : moved.shape[1]] += moved
+            out /= self.speed[rows, np.newaxis]
+            return out
+
+        value, covariance = self.known + solution.theta[errors], solution.covariance[errors, errors]
         return SmoothedMotion(
             measurements=measurements,
             start=start,
             coefficients=coefficients,
             crossflow=crossflow,
-            residual=_unscaled(equations, solution),
+            residual=left if scaling is None else scaling.back(left),
             covariance=solution.covariance,
-            effects=self._effects(solution),
-            response=_Response(equations, drift, self.speed),
+            effects=EffectFit(self.responses, self.known, value, covariance),
+            response=_OnDemand(response),
             walk_sigma=walk_sigma,
             turn=turn,
-            score=solution.cost
-            + sum(measurement.unknowns for measurement in measurements) * float(np.log(observations)),
+            score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
         )
-
-    def _effects(self, solution: WalkSolution) -> EffectFit:
-        errors = slice(_GRAVITY, self.shared)
-        value = self.known + solution.theta[errors]
-        return EffectFit(self.responses, self.known, value, solution.covariance[errors, errors])
 
     def _linear(
         self,
@@ -373,34 +384,43 @@ class RandomWalkSmoother:
         turn: ComplexArray,
         offset: ComplexArray,
         drift: _Drift,
-    ) -> WalkEquations:
-        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind
-        axes."""
+    ) -> tuple[WalkEquations, LocalScaling | None]:
+        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes.
+
+        With it the scaling of the last measurement.
+        """
         ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
-        rows = []
-        for measurement, values, at in zip(measurements, coefficients, ends, strict=False):
-            own = measurement.columns(xi)
+
+        def linear(
+            measurement: MeasurementModel, values: FloatArray, first: int
+        ) -> tuple[LinearMeasurement, LocalScaling | None]:
+            own, sigma, modelled = measurement.columns(xi), measurement.sigma, measurement.modelled(xi, values)
+            residual = measurement.observed - own @ values
             slope = measurement.gain(xi, values) * turn
             gain = slope / self.speed
-            local_scaling, residual, sigma = (
-                measurement.local_scaling(xi, values),
-                measurement.observed - own @ values,
-                measurement.sigma,
-            )
-            if local_scaling is not None:
-                residual, own, sigma = local_scaling.of(residual), local_scaling.of(own), sigma * local_scaling.noise
-            columns = _MeasurementColumns(
-                measurement,
-                gain,
-                drift,
-                measurement.modelled(xi, values),
-                own,
-                int(at),
-                int(ends[-1]),
-                local_scaling,
-            )
-            rows.append(LinearMeasurement(residual + slope * offset, gain, columns, sigma))
-        return walk_equations(rows, self.step_variance, (MOTION_START * self.speed[0]) ** 2)
+            scaling = measurement.local_scaling(xi, values)
+            if scaling is not None:
+                residual, own, sigma = scaling.of(residual), scaling.of(own), sigma * scaling.noise
+
+            def columns(rows: slice) -> ComplexArray:
+                here, moved = own[rows], drift[rows]
+                out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
+                errors, shared = out[:, _GRAVITY : self.shared], out[:, : self.shared]
+                measurement.add_effects(errors, rows, modelled)
+                if scaling is not None:
+                    errors[:] = scaling.of(errors, rows)
+                shared += gain[rows, np.newaxis] * moved
+                out[:, first : first + here.shape[1]] = here
+                return out
+
+            return LinearMeasurement(residual + slope * offset, gain, _OnDemand(columns), sigma), scaling
+
+        each = [
+            linear(measurement, values, int(first))
+            for measurement, values, first in zip(measurements, coefficients, ends, strict=False)
+        ]
+        variance = (MOTION_START * self.speed[0]) ** 2
+        return walk_equations([one for one, _ in each], self.step_variance, variance), each[-1][1]
 
     def _priors(
         self, measurements: Sequence[MeasurementModel], coefficients: Sequence[FloatArray], start: WindStart
@@ -417,20 +437,14 @@ class RandomWalkSmoother:
             at += measurement.unknowns
         return mean, information
 
-    def _turn(self, axes: _Axes) -> ComplexArray:
-        """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
-        second, third = (self.record.to_body(axis) for axis in axes)
-        turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
-        return np.asarray(turn / np.maximum(np.abs(turn), 1e-12))
-
-    def _first_coefficients(self, measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
-        """Coefficients that fit the observation about the crossflow as it stands."""
-        valid = np.isfinite(measurement.sigma)
-        weight = 1.0 / measurement.sigma[valid]
-        columns = measurement.columns(xi)[valid] * weight[:, None]
-        right = measurement.observed[valid] * weight
-        stacked = np.concatenate([columns.real, columns.imag])
-        return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
+def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
+    """Coefficients that fit the observation about the crossflow as it stands."""
+    valid = np.isfinite(measurement.sigma)
+    weight = 1.0 / measurement.sigma[valid]
+    columns = measurement.columns(xi)[valid] * weight[:, None]
+    right = measurement.observed[valid] * weight
+    stacked = np.concatenate([columns.real, columns.imag])
+    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
 
 
 class _Drift:
@@ -466,58 +480,6 @@ class _Drift:
         return np.asarray(second + 1j * third)
 
 
-@dataclass(frozen=True)
-class _MeasurementColumns:
-    """Columns (n, size) of one measurement: gravity and errors, and from `first` on its `own` (n, unknowns).
-
-    `gain` (n,) is the derivative by the velocity, scaled by `local_scaling` where it has one; `modelled` (n,)
-    the modelled part of the observation that follows the crossflow.
-    """
-
-    measurement: MeasurementModel
-    gain: ComplexArray
-    drift: _Drift
-    modelled: ComplexArray
-    own: ComplexArray
-    first: int
-    size: int
-    local_scaling: LocalScaling | None
-
-    def __getitem__(self, rows: slice) -> ComplexArray:
-        own, drift = self.own[rows], self.drift[rows]
-        out = np.zeros((own.shape[0], self.size), dtype=complex)
-        shared = drift.shape[1]
-        self.measurement.add_effects(out[:, _GRAVITY:shared], rows, self.modelled)
-        if self.local_scaling is not None:
-            out[:, _GRAVITY:shared] = self.local_scaling.of(out[:, _GRAVITY:shared], rows)
-        out[:, :shared] += self.gain[rows, np.newaxis] * drift
-        out[:, self.first : self.first + own.shape[1]] = own
-        return out
-
-
-@dataclass(frozen=True)
-class _Response:
-    """Change of the crossflow (n, k), in wind axes, per unit of each global."""
-
-    equations: WalkEquations
-    drift: _Drift
-    speed: FloatArray
-
-    def __getitem__(self, rows: slice) -> ComplexArray:
-        drift, out = self.drift[rows], self.equations.sensitivity(rows)
-        out[:, : drift.shape[1]] += drift
-        out /= self.speed[rows, np.newaxis]
-        return out
-
-
-def _unscaled(equations: WalkEquations, solution: WalkSolution) -> ComplexArray:
-    """Residual of the last measurement (n,), as it was observed."""
-    last = len(equations.measurements) - 1
-    left, columns = equations.residual(last, solution), equations.measurements[last].columns
-    local_scaling = columns.local_scaling if isinstance(columns, _MeasurementColumns) else None
-    return left if local_scaling is None else local_scaling.back(left)
-
-
 def _moved(start: WindStart, axes: _Axes, offset: complex, gravity: FloatArray) -> WindStart:
     second, third = axes
     moved = start.direction + second[0] * offset.real + third[0] * offset.imag
@@ -533,15 +495,6 @@ def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
     change = step - before
     fall = -float(np.vdot(change, before).real)
     return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), MOTION_LEAST_RELAXED), 1.0 / share)
-
-
-def _rms(xi: ComplexArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(xi) ** 2)))
-
-
-def _added(coefficients: tuple[FloatArray, ...], step: FloatArray) -> tuple[FloatArray, ...]:
-    ends = np.cumsum([values.size for values in coefficients])[:-1]
-    return tuple(old + new for old, new in zip(coefficients, np.split(step, ends), strict=True))
 
 
 def _step_variance(record: InertialRecord) -> FloatArray:

@@ -34,6 +34,7 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.methods import method_names
 from brv_hypo.motion.motion import at_nodes
 from brv_hypo.ranking.verdict import Contest, Stability
 from brv_hypo.regression.build import normal_force_slope
@@ -106,7 +107,7 @@ def _shifted(fit: HypothesisFit, shift: float) -> tuple[Regressor, ...]:
 
 
 # They take a start and follow it: what they give does not depend on how the record was reconstructed.
-OPEN_LOOP: tuple[Method, ...] = ("velocity", "rates", "polar")
+OPEN_LOOP: tuple[Method, ...] = method_names()[1:]
 
 
 def on_other_motions(problem: Problem, fits: Sequence[HypothesisFit]) -> Repeated:

@@ -16,8 +16,9 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.checked import checked_terms, read_only
-from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import CommonTime, OwnTime
+from brv_hypo.model.moment import evaluated
 from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.motion.kinematics import body_from_plane
 from brv_hypo.motion.motion import Motion, with_in_plane_moment
@@ -202,19 +203,17 @@ class RateFrame:
 
     def _in_plane_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
         """What wind-fixed columns make of C_mw, one (k,) a flight at its nodes."""
-        fixed = [j for j, column in enumerate(columns) if self.mechanisms[column.mechanism].wind_fixed]
         moments = []
         for number, motion in enumerate(self.finer):
-            moment = np.zeros_like(motion.alpha)
-            known: dict[tuple[str, Theta], dict[str, Term]] = {}
-            for column, value in zip([columns[j] for j in fixed], values[fixed], strict=True):
-                if not column.acts_on(number):
-                    continue
-                key = (column.mechanism, column.theta)
-                if key not in known:
-                    terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-                    known[key] = {term.name: term for term in terms}
-                moment = moment + value * known[key][column.term].in_plane * column.time_basis(motion.coefficient_time)
+            fixed = [
+                j
+                for j, column in enumerate(columns)
+                if self.mechanisms[column.mechanism].wind_fixed and column.acts_on(number)
+            ]
+            here, moment = [columns[j] for j in fixed], np.zeros_like(motion.alpha)
+            terms = evaluated(here, self.mechanisms, motion)
+            for column, term, value in zip(here, terms, values[fixed], strict=True):
+                moment = moment + value * term.in_plane * column.time_basis(motion.coefficient_time)
             moments.append(moment)
         return moments
 

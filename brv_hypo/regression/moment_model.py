@@ -10,17 +10,18 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray, Values
 from brv_hypo.constants import MOMENT_SLOPE_STEP
-from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.model.moment import evaluated, summed
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.interpolation import Places, Spline
+from brv_hypo.motion.interpolation import Spline
 from brv_hypo.motion.kinematics import CROSSFLOW_FLOOR, crossflow
 from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -31,7 +32,7 @@ _TURNED = ("y", "z", "rate y", "rate z")
 _SCALARS = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 _READ = (*_SCALARS, "q", "r")
 
-Values = TypeVar("Values", FloatArray, ComplexArray)
+
 MovedRecord = tuple[InertialRecord, ComplexArray]
 """A record of a flight's times, and its crossflow (n,)."""
 
@@ -131,8 +132,8 @@ class MomentModel:
             return known
         time = self.motion.time
         since = time - ago - time[0]
-        places = Places.among(time, time[0] + np.maximum(since, 0.0))
-        found = {name: Spline(time, change)(places) for name, change in known.items()}
+        asked = time[0] + np.maximum(since, 0.0)
+        found = {name: Spline(time, change)(asked) for name, change in known.items()}
         early = since < 0.0
         xi, rate = (each[0] for each in _crossflow(self.motion))
         xi = xi if abs(xi) > CROSSFLOW_FLOOR else CROSSFLOW_FLOOR  # the meridian is undefined there
@@ -147,18 +148,15 @@ class MomentModel:
 
     def _moments(self, motion: Motion) -> tuple[ComplexArray, ComplexArray]:
         """C_m + i C_n (m,) on a motion at the nodes: of what is always there, and of what is tested."""
-        plane = np.zeros((2, motion.time.size), dtype=complex)
-        found: dict[tuple[str, Theta], dict[str, Term]] = {}
-        for column, time_basis in zip(self.columns, self._courses, strict=True):
-            key = (column.mechanism, column.theta)
-            if key not in found:
-                terms = self.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-                found[key] = {term.name: term for term in terms}
-            term, own = found[key][column.term], plane[0 if column.mechanism in self._always else 1]
-            own.real += time_basis * term.in_plane
-            own.imag += time_basis * term.out_of_plane
-        always, tested = (motion.to_body(each.real, each.imag) for each in plane)
-        return always, tested
+        terms = evaluated(self.columns, self.mechanisms, motion)
+        found = []
+        for always in (True, False):
+            some = [j for j, each in enumerate(self.columns) if (each.mechanism in self._always) is always]
+            weights = [self._courses[j] for j in some]
+            in_plane = summed((terms[j].in_plane for j in some), weights, motion.time)
+            out_of_plane = summed((terms[j].out_of_plane for j in some), weights, motion.time)
+            found.append(motion.to_body(in_plane, out_of_plane))
+        return found[0], found[1]
 
     @cached_property
     def _always(self) -> frozenset[str]:

@@ -13,17 +13,16 @@ from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import WALK_FEWEST_MODES, WALK_LEFT_OUT, WALK_MODES_PER_CYCLE, WALK_MOST_MODES
-from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import (
-    FREE_GRAVITY,
     InertialRecord,
     WindStart,
     body_crossflow,
-    gravity_magnitude,
+    gravity_size,
     inertial_record,
     transverse_axes,
     wind_direction,
+    wind_to_body,
 )
 from brv_hypo.motion.inputs import with_smooth_inputs
 from brv_hypo.motion.interpolation import SplineGrid
@@ -80,13 +79,6 @@ def _noise_at(record: InertialRecord, order: FloatArray) -> FloatArray:
     return record.gyro_walk.sigma_at(order * record.flight.step / record.time[-1])
 
 
-def wind_to_body(record: InertialRecord, direction: FloatArray) -> ComplexArray:
-    """Unit number (n,) that turns a transverse pair from wind axes into body axes."""
-    second, third = (record.to_body(axes) for axes in transverse_axes(direction))
-    turn = second[:, 1] + 1j * second[:, 2] - 1j * (third[:, 1] + 1j * third[:, 2])
-    return np.asarray(turn / np.maximum(np.abs(turn), 1e-12), dtype=complex)
-
-
 # ---- The motion to linearise about, by where it starts and how its attitude wanders: a fit moves both ----
 
 
@@ -99,11 +91,6 @@ GRAVITY = ("gravity x", "gravity y", "gravity z")
 def walk_name(axis: str, number: int) -> str:
     """Name of a sine of the walk about an axis, y or z."""
     return f"walk {axis} {number}"
-
-
-def gravity_size(flight: Flight) -> float:
-    """How large gravity may be, m/s^2."""
-    return gravity_magnitude(flight) or FREE_GRAVITY
 
 
 @dataclass(frozen=True)

@@ -26,27 +26,27 @@ from brv_hypo.motion.inertial import (
     InertialRecord,
     WindStart,
     body_crossflow,
+    gravity_size,
     propagated_crossflows,
     transverse_axes,
     wind_direction,
+    wind_to_body,
 )
-from brv_hypo.motion.inputs import ROLL_RATE, smooth_channel
+from brv_hypo.motion.inputs import ROLL_RATE
 from brv_hypo.motion.interpolation import running_integral, spacing
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, perturbed
-from brv_hypo.motion.signals import InputError
+from brv_hypo.motion.signals import InputError, smooth_channel
 from brv_hypo.regression.channels import ForceModel, Rows
 from brv_hypo.regression.moment_model import MomentModel, MovedRecord
 from brv_hypo.regression.propagated_motion import (
     GRAVITY,
     START,
     PropagatedMotion,
-    gravity_size,
     walk_modes,
     walk_name,
     walk_noise,
     walk_sines,
-    wind_to_body,
 )
 
 Moved = TypeVar("Moved")

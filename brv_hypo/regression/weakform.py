@@ -20,8 +20,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.term import TimeBasis
-from brv_hypo.motion.interpolation import Places, SplineGrid, running_integral
-from brv_hypo.motion.motion import Quadrature
+from brv_hypo.motion.interpolation import Quadrature, SplineGrid, among, running_integral
 
 # Share of the last step before a segment's end within which what begins is nothing of it: the difference of two
 # integrals up to there is rounding, and least squares would fit the last sample's noise by any multiple of that.
@@ -44,9 +43,9 @@ class Antiderivative:
         """Integrals up to each node (m, columns)."""
         return self.grid.integrals(self.values, self._slopes)
 
-    def at(self, places: Places, columns: IntArray) -> ComplexArray:
-        """Integral of each column (k,) up to its own place (k,)."""
-        i, u = places.interval, places.since
+    def at(self, time: FloatArray, columns: IntArray) -> ComplexArray:
+        """Integral of each column (k,) up to its own time (k,) s."""
+        i, u = among(self.grid.time, time)
         h = self.grid.steps[i, 0]
         g, s = self.values[i, columns], self._slopes[i, columns]
         chord = (self.values[i + 1, columns] - g) / h
@@ -185,15 +184,14 @@ class WeakSegment:
         late = np.flatnonzero((told.begin > self.time[0]) & np.isfinite(told.begin))
         if late.size:
             begin = told.begin[late]
-            base[late] = integral.at(Places.among(self.nodes.time, begin), which[late])
+            base[late] = integral.at(begin, which[late])
             out -= base
             for j, first in zip(late.tolist(), self.time.searchsorted(begin).tolist(), strict=True):
                 out[:first, j] = 0.0
         out[:, np.isposinf(told.begin)] = 0.0
         for j in np.flatnonzero(told.end < self.time[-1]).tolist():
             after = self.time.searchsorted(told.end[j])
-            place = Places.among(self.nodes.time, told.end[j : j + 1])
-            out[after:, j] = integral.at(place, which[j : j + 1]) - base[j]
+            out[after:, j] = integral.at(told.end[j : j + 1], which[j : j + 1]) - base[j]
         return out
 
     def _hold(

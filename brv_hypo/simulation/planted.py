@@ -12,6 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.moment import summed
 from brv_hypo.model.term import TimeBasis, delays_among
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig, per_flight
@@ -29,14 +30,12 @@ class Planted:
     def contribution(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """C_N' and C_Z' that the mechanism adds, on the motion's shape."""
         time_basis = self.time_basis(motion.time)
-        in_plane = np.zeros_like(motion.alpha)
-        out_of_plane = np.zeros_like(motion.alpha)
-        for term in self.mechanism.terms(motion, self.theta):
-            coefficient = self.coefficients.get(term.name)
-            if coefficient is not None:
-                in_plane = in_plane + coefficient * time_basis * term.in_plane
-                out_of_plane = out_of_plane + coefficient * time_basis * term.out_of_plane
-        return in_plane, out_of_plane
+        terms = [term for term in self.mechanism.terms(motion, self.theta) if term.name in self.coefficients]
+        weights = [self.coefficients[term.name] * time_basis for term in terms]
+        return (
+            summed((term.in_plane for term in terms), weights, motion.alpha),
+            summed((term.out_of_plane for term in terms), weights, motion.alpha),
+        )
 
     def edges(self) -> FloatArray:
         """Times (s) at which the time basis has a jump or a kink."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import inertial_record
+from brv_hypo.motion.methods import method_of
 from brv_hypo.motion.moments import moment_estimate
-from brv_hypo.motion.pipeline import METHODS, limits_of
+from brv_hypo.motion.pipeline import limits_of
 from tests.flights import nominal
 
 
@@ -17,7 +18,7 @@ def test_noise_is_told_of_the_moments_that_the_gyros_show() -> None:
     """Fitted errors of the record that take nearly all of the moments do not make the noise thousands of times them."""
     config = ReconstructionConfig(method="rates")
     record = inertial_record(nominal().flight, config)
-    wind = METHODS["rates"](record, config, ())
+    wind = method_of("rates")(record, config, ())
     moments = moment_estimate(wind.record, wind.effects)
     assert not any("differentiating" in text for text in limits_of(record, wind, moments))
     emptied = replace(moments, body=1e-4 * moments.body)

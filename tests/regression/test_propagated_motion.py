@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from brv_hypo.motion import ReconstructionConfig, reconstruct
-from brv_hypo.motion.inertial import WindStart, transverse_axes
+from brv_hypo.motion.inertial import WindStart, gravity_size, transverse_axes
 from brv_hypo.regression.propagated_motion import (
     GRAVITY,
     MOTION,
     START,
     PropagatedMotion,
-    gravity_size,
     linearisation_point,
     walk_name,
     walk_sines,

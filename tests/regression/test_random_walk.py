@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.motion.inertial import body_crossflow, wind_direction
+from brv_hypo.motion.inertial import body_crossflow, wind_direction, wind_to_body
 from brv_hypo.motion.responses import perturbed
-from brv_hypo.regression.propagated_motion import linearisation_point, walk_noise, walk_sines, wind_to_body
+from brv_hypo.regression.propagated_motion import linearisation_point, walk_noise, walk_sines
 from tests.chains import prepared, reconstructed
 
 

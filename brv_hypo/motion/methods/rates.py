@@ -1,5 +1,4 @@
-"""Method 2, the angular rate method of Belknap: attitude about a velocity that hardly turns (Section
-3.2.2)."""
+"""Method 2, Belknap's angular rate method: attitude about a velocity that hardly turns (Section 3.2.2)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Appendix A: the wind from the instruments at one instant, in polar coordinates (A.11 to A.20, erratum
-E9).
-"""
+"""Appendix A: the wind from the instruments at one instant, in polar coordinates (A.11 to A.20, erratum E9)."""
 
 from __future__ import annotations
 
@@ -8,28 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.inertial import (
-    InertialRecord,
-    WindStart,
-    body_crossflow,
-    force_impulse,
-    start_from_nose,
-    wind_direction,
-)
+from brv_hypo.motion.inertial import InertialRecord, WindStart, force_impulse
 from brv_hypo.motion.kinematics import crossflow
-from brv_hypo.motion.method import (
-    NO_GRAVITY,
-    WindHistory,
-    expected_gravity,
-    nose_gravity_sigma,
-    nose_sigma,
-    open_loop,
-)
+from brv_hypo.motion.method import WindHistory, nose_start, open_loop
 from brv_hypo.motion.responses import Perturbation
-from brv_hypo.motion.signals import differentiate
+from brv_hypo.motion.signals import Derivative, differentiate
 
 POLAR_DOUBTFUL = 0.1  # relative, or rad: instants whose meridian or precession is known no better are passed over
 
@@ -47,10 +31,9 @@ def polar(
     it comes from the nose's mean, as in method 1.
     """
     spin = np.exp(1j * record.roll)
-    force = differentiate(
-        record.transverse_force * spin, record.flight.step, record.accel_sigma, record.flight.segments
-    )
-    alpha, meridian, sigma = _polar_angles(record, force.value, force.rate, force.rate_gain, force.value_gain)
+    flight = record.flight
+    force = differentiate(record.transverse_force * spin, flight.step, record.accel_sigma, flight.segments)
+    alpha, meridian, sigma = _polar_angles(record, force)
     sigma = np.where(record.measured & force.interior, sigma, np.inf)
     best = int(np.argmin(sigma))
     if not np.isfinite(sigma[best]):
@@ -61,48 +44,32 @@ def polar(
         )
     xi = crossflow(alpha[best : best + 1], meridian[best : best + 1])[0]
     body = np.array([np.sqrt(max(1.0 - abs(xi) ** 2, 0.0)), xi.real, xi.imag])
-    nose = start_from_nose(record, expected_gravity(record, config))
-    spread = nose_sigma(record, body_crossflow(record, wind_direction(record, nose)))
-    gravity = nose.gravity if config.gravity else np.zeros(3)
+    nose, _, gravity_sigma = nose_start(record, config)
     velocity = record.flight.velocity[best] * (record.attitude[best] @ body)
-    velocity = velocity - force_impulse(record)[best] - record.time[best] * gravity
-    start = WindStart(velocity / np.linalg.norm(velocity), gravity)
+    velocity = velocity - force_impulse(record)[best] - record.time[best] * nose.gravity
+    start = WindStart(velocity / np.linalg.norm(velocity), nose.gravity)
     warning = (
         f"the start is from the single instant {record.flight.time[best]:.3f} s, taking the transverse "
         "force to lie in the plane of the angle of attack; method joint uses the whole record"
     )
+    sigmas = float(sigma[best]), gravity_sigma
     return open_loop(
-        record,
-        start,
-        float(sigma[best]),
-        forces=True,
-        known_at=float(record.time[best]),
-        gravity_sigma=nose_gravity_sigma(record, spread)
-        if config.gravity
-        else expected_gravity(record, config),
-        perturbations=perturbations,
-        warnings=(warning,) if config.gravity else (warning, NO_GRAVITY),
+        record, config, perturbations, start, sigmas, known_at=float(record.time[best]), warnings=(warning,)
     )
 
 
-def _polar_angles(
-    record: InertialRecord,
-    force: ComplexArray,
-    change: ComplexArray,
-    rate_gain: FloatArray,
-    value_gain: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _polar_angles(record: InertialRecord, force: Derivative) -> tuple[FloatArray, FloatArray, FloatArray]:
     """alpha and phi_w (n,) at every instant and the direction's standard deviation, all in rad."""
-    windward = -force * np.exp(-1j * record.roll)
+    windward = -force.value * np.exp(-1j * record.roll)
     meridian = np.arctan2(windward.real, windward.imag)
-    size_squared = np.maximum(np.abs(force) ** 2, 1e-300)
-    precession_rate = (change * np.conj(force)).imag / size_squared
-    carried = 1j * force * np.exp(-1j * record.roll) / record.flight.velocity
+    size_squared = np.maximum(np.abs(force.value) ** 2, 1e-300)
+    precession_rate = (force.rate * np.conj(force.value)).imag / size_squared
+    carried = 1j * force.value * np.exp(-1j * record.roll) / record.flight.velocity
     turned = (record.transverse_rate - carried) * np.exp(1j * meridian)
     alpha = turned.imag / np.where(precession_rate == 0.0, 1e-300, precession_rate)
     size = np.sqrt(size_squared)
-    meridian_error = record.accel_sigma * value_gain / size
-    precession_error = record.accel_sigma * rate_gain / size
+    meridian_error = record.accel_sigma * force.value_gain / size
+    precession_error = record.accel_sigma * force.rate_gain / size
     sigma = np.hypot(
         np.hypot(record.gyro_sigma, alpha * precession_error) / np.abs(precession_rate),
         alpha * meridian_error,

@@ -1,5 +1,4 @@
-"""Method 3 with Section 3.2.3: gyros, accelerometers, initial conditions and gravity in one least-squares
-problem.
+"""Method 3 with Section 3.2.3: gyros, accelerometers, start and gravity in one least-squares problem.
 
 Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A
 measurement (normal force, static moment) gives the crossflow at each sample through a slowly varying, unknown slope.
@@ -11,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
-from brv_hypo.motion.inputs import with_smooth_air
 from brv_hypo.motion.measurement import MeasurementModel, force_measurement, moment_measurement
 from brv_hypo.motion.method import WindHistory
 from brv_hypo.motion.responses import (
@@ -28,6 +25,7 @@ from brv_hypo.motion.responses import (
     no_responses,
     nonzero_responses,
 )
+from brv_hypo.motion.signals import rms, with_smooth_air
 from brv_hypo.motion.smoother import RandomWalkSmoother, SmoothedMotion, StartingPoint
 
 ROUGH_SLOPE_COUNT = 3  # coefficients of the force's slope before it is chosen: a parabola
@@ -52,9 +50,7 @@ MOTION_MOVED = 0.1
 
 
 def joint(
-    record: InertialRecord,
-    config: ReconstructionConfig,
-    perturbations: Sequence[Perturbation],
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
 ) -> WindHistory:
     """The default method; see the module's description.
 
@@ -70,9 +66,7 @@ def joint(
 
 
 def _linearised(
-    record: InertialRecord,
-    config: ReconstructionConfig,
-    perturbations: Sequence[Perturbation],
+    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
 ) -> tuple[RandomWalkSmoother, StartingPoint, float]:
     """The problem with the record's errors, linearised where they are taken out; a rough fit, and what it leaves.
 
@@ -88,7 +82,7 @@ def _linearised(
     for _ in range(MOTION_LINEARISATIONS):
         before, effects = near.crossflow, responses.effects
         fit = _rough_fit(RandomWalkSmoother(record, config, responses, known, MOTION_ROUGH), config, near, left)
-        moved, near = _size(fit.crossflow - before) / _size(np.hypot(*fit.sigmas())), fit.near
+        moved, near = rms(fit.crossflow - before) / rms(np.hypot(*fit.sigmas())), fit.near
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
         force = _normal_force(record, fit)
@@ -108,16 +102,14 @@ def _rough_fit(
     What these slopes lack would go to the record's errors, far beyond their tolerances.
     """
     record, responses = problem.record, problem.responses
-    solve = problem.solve_from_scratch if near is None else partial(problem.solve, near=near)
     measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
     force = replace(measurement, bends=True, sigma=noise_factor * measurement.sigma)
-    moment = moment_measurement(record, responses)
-    moment = replace(moment, sigma=moment.sigma + MOMENT_ANOMALY * _rms(moment.observed, moment.sigma))
+    moment = _with_anomalies(moment_measurement(record, responses))
     if config.measurements == "moment":
-        return solve((moment,))
-    fit = solve((force,))
+        return problem.solve((moment,), near)
+    fit = problem.solve((force,), near)
     enough = _relative_error(fit, record.measured) < FORCE_ENOUGH
-    return fit if enough else problem.solve_from_scratch((force, moment))
+    return fit if enough else problem.solve((force, moment))
 
 
 def _fitted(
@@ -185,16 +177,21 @@ def _with_moment(
 ) -> SmoothedMotion:
     """Fit by the static moment too, its noise set so that anomalies count for what they are: not white."""
     measurement = measurement.with_slope_count(problem.record.time, MOMENT_SLOPE_COUNT)
-    measurement = replace(
-        measurement, sigma=measurement.sigma + MOMENT_ANOMALY * _rms(measurement.observed, measurement.sigma)
-    )
-    fit = problem.solve_from_scratch((*others, measurement))
+    measurement = _with_anomalies(measurement)
+    fit = problem.solve((*others, measurement))
     for _ in range(MOMENT_NOISE_ROUNDS):
         measurement = replace(measurement, sigma=_coloured_sigma(fit.residual, measurement.sigma))
         fit = problem.solve((*others, measurement), fit.near)
     fit = _choose_slope(problem, others, measurement, None)
     sigma = _coloured_sigma(fit.residual, measurement.sigma)
     return problem.solve((*others, replace(fit.measurements[-1], sigma=sigma)), fit.near)
+
+
+def _with_anomalies(moment: MeasurementModel) -> MeasurementModel:
+    """The measurement with a share of its rms as noise."""
+    return replace(
+        moment, sigma=moment.sigma + MOMENT_ANOMALY * rms(moment.observed[np.isfinite(moment.sigma)])
+    )
 
 
 def _choose_slope(
@@ -210,8 +207,7 @@ def _choose_slope(
     """
     time, bends = problem.record.time, not measurement.complex_slope
     first = (*others, replace(measurement.with_slope_count(time, 1), bends=bends))
-    best = problem.solve(first, near) if near else problem.solve_from_scratch(first)
-    best, worse = replace(best, response=None), 0
+    best, worse = replace(problem.solve(first, near), response=None), 0
     for count in SLOPE_COUNTS[1:]:
         measurements = (*others, best.measurements[-1].with_slope_count(time, count))
         fit = replace(problem.solve(measurements, best.near), response=None)
@@ -221,14 +217,11 @@ def _choose_slope(
             worse += 1
         if worse == SLOPE_PATIENCE:
             break
-    return _straight(problem, best) if bends else best
-
-
-def _straight(problem: RandomWalkSmoother, fit: SmoothedMotion) -> SmoothedMotion:
-    """The fit with a force in proportion to alpha, where the same criterion has it so."""
-    measurements = (*fit.measurements[:-1], replace(fit.measurements[-1], bends=False))
-    found = replace(problem.solve(measurements, fit.near), response=None)
-    return found if found.score < fit.score else fit
+    if not bends:
+        return best
+    measurements = (*best.measurements[:-1], replace(best.measurements[-1], bends=False))
+    straight = replace(problem.solve(measurements, best.near), response=None)
+    return straight if straight.score < best.score else best
 
 
 def _left(record: InertialRecord, force: ComplexArray) -> float:
@@ -242,26 +235,13 @@ def _misfit(residual: ComplexArray, sigma: FloatArray) -> float:
     return float(np.median(np.abs(residual[valid]) / sigma[valid]) / np.sqrt(2.0 * np.log(2.0)))
 
 
-def _size(values: ComplexArray | FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
-
-
-def _rms(values: ComplexArray, sigma: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(values[np.isfinite(sigma)]) ** 2)))
-
-
 def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
     """Sigma (n,) of white noise as informative as the residual: local rms times root of correlation time."""
     valid = np.isfinite(sigma)
     values = residual[valid]
     width = max(values.size // MOMENT_WINDOWS, MOMENT_WINDOW_LEAST)
-    local = np.sqrt(
-        np.convolve(
-            np.pad(np.abs(values) ** 2 / 2.0, width, mode="reflect"),
-            np.ones(2 * width + 1) / (2 * width + 1),
-            "valid",
-        )
-    )
+    squares, window = np.pad(np.abs(values) ** 2 / 2.0, width, mode="reflect"), np.ones(2 * width + 1) / (2 * width + 1)
+    local = np.sqrt(np.convolve(squares, window, "valid"))
     spectrum = np.abs(np.fft.fft(values / local, 2 * values.size)) ** 2
     correlation = np.abs(np.fft.ifft(spectrum)[: values.size])
     first_low = int(np.argmax(correlation < MOMENT_UNCORRELATED * correlation[0]))
@@ -273,28 +253,28 @@ def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
 
 def _relative_error(fit: SmoothedMotion, measured: BoolArray) -> float:
     radial, _ = fit.sigmas()
-    return _size(radial[measured]) / max(_size(fit.crossflow[measured]), 1e-150)
+    return rms(radial[measured]) / max(rms(fit.crossflow[measured]), 1e-150)
 
 
 def _history(problem: RandomWalkSmoother, fit: SmoothedMotion, warnings: tuple[str, ...]) -> WindHistory:
     radial, tangential = fit.sigmas()
-    slope, terms, bend = np.full(fit.crossflow.size, np.nan), 0, 0.0
-    accel_sigma = problem.record.accel_sigma
-    for measurement, coefficients in zip(fit.measurements, fit.coefficients, strict=True):
-        if measurement.name == "force":
-            slope, terms = measurement.slope(coefficients).real, int(measurement.slope_basis.shape[1])
-            bend = measurement.bend(coefficients)
-            accel_sigma = float(np.median(measurement.sigma[np.isfinite(measurement.sigma)]))
-    return WindHistory(
+    found = WindHistory(
         record=problem.record,
         crossflow=fit.crossflow,
         radial_sigma=radial,
         tangential_sigma=tangential,
         gravity=fit.start.gravity,
+        normal_force_slope=np.full(fit.crossflow.size, np.nan),
+        accel_sigma=problem.record.accel_sigma,
         effects=fit.effects,
-        normal_force_slope=slope,
-        normal_force_terms=terms,
-        normal_force_bend=bend,
-        accel_sigma=accel_sigma,
         warnings=warnings,
     )
+    for force, coefficients in zip(fit.measurements, fit.coefficients, strict=True):
+        if force.name == "force":
+            return replace(
+                found,
+                normal_force_slope=force.slope(coefficients).real,
+                normal_force_bend=force.bend(coefficients),
+                accel_sigma=float(np.median(force.sigma[np.isfinite(force.sigma)])),
+            )
+    return found
