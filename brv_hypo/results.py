@@ -1,8 +1,7 @@
 """What every result can do for a reader: a short repr, an HTML view, a data frame, a labelled data set, charts.
 
-A `Tabular` result is a headline and rows; `Histories` are arrays over one axis; `HasCharts` adds `plot`. Two
-results are equal where they are of one type and hold the same values, arrays element by element, NaN equal to
-NaN.
+A `Tabular` result is a headline and rows; `Histories` are arrays over one axis; `HasCharts` adds `plot`. Two results
+are equal where they are of one type and hold the same values, arrays element by element, NaN equal to NaN.
 
 Needs NumPy alone: the subset search and the likelihood use it without the rest of the package. Results that
 are written as JSON add `json_result`.

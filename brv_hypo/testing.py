@@ -113,9 +113,7 @@ def recover(flown: SimulatedFlight | Flight, mechanism: str, *rivals: str) -> Co
     return compare(flown, CompareConfig(mechanisms=(mechanism, *rivals), maximum_likelihood="none"))
 
 
-def plant_effect(
-    effect: str, component: str, value: float, *, vehicle: str = VEHICLE, seed: int = 1
-) -> Flight:
+def plant_effect(effect: str, component: str, value: float, *, vehicle: str = VEHICLE, seed: int = 1) -> Flight:
     """A short flight with nothing planted, whose record then has `value` (SI) of that component of the effect more.
 
     Raises UsageError where there is no such effect or component.

@@ -27,9 +27,7 @@ def empty(tmp_path: Path) -> Path:
     for kernel in ("likelihood", "subset"):
         shutil.copytree(PACKAGE / kernel, home / kernel)  # with what numba has compiled, which takes half a minute
         shutil.copytree(
-            TESTS / kernel,
-            tmp_path / "tests" / kernel,
-            ignore=shutil.ignore_patterns("__pycache__", *BORROWED),
+            TESTS / kernel, tmp_path / "tests" / kernel, ignore=shutil.ignore_patterns("__pycache__", *BORROWED)
         )
     for name in SMALL:
         shutil.copy(PACKAGE / name, home / name)

@@ -195,9 +195,7 @@ def test_the_figures_of_a_result_are_written(traced, tmp_path) -> None:
 class TestPlot:
     """The charts of a result as figures, by the names of its picture files."""
 
-    @pytest.mark.parametrize(
-        ("name", "panels"), [("compared", 2), ("traced", 2), ("reconstructed", 2)]
-    )
+    @pytest.mark.parametrize(("name", "panels"), [("compared", 2), ("traced", 2), ("reconstructed", 2)])
     def test_the_principal_chart_is_drawn_where_none_is_named(self, name, panels, request) -> None:
         figure = request.getfixturevalue(name).plot()
         assert len(figure.axes) == panels

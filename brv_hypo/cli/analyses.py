@@ -92,6 +92,7 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
 
 # ---- `brv-hypo trace`: the residual of a model, traced to the effect that it lacks ----
 
+
 @in_session("json", "report", "figures", "force", "plugin")
 def trace(
     session: Session,
@@ -203,13 +204,13 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
 
 # ---- `brv-hypo predict`: what a model found on other flights says of this one ----
 
+
 @in_session("json", "report", "figures", "force", "plugin")
 def predict(
     session: Session,
     flight: options.FlightFile,
     model: Annotated[
-        Path,
-        typer.Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote."),
+        Path, typer.Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
     ],
     refit: Annotated[
         str,
@@ -253,16 +254,12 @@ def study(
     config: Annotated[
         str,
         typer.Argument(
-            metavar="STUDY.yaml",
-            autocompletion=options.studies,
-            help="Study, or the name of one that comes along.",
+            metavar="STUDY.yaml", autocompletion=options.studies, help="Study, or the name of one that comes along."
         ),
     ],
     output: Annotated[
         Path,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there."
-        ),
+        typer.Option("-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there."),
     ],
     jobs: Annotated[
         int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
@@ -302,9 +299,7 @@ def study(
     write_whole(output / REPORT, page(document, session.provenance(settings)))
     if not summary.compared:
         first = summary.failures[0]
-        raise UnanswerableError(
-            f"none of {summary.flights} flights was compared. {first.key}: {first.reason}"
-        )
+        raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.key}: {first.reason}")
     session.present(document)
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 # ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
 
+
 @in_session("json", "force")
 def inspect(
     session: Session, flight: options.FlightFile, start: options.Start = None, stop: options.Stop = None
@@ -50,12 +51,10 @@ def import_(
         ),
     ],
     mapping: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units."),
+        Path | None, typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
     ] = None,
     output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map."),
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map.")
     ] = None,
     guess: Annotated[
         bool, typer.Option("--guess", help="Write a commented map, from names and physics, instead.")
@@ -110,6 +109,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
 
 # ---- `brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty ----
 
+
 @in_session("json", "report", "figures", "force")
 def reconstruct(
     session: Session,
@@ -149,6 +149,7 @@ def reconstruct(
 DEMO = "demo"
 DEFAULT_SEED = 1
 
+
 @in_session("json", "force", "plugin")
 def simulate(
     session: Session,
@@ -179,10 +180,7 @@ def simulate(
 
 @in_session("json", "report", "figures", "force", "plugin")
 def demo(
-    session: Session,
-    mechanisms: Mechanisms = None,
-    config: options.Config = None,
-    seed: options.Seed = None,
+    session: Session, mechanisms: Mechanisms = None, config: options.Config = None, seed: options.Seed = None
 ) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
     session.claim()

@@ -1,6 +1,4 @@
-"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows them, `manual` renders
-them.
-"""
+"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows, `manual` renders them."""
 
 from __future__ import annotations
 

@@ -60,6 +60,7 @@ class ManualText(Markdown):
 
 # ---- The whole manual as one HTML file that opens offline, with search ----
 
+
 def manual_page() -> str:
     """Every topic in reading order, a list of them at the side, and a field that searches all of them."""
     from brv_hypo.report.html import render  # NumPy with it, which the terminal does without

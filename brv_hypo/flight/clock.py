@@ -36,12 +36,7 @@ CROSSED_FLANK = 8  # samples on either side at least
 CROSSED_ORDER = 5  # of the polynomial
 
 
-# ---- Uniform time without gaps: the rules by which a record is resampled, bridged or cut ----
-
-
-def regularise(
-    time: FloatArray, channels: Mapping[str, FloatArray]
-) -> tuple[FloatArray, Channels, tuple[str, ...]]:
+def regularise(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[FloatArray, Channels, tuple[str, ...]]:
     """Uniform time (m,), the channels (m,) on it with NaN where missing, and a note on what was done.
 
     Raises FlightRecordError where `time` jumps so far that a uniform grid would be mostly empty.

@@ -29,9 +29,6 @@ AVERAGED_BEYOND = 20_000  # samples
 AVERAGED_LEFT = 4_000  # samples
 
 
-# ---- Channels that the record lacks, where they follow from those that it has ----
-
-
 LOWEST_ALTITUDE = -5000.0
 HIGHEST_ALTITUDE = 81000.0
 # Where the temperature's gradient changes, m of geopotential altitude, and the radius that makes them geometric (ICAO).
@@ -39,9 +36,7 @@ _LAYERS = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3])
 _EARTH_RADIUS = 6356766.0
 
 
-def derive(
-    channels: Mapping[str, FloatArray], planet: str, reference_length: float
-) -> tuple[Channels, list[str]]:
+def derive(channels: Mapping[str, FloatArray], planet: str, reference_length: float) -> tuple[Channels, list[str]]:
     """The channels (n,) with those derived added, NaN where a source is NaN, and a note for each.
 
     `reference_length` in m. What cannot be derived stays absent; a note says why.

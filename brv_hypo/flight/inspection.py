@@ -20,14 +20,7 @@ from brv_hypo.flight.cleaning import find_spikes, without_spikes
 from brv_hypo.flight.clock import joined, runs, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
 from brv_hypo.flight.noise import sigma_of_differences
-from brv_hypo.flight.record import (
-    CHANNEL_DIMENSIONS,
-    CHANNELS,
-    INERTIAL_CHANNELS,
-    OPTIONAL_CHANNELS,
-    Flight,
-    Vehicle,
-)
+from brv_hypo.flight.record import CHANNEL_DIMENSIONS, CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import SI
 
 PHASE_SMOOTHED = 0.1  # s: a median over this takes vibration and spikes out
@@ -87,9 +80,7 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     }
     if burnout == 0 and jerk == time.size:
         return ()
-    return tuple(
-        Phase(name, float(time[a]), float(time[b - 1])) for name, (a, b) in edges.items() if b - a >= least
-    )
+    return tuple(Phase(name, float(time[a]), float(time[b - 1])) for name, (a, b) in edges.items() if b - a >= least)
 
 
 def _burn(axial: FloatArray, least: int) -> tuple[int, int]:
@@ -186,9 +177,7 @@ class Inspection:
     """What limits the use of the record."""
 
 
-def inspect_flight(
-    flight: Flight | str | Path, *, start: float | None = None, stop: float | None = None
-) -> Inspection:
+def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, stop: float | None = None) -> Inspection:
     """Inspect a format 1 file, as recorded, or a flight in memory; from `start` to `stop` in s.
 
     Raises FlightRecordError where the record cannot be used at all, UsageError for a window without samples.

@@ -32,9 +32,6 @@ from brv_hypo.io.text import nearest, one_line, refusal
 from brv_hypo.results import Histories
 from brv_hypo.thresholds import LARGEST_PROPERTY, MINIMUM_SAMPLES, SHORTEST_STEP, SLOWEST
 
-# ---- The flight record in memory: SI units, checked, immutable ----
-
-
 GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
 INERTIAL_CHANNELS = (*GYROS, *ACCELEROMETERS)
 CHANNELS = (*INERTIAL_CHANNELS, "velocity", "dynamic_pressure")
@@ -49,9 +46,7 @@ def _of_a_vehicle(value: float) -> float:
     return value
 
 
-Positive = Annotated[
-    float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)
-]
+Positive = Annotated[float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 
 
@@ -374,11 +369,7 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
     """Raise FlightRecordError unless the channel is known, of `shape`, never infinite, of possible sign."""
     if name not in CHANNEL_DIMENSIONS:
         raise refusal(
-            name,
-            "an unknown channel",
-            f"one of {', '.join(CHANNEL_DIMENSIONS)}",
-            _nearest(name),
-            "rename or drop it",
+            name, "an unknown channel", f"one of {', '.join(CHANNEL_DIMENSIONS)}", _nearest(name), "rename or drop it"
         )
     check_shape(name, values, shape)
     if np.any(np.isinf(values)):

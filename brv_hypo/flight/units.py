@@ -62,10 +62,7 @@ RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
     "length": {"m": ("m",), "ft": ("ft", "feet"), "km": ("km",), "kft": ("kft",)},
     "area": {"m^2": (), "ft^2": ()},
     "mass": {"kg": ("kg",), "slug": ("slug",), "lb": ("lb", "lbm"), "g": ("g",)},
-    "moment of inertia": {
-        "kg*m^2": ("kgm2", "kg m2", "kg m 2"),
-        "slug*ft^2": ("slugft2", "slug ft2", "slug ft 2"),
-    },
+    "moment of inertia": {"kg*m^2": ("kgm2", "kg m2", "kg m 2"), "slug*ft^2": ("slugft2", "slug ft2", "slug ft 2")},
     "angle": {"rad": (), "deg": ()},
     "dimensionless": {"dimensionless": (), "1": ()},
 }

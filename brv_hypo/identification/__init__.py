@@ -14,13 +14,7 @@ identify.py       the entrance: fit, repeated until its own motion lays out the 
 
 from brv_hypo.identification.identify import identify
 from brv_hypo.identification.problem import IdentificationConfig
-from brv_hypo.identification.result import (
-    OUTPUTS,
-    CoefficientHistory,
-    Estimate,
-    Identification,
-    coefficient_histories,
-)
+from brv_hypo.identification.result import OUTPUTS, CoefficientHistory, Estimate, Identification, coefficient_histories
 
 __all__ = [
     "OUTPUTS",

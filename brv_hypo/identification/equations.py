@@ -209,12 +209,7 @@ class MomentModel:
         return [(name, column) for name, column in named if self.mechanisms[column.mechanism].wind_fixed]
 
     def _with_in_plane_moment(
-        self,
-        motion: Motion,
-        theta: Values,
-        columns: Sequence[Regressor],
-        half: FloatArray,
-        own: OwnTime | None,
+        self, motion: Motion, theta: Values, columns: Sequence[Regressor], half: FloatArray, own: OwnTime | None
     ) -> Motion:
         """C_mw of Eq. 5.1 from the wind-fixed columns."""
         fixed = self._wind_fixed(columns)
@@ -292,9 +287,7 @@ class VehicleModel:
         scale = self._moment_share(context, theta)
         acceleration, lacking = np.asarray(acceleration * scale), np.asarray(lacking * scale)
         moving = replace(here, omega=here.omega + lacking)
-        return _rows(
-            self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta)
-        )
+        return _rows(self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta))
 
     def outputs(
         self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
@@ -327,9 +320,7 @@ class VehicleModel:
         lacking[knotted] = 1j * _forward(here) * missing
         pushed = self._force_scale(here, context, theta) * self._force_shapes(here, context)
         turned = zip(
-            (*names, *_own(MOMENTS, context)),
-            (*share * accelerations, *_both(np.conj(here.to_body))),
-            strict=True,
+            (*names, *_own(MOMENTS, context)), (*share * accelerations, *_both(np.conj(here.to_body))), strict=True
         )
         gained = zip(
             (*names, *self.forces, *_own((*GRAVITY, *CROSSFLOW), context)),

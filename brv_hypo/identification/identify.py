@@ -1,6 +1,4 @@
-"""`identify`: a regression model, refined by maximum likelihood on the original measurements (Sections 3.4
-and 4.4).
-"""
+"""`identify`: a regression model, refined by maximum likelihood on the original measurements (Sections 3.4 and 4.4)."""
 
 from __future__ import annotations
 
@@ -159,9 +157,7 @@ def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
     read = [of_flight(name, record.context.flight) for name in READ]
     time = record.segment.t
     errors = {
-        varying.name: varying.at(time, found.theta)
-        for varying in record.segment.time_varying
-        if varying.name in read
+        varying.name: varying.at(time, found.theta) for varying in record.segment.time_varying if varying.name in read
     }
     return np.asarray(record.segment.y - [errors.get(name, np.zeros_like(time)) for name in read])
 
@@ -170,9 +166,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     structure, theta = problem.structure, found.theta
     white = all(test.white for test in found.whiteness)
 
-    def estimate(
-        name: str, units: str, shown: str | None = None, size: float = 1.0, applied: float = 0.0
-    ) -> Estimate:
+    def estimate(name: str, units: str, shown: str | None = None, size: float = 1.0, applied: float = 0.0) -> Estimate:
         plain, coloured = (size * e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
         reported = plain if white else max(plain, coloured)
         return Estimate(
@@ -191,8 +185,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         return estimate(own, units, shown, size, problem.applied.get(own, 0.0))
 
     innovations = tuple(
-        record.innovations(record.segment.y - v)
-        for record, v in zip(problem.records, found.innovations, strict=True)
+        record.innovations(record.segment.y - v) for record, v in zip(problem.records, found.innovations, strict=True)
     )
     columns, values = structure.at(theta), structure.values(theta)
     terms = tuple(estimate(n, c.units) for n, c in zip(structure.names, columns, strict=True))

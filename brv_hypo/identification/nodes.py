@@ -105,9 +105,7 @@ class Meridian:
 def derolled_crossflow(frame: RateFrame, part: WeakSegment) -> CubicSpline:
     """(v + i w) / V of a segment in de-rolled axes, over time."""
     flight, motion = frame.reconstructions[part.flight].flight, frame.motions[part.flight]
-    xi = crossflow(motion.alpha, motion.windward_meridian) * np.exp(
-        1j * running_integral(flight.time, flight.p)
-    )
+    xi = crossflow(motion.alpha, motion.windward_meridian) * np.exp(1j * running_integral(flight.time, flight.p))
     return CubicSpline(part.time, xi[part.rows])
 
 
@@ -140,9 +138,9 @@ INPUTS = (
 )
 ROW = {name: row for row, name in enumerate(INPUTS)}
 SLOPES = len(INPUTS)
-"""First of the rows that hold, for each column with a knot, first and second derivative by time of the
-angular acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and
-rad/s^4."""
+"""First of the rows that hold, for each column with a knot, first and second derivative by time of the angular
+acceleration that it makes per unit, in de-rolled axes: real and imaginary part of each, rad/s^3 and rad/s^4."""
+
 
 @dataclass(frozen=True)
 class Context:
@@ -350,8 +348,7 @@ class _InputTable:
             return np.zeros((2, time.size))
         width = np.where(half > 0.0, half, 0.5 * self._block)
         before, after = (
-            np.array([np.interp(time + end * width, self._time, wind) for wind in self._wind.T])
-            for end in (-1.0, 1.0)
+            np.array([np.interp(time + end * width, self._time, wind) for wind in self._wind.T]) for end in (-1.0, 1.0)
         )
         rate = (before - after) / (2.0 * width)
         axes = np.array([[table[f"gravity_{first}{axis}"] for first in "xyz"] for axis in "yz"])

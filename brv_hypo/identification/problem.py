@@ -39,9 +39,6 @@ IDENTIFIED_KNOT_REACH = 3.0
 _ROUNDING = 1e-9
 
 
-# ---- What a user may choose about an identification ----
-
-
 class IdentificationConfig(BaseModel):
     """Options of `identify`; the defaults suit an unknown flight.
 
@@ -242,9 +239,7 @@ def build_problem(
 def _nuisances(
     frame: RateFrame, inputs: Sequence[SmoothInputs], flights: Sequence[int]
 ) -> dict[str, tuple[float, float, float]]:
-    """Start, prior mean and prior standard deviation of gravity and of what noise leaves in the inputs, by
-    name.
-    """
+    """Start, prior mean and prior standard deviation of gravity and of what noise leaves in the inputs, by name."""
     found: dict[str, tuple[float, float, float]] = {}
     for index in flights:
         reconstruction = frame.reconstructions[index]

@@ -34,8 +34,6 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.uncertainty import Regressed
 
-# ---- What instruments without noise or error would read of a fitted motion ----
-
 
 def noise_free_flights(
     frame: RateFrame, predicted: ComplexArray, moments: ComplexArray, inputs: Sequence[SmoothInputs]
@@ -87,9 +85,7 @@ def lever_force(
     """omega_dot x r + omega x (omega x r) across the body, f_y + i f_z in m/s^2 (Appendix B, errata E10, E11)."""
     x, transverse = arm[0], complex(arm[1], arm[2])
     crossed = (omega * np.conj(transverse)).imag
-    return np.asarray(
-        x * (p * omega - 1j * omega_rate) + (1j * p_rate - p**2) * transverse + 1j * omega * crossed
-    )
+    return np.asarray(x * (p * omega - 1j * omega_rate) + (1j * p_rate - p**2) * transverse + 1j * omega * crossed)
 
 
 def alpha_over_sine(xi: ComplexArray) -> FloatArray:

@@ -24,9 +24,6 @@ from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 
-# ---- What an identification returns ----
-
-
 OUTPUTS = ("q", "r", "ay", "az")
 
 

@@ -20,13 +20,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
-from brv_hypo.flight.record import (
-    ACCELEROMETERS,
-    CHANNEL_DIMENSIONS,
-    GYROS,
-    INERTIAL_CHANNELS,
-    VEHICLE_DIMENSIONS,
-)
+from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
 from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, units_in

@@ -1,10 +1,9 @@
 """What names and numbers say of a column: which channel it may be, and in what units.
 
 Names: words that stand for a channel, the likelier first; stems and axes of triads; units at the end of a name.
-Numbers: gravity at rest gives the units of accelerometers; the field across the axis, as a magnetometer sees it
-turn, those of the roll rate; slopes of one channel against another those of speed, altitude and pressure.
-`ForeignTable` holds the numeric columns of a file and what has been concluded of each, with the reason and the
-doubts.
+Numbers: gravity at rest gives the units of accelerometers; the field across the axis, as a magnetometer sees it turn,
+those of the roll rate; slopes of one channel against another those of speed, altitude and pressure. `ForeignTable`
+holds the numeric columns of a file and what has been concluded of each, with the reason and the doubts.
 """
 
 from __future__ import annotations
@@ -27,9 +26,6 @@ from brv_hypo.flight.inspection import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, to_si
 from brv_hypo.importing.tables import column_names, read_columns
-
-# ---- What a column's name says: which channel it may be, and in what units ----
-
 
 MAGNETOMETER = ("mx", "my", "mz")  # no channels of format 1: they tell the roll rate
 

@@ -354,9 +354,7 @@ def _record(
             "time": time[inside],
             "channels": kept,
             "vehicle": vehicle,
-            "instruments": instruments_of(
-                mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]
-            ),
+            "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
             "planet": mapping.planet.strip().lower(),
             "title": one_line(mapping.title),
             "source": one_line(mapping.source or source.name),
@@ -369,9 +367,7 @@ def _record(
     return (*decimated(record, rate), phases) if rate is not None else (record, (), phases)
 
 
-def _on_one_clock(
-    raw: Mapping[str | None, RawTable], mapping: RecordMap
-) -> tuple[FloatArray, Channels, list[str]]:
+def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
     """All channels, SI, on the stamps of the main table, NaN where another recorder has none; notes."""
     channels = {
         name: _channel(raw[None].columns[entry.column], entry, CHANNEL_DIMENSIONS[name], name)

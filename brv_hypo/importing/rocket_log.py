@@ -151,9 +151,7 @@ def take_out_biases(
 # ---- Speed and altitude of a steep climb ----
 
 
-def ascent(
-    time: FloatArray, ax: FloatArray, altitude: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, str]:
+def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, str]:
     """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and a note.
 
     From `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s. Raises UsageError where
@@ -196,9 +194,7 @@ def ascent(
     return at(state[:, 1]), at(state[:, 0]), at(sigma), note
 
 
-def _smoothed(
-    pushed: FloatArray, heights: FloatArray, variances: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _smoothed(pushed: FloatArray, heights: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
     """States (n, 3) of height, speed and what the acceleration is off, and their variances (n, 3)."""
     step = 1.0 / ASCENT_RATE
     moves = np.array([[1.0, step, 0.5 * step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0]])

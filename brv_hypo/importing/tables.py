@@ -127,9 +127,7 @@ def _lines(stream: TextIO, path: Path) -> Iterator[str]:
     read = 0
     while line := stream.readline(LONGEST_LINE):
         read += len(line)
-        if (
-            len(line) == LONGEST_LINE or read > READ_BUDGET * 4
-        ):  # a value of 8 bytes takes some 32 characters at most
+        if len(line) == LONGEST_LINE or read > READ_BUDGET * 4:  # a value of 8 bytes takes some 32 characters at most
             raise FlightRecordError(
                 f"{path}: found {'a line' if len(line) == LONGEST_LINE else 'a table'} of more than {read >> 20} MB, "
                 "expected a table of samples, one a line. Likely cause: another kind of file. Remedy: cut it into "
@@ -160,9 +158,7 @@ def _number(row: list[str], index: int, name: str) -> float:
 
 def _read_parquet(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
     if find_spec("pyarrow") is None:
-        raise UsageError(
-            f"{path}: reading parquet needs pyarrow. Install the extra: pip install 'brv-hypo[tables]'."
-        )
+        raise UsageError(f"{path}: reading parquet needs pyarrow. Install the extra: pip install 'brv-hypo[tables]'.")
     return read_in_sandbox("Parquet", parquet_table, path, names)
 
 

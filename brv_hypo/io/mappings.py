@@ -85,9 +85,7 @@ class _Loader(yaml.SafeLoader):
         """As the base class, with the depth counted."""
         self.depth += 1
         if self.depth > DEEPEST:
-            raise yaml.MarkedYAMLError(
-                problem=f"more than {DEEPEST} levels of nesting", problem_mark=self.get_mark()
-            )
+            raise yaml.MarkedYAMLError(problem=f"more than {DEEPEST} levels of nesting", problem_mark=self.get_mark())
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
@@ -137,8 +135,7 @@ def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
         above.discard(id(node))
     if total > YAML_VALUES:
         raise yaml.MarkedYAMLError(
-            problem=f"aliases or lists that stand for more than {YAML_VALUES} values",
-            problem_mark=node.start_mark,
+            problem=f"aliases or lists that stand for more than {YAML_VALUES} values", problem_mark=node.start_mark
         )
     known[id(node)] = total
     return total

@@ -67,9 +67,7 @@ def refused(place: str, *parts: str) -> FlightRecordError:
     return FlightRecordError(f"{where}found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}.")
 
 
-def read_in_sandbox(
-    library: str, reader: Callable[..., Content], path: str | Path, *arguments: Any
-) -> Content:
+def read_in_sandbox(library: str, reader: Callable[..., Content], path: str | Path, *arguments: Any) -> Content:
     """What `reader(path, budget, *arguments)`, a function of a module, returns; `library` names it in a refusal.
 
     Raises FlightRecordError where the reader does, fails, crashes, or takes more memory or time than it may.

@@ -101,6 +101,4 @@ def _nested(tree: Tree) -> dict[str, Any]:
 
 def _not_numbers(name: str, kind: str) -> FlightRecordError:
     remedy = "map a numeric column (struct.field in a mat file)"
-    return refused(
-        f"dataset '{name}'", f"what is not numeric ({kind})", "numbers", "text, dates or a struct", remedy
-    )
+    return refused(f"dataset '{name}'", f"what is not numeric ({kind})", "numbers", "text, dates or a struct", remedy)

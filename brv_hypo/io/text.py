@@ -19,9 +19,7 @@ LONGEST_LINE = 300  # characters kept of a title or of another text that belongs
 
 _KEPT = "\n\t"
 # Marks that reverse the order of what follows, and separators that begin a new line.
-_REORDERING = frozenset(
-    "\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
-)
+_REORDERING = frozenset("\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 
 
 def printable(text: str) -> str:

@@ -20,12 +20,4 @@ from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import Segment, TimeVaryingParameter
 
-__all__ = [
-    "Delayed",
-    "FitResult",
-    "PartialJacobian",
-    "Segment",
-    "Status",
-    "TimeVaryingParameter",
-    "fit",
-]
+__all__ = ["Delayed", "FitResult", "PartialJacobian", "Segment", "Status", "TimeVaryingParameter", "fit"]

@@ -78,9 +78,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         triangle = information_factor(segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     if loose:
-        white, coloured = (
-            _undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured)
-        )
+        white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
     wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
     shift = mesh_shift(problem, iterate, segments, white)
     if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
@@ -104,9 +102,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         covariance=white,
         covariance_coloured=coloured,
         log_likelihood=-nllf,
-        innovation_covariance=estimate_covariance(
-            together, observed, options.noise, iterate.covariance, options.floor
-        ),
+        innovation_covariance=estimate_covariance(together, observed, options.noise, iterate.covariance, options.floor),
         noise_covariance=iterate.covariance,
         process_noise=problem.process_noise,
         noise_std_error=noise.measurement,
@@ -120,9 +116,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=Linearised(
-            tuple(each[:, :, 1:] for each in rows), triangle, 1.0 / parameters.prior_std**2, estimated
-        )
+        linear=Linearised(tuple(each[:, :, 1:] for each in rows), triangle, 1.0 / parameters.prior_std**2, estimated)
         if rows
         else None,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
@@ -141,8 +135,7 @@ def _covariances(
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance for white residuals and corrected for coloured ones, (p, p); nan where they cannot be had.
 
-    Both make up for what the fit took out of the residuals' variance, where the noise was estimated from
-    them.
+    Both make up for what the fit took out of the residuals' variance, where the noise was estimated from them.
     """
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
@@ -210,15 +203,12 @@ def _never_measured(y: FloatArray) -> tuple[str, ...]:
     )
 
 
-def _remarks(
-    together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options
-) -> tuple[str, ...]:
+def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
     """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
     if not options.estimate_noise:
         return ()
     left, size = (
-        np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1))
-        for rows in (together, y)
+        np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)
     )
     quiet = [
         i
@@ -300,9 +290,7 @@ def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[
     noisy = (problem.process_noise > 0.0)[:, np.newaxis]
     driven = np.where(noisy, x[:, 1:] - x[:, :-1] - h * simpson, 0.0)
     better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
-    second = corner | _slopes(
-        problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta
-    )
+    second = corner | _slopes(problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta)
     boole = sum(weight * second[s] for weight, s in zip(_BOOLE, _NODES.tolist(), strict=True))
     return np.asarray(h * (boole - simpson))
 
@@ -315,8 +303,7 @@ def _slopes(
     for s, x in states.items():
         u = _between(s, *_of_intervals(grid, grid.u))
         time_varying = tuple(
-            SampledParameter(c.name, c.weights, _between(s, *_of_intervals(grid, c.shapes)))
-            for c in grid.time_varying
+            SampledParameter(c.name, c.weights, _between(s, *_of_intervals(grid, c.shapes))) for c in grid.time_varying
         )
         points = Points(x, u, grid.t[: grid.n - 1] + s * grid.step, time_varying=time_varying)
         found[s] = evaluate(problem.model.dynamics, points, theta)
@@ -340,7 +327,5 @@ def _hermite(s: float, h: FloatArray, x: FloatArray, before: FloatArray, after: 
     """The cubic through states and slopes at both ends, at a fraction of every interval."""
     low, high = x[:, :-1], x[:, 1:]
     return np.asarray(
-        low
-        + s**2 * (3.0 - 2.0 * s) * (high - low)
-        + h * (s * (1.0 - s) ** 2 * before - s**2 * (1.0 - s) * after)
+        low + s**2 * (3.0 - 2.0 * s) * (high - low) + h * (s * (1.0 - s) ** 2 * before - s**2 * (1.0 - s) * after)
     )

@@ -249,8 +249,8 @@ def weighted_change(
     of_slope = np.zeros((len(weights.before), *slope.by_state.shape))
     of_slope[:, starts] = -h / 6 * weights.before - h / 4 * (through_mid @ weights.before)
     of_slope[:, ends] += -h / 6 * weights.after + h / 4 * (through_mid @ weights.after)
-    of_slope[:, middles] = -h / 3 * (
-        weights.before + weights.after + h / 4 * (weights.before @ a - weights.after @ a_end)
+    of_slope[:, middles] = (
+        -h / 3 * (weights.before + weights.after + h / 4 * (weights.before @ a - weights.after @ a_end))
     )
     (by_point, by_theta), (by_state, by_outputs) = (
         _bent(there, function, points, names, weight)
@@ -323,9 +323,7 @@ def _points(
     return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, time_varying)
 
 
-def _defect_derivatives(
-    place: _Place, slope: Jacobian, back: Mapping[str, Stencil]
-) -> tuple[BlockRows, FloatArray]:
+def _defect_derivatives(place: _Place, slope: Jacobian, back: Mapping[str, Stencil]) -> tuple[BlockRows, FloatArray]:
     h = place.step[:, None, None]
     parts = place.of_intervals
     a, a_mid, a_end = (slope.by_state[where] for where in parts)
@@ -350,6 +348,4 @@ def _defect_derivatives(
 
 def _with_delays(local: FloatArray, coupling: list[tuple[Stencil, FloatArray]]) -> BlockRows:
     """The local blocks, (rows, width, m, n_states), plus those that act on delayed states."""
-    return BlockRows(
-        0, local, tuple(Coupling(stencil.index, stencil.value, block) for stencil, block in coupling)
-    )
+    return BlockRows(0, local, tuple(Coupling(stencil.index, stencil.value, block) for stencil, block in coupling))

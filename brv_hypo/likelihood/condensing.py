@@ -154,9 +154,7 @@ class Recursion:
         factor = splu(rows[:, split:].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
         observed = slice(*np.searchsorted(self._observed_by, [first, last] if first > 0 else [0, last]).tolist())
         outputs = self.problem.by_state.matrix(self.n, observed)[:, low * m : last * m]
-        return Piece(
-            low=low, factor=factor, before=rows[:, :split], tie=tie, outputs=outputs, observed=observed
-        )
+        return Piece(low=low, factor=factor, before=rows[:, :split], tie=tie, outputs=outputs, observed=observed)
 
     def _solved(self, piece: Piece, right: FloatArray, before: FloatArray) -> FloatArray:
         flat = right.reshape(-1, right.shape[2])
@@ -182,9 +180,7 @@ class Recursion:
         for wanted in range(LENGTH, self.n - LENGTH // 2, LENGTH):
             cut = self._nearest_cut(wanted, edges[-1], self.n)
             edges += [] if cut is None else [cut]
-        return [
-            Span(a, b, self.memoryless or a == 0) for a, b in zip(edges, [*edges[1:], self.n], strict=True)
-        ]
+        return [Span(a, b, self.memoryless or a == 0) for a, b in zip(edges, [*edges[1:], self.n], strict=True)]
 
     def _halves(self, span: Span) -> tuple[Span, ...]:
         cut = self._nearest_cut((span.first + span.last) // 2, span.first, span.last)
@@ -232,9 +228,7 @@ class Condensed:
         """See `Eliminated`. Multipliers backward through the spans, D' l = -J' (r + J dx + J_p dp)."""
         x = self.states(weights)
         problem = self.problem
-        residual = (
-            problem.residual * weights[0] + problem.by_parameter @ weights[1:] + problem.by_state.dot(x)
-        )
+        residual = problem.residual * weights[0] + problem.by_parameter @ weights[1:] + problem.by_state.dot(x)
         return x, self._multipliers(residual, self.starts.multiplier @ weights)
 
     def _multipliers(self, residual: FloatArray, continuity: FloatArray) -> FloatArray:
@@ -274,9 +268,7 @@ class Condensed:
 
     def _run(self, weights: FloatArray) -> Iterator[tuple[Piece, FloatArray]]:
         starts = self.starts.x @ weights
-        return self.recursion.run(
-            self.spans, lambda part: -self.problem.defects(part) @ weights, list(starts)
-        )
+        return self.recursion.run(self.spans, lambda part: -self.problem.defects(part) @ weights, list(starts))
 
 
 def condense(problem: Quadratic) -> Condensed | None:

@@ -130,9 +130,7 @@ def jacobian(
         slopes = _call(function.slopes, points.x, points, theta, points.delayed)
         known, affine = {name: slope.T for name, slope in slopes.items()}, function.affine
 
-    def derivative(
-        move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False
-    ) -> FloatArray:
+    def derivative(move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False) -> FloatArray:
         if method == "complex":
             moved = np.asarray(move(1j * _COMPLEX_STEP))
             if not value:
@@ -144,9 +142,7 @@ def jacobian(
                 value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
             return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
         step = _CENTRAL_STEP * size
-        return np.asarray(
-            (np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step)
-        )
+        return np.asarray((np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step))
 
     def along_row(array: FloatArray, row: int) -> Callable[[Any], Any]:
         def move(step: Any) -> Any:
@@ -194,8 +190,7 @@ def jacobian(
     ]
     for name, before in delayed.items():
         columns += [
-            derivative(along_row(before.x, row), partial(_size, points.delayed[name].x[row]))
-            for row in range(n_states)
+            derivative(along_row(before.x, row), partial(_size, points.delayed[name].x[row])) for row in range(n_states)
         ]
     if not value:
         value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
@@ -240,9 +235,8 @@ def parameter_scales(
 ) -> dict[str, float]:
     """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
 
-    A parameter has its own magnitude, unless that is next to nothing against the change that would move a function
-    by as much as the function's own size, at most 1: then it has that change. `known` gives the size of some
-    beforehand.
+    A parameter has its own magnitude, unless that is next to nothing against the change that would move a function by
+    as much as the function's own size, at most 1: then it has that change. `known` gives the size of some beforehand.
     """
     known = known or {}
     scale = {name: max(abs(theta[name]), known.get(name, 0.0)) for name in names}
@@ -278,8 +272,7 @@ def check_shape(function: Function, points: Points, theta: Mapping[str, float], 
         )
     if not np.all(np.isfinite(value)):
         raise UsageError(
-            f"{what} is not finite at the start values; check theta0, x0 and u, "
-            "or start nearer to the solution"
+            f"{what} is not finite at the start values; check theta0, x0 and u, or start nearer to the solution"
         )
 
 
@@ -289,20 +282,14 @@ def _with_time_varying(points: Points, theta: Mapping[str, Any]) -> dict[str, An
 
 
 def _call(
-    function: Function,
-    x: FloatArray,
-    points: Points,
-    theta: Mapping[str, Any],
-    delayed: Mapping[str, Delayed],
+    function: Function, x: FloatArray, points: Points, theta: Mapping[str, Any], delayed: Mapping[str, Delayed]
 ) -> Any:
     if delayed:
         return function(x, points.u, theta, points.t, delayed)
     return function(x, points.u, theta, points.t)
 
 
-def _largest_size(
-    names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]
-) -> float:
+def _largest_size(names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
     """Size of the largest parameter, for a difference step."""
     return max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names)
 

@@ -5,10 +5,9 @@ For linear dynamics, and to the order of Laplace's approximation otherwise,
 
     NLLF = objective + 1/2 sum over samples of log det S - log det R
 
-with S the innovations' covariance of a Kalman filter about the smoothed states, the initial state held (Schweppe,
-IEEE Trans. Information Theory 11 (1965) 61). At Q = 0 the sum vanishes and output error remains. `Determinant` is
-that sum with its gradient; `Marginal` is a linearised segment with its states integrated out for any variances of
-both noises.
+with S the innovations' covariance of a Kalman filter about the smoothed states, the initial state held (Schweppe, IEEE
+Trans. Information Theory 11 (1965) 61). At Q = 0 the sum vanishes and output error remains. `Determinant` is that sum
+with its gradient; `Marginal` is a linearised segment with its states integrated out for any variances of both noises.
 """
 
 from __future__ import annotations
@@ -20,29 +19,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import (
-    Weights,
-    evaluate_segment,
-    linearise_segment,
-    weighted_change,
-)
-from brv_hypo.likelihood.gauss_newton import (
-    Iterate,
-    Parts,
-    Problem,
-    Sensitivity,
-    quadratic_of,
-    sensitivity_of,
-)
+from brv_hypo.likelihood.collocation import Weights, evaluate_segment, linearise_segment, weighted_change
+from brv_hypo.likelihood.gauss_newton import Iterate, Parts, Problem, Sensitivity, quadratic_of, sensitivity_of
 from brv_hypo.likelihood.kkt import Quadratic, eliminate_by_band, log_determinant
 from brv_hypo.likelihood.noise import log_determinants, whitening
 from brv_hypo.likelihood.segment import Grid
 
 if TYPE_CHECKING:
     from brv_hypo.likelihood.compiled import Filter
-
-
-# ---- Filter error: process noise means that the states are integrated out, not only fitted ----
 
 
 _FAR = 1e-3
@@ -205,9 +189,7 @@ class _Run:
 
 def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:
     grid = problem.grids[s]
-    linear = linearise_segment(
-        problem.model, grid, iterate.x[s], problem.parameters.as_mapping(iterate.theta), ()
-    )
+    linear = linearise_segment(problem.model, grid, iterate.x[s], problem.parameters.as_mapping(iterate.theta), ())
     before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
     inverse = np.asarray(np.linalg.inv(after), dtype=float)
     return _Motion(

@@ -209,9 +209,7 @@ class _Task:
         """Process noise of each state, (n_states,)."""
         driving = np.zeros(n_states) if self.process_noise is None else np.asarray(self.process_noise, dtype=float)
         if driving.shape != (n_states,) or np.any(driving < 0):
-            raise UsageError(
-                f"process_noise is {driving}; expected {n_states} values, one per state, none negative"
-            )
+            raise UsageError(f"process_noise is {driving}; expected {n_states} values, one per state, none negative")
         if self.delays and np.any(driving):  # the filter's state holds one sample, not all that lies within the delay
             raise UsageError(
                 f"delays {list(self.delays)} were given together with process noise {driving}: the likelihood of "
@@ -246,9 +244,7 @@ _LONGEST = 100_000
 def _covariance(given: FloatArray, n_outputs: int) -> FloatArray:
     """B as given, (n_outputs, n_outputs)."""
     found = np.asarray(given, dtype=float)
-    square = (
-        found.shape == (n_outputs, n_outputs) and np.all(np.isfinite(found)) and np.allclose(found, found.T)
-    )
+    square = found.shape == (n_outputs, n_outputs) and np.all(np.isfinite(found)) and np.allclose(found, found.T)
     if not square or np.linalg.eigvalsh(found)[0] <= 0.0:
         raise UsageError(
             f"the noise covariance is {found.tolist()}; expected a symmetric positive-definite matrix of shape "

@@ -15,13 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.collocation import (
-    Linearisation,
-    Model,
-    evaluate_segment,
-    linearise_segment,
-    parts_of,
-)
+from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment, parts_of
 from brv_hypo.likelihood.condensing import eliminate
 from brv_hypo.likelihood.kkt import BlockRows, Eliminated, Quadratic, upper_triangle
 from brv_hypo.likelihood.noise import whitening
@@ -166,9 +160,7 @@ def sensitivities(
     )
 
 
-def _eliminated(
-    problem: Problem, iterate: Iterate, s: int, anchored: bool, held: Parts | None = None
-) -> Eliminated:
+def _eliminated(problem: Problem, iterate: Iterate, s: int, anchored: bool, held: Parts | None = None) -> Eliminated:
     """Segment s linearised and its states eliminated."""
     linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
     quadratic = quadratic_of(problem, problem.grids[s], iterate.x[s], linear, iterate.covariance)
@@ -269,17 +261,11 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
 def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> Iterate:
     """The iterate a fraction of the step further, inside the bounds."""
     theta = np.clip(iterate.theta + fraction * step.theta, problem.parameters.lower, problem.parameters.upper)
-    return replace(
-        iterate, theta=theta, x=tuple(x + fraction * dx for x, dx in zip(iterate.x, step.x, strict=True))
-    )
+    return replace(iterate, theta=theta, x=tuple(x + fraction * dx for x, dx in zip(iterate.x, step.x, strict=True)))
 
 
 def quadratic_of(
-    problem: Problem,
-    grid: Grid,
-    x: FloatArray,
-    linear: Iterable[tuple[slice, Linearisation]],
-    covariance: FloatArray,
+    problem: Problem, grid: Grid, x: FloatArray, linear: Iterable[tuple[slice, Linearisation]], covariance: FloatArray
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
@@ -362,16 +348,11 @@ _SUFFICIENT = 1e-4
 
 
 def line_search(
-    problem: Problem,
-    iterate: Iterate,
-    step: Step,
-    penalty: float,
-    term: Callable[[Iterate], float] | None = None,
+    problem: Problem, iterate: Iterate, step: Step, penalty: float, term: Callable[[Iterate], float] | None = None
 ) -> tuple[Iterate, float]:
     """Halve the step until the merit falls enough; fraction 0 where it does not.
 
-    The merit is the objective, plus the penalty times the violation, plus a further `term` where there is
-    one.
+    The merit is the objective, plus the penalty times the violation, plus a further `term` where there is one.
     """
     merit = step.cost + penalty * step.violation + (term(iterate) if term else 0.0)
     slope = step.decrease - penalty * step.violation

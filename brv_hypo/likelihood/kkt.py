@@ -61,9 +61,7 @@ class BlockRows:
         if len(parts) == 1 and all(np.any(c.blocks) for c in parts[0].couplings):
             return parts[0]
         couplings = [
-            Coupling(
-                *(np.concatenate([getattr(c, name) for c in each]) for name in ("index", "weight", "blocks"))
-            )
+            Coupling(*(np.concatenate([getattr(c, name) for c in each]) for name in ("index", "weight", "blocks")))
             for each in zip(*(part.couplings for part in parts), strict=True)
         ]
         return BlockRows(

@@ -40,11 +40,7 @@ def whitening(covariance: FloatArray, measured: BoolArray) -> FloatArray:
 
 
 def estimate_covariance(
-    residual: FloatArray,
-    measured: BoolArray,
-    shape: Shape,
-    previous: FloatArray,
-    floor: FloatArray,
+    residual: FloatArray, measured: BoolArray, shape: Shape, previous: FloatArray, floor: FloatArray
 ) -> FloatArray:
     """B of Eq. 3.11, the mean of v v', (n_outputs, n_outputs), full or diagonal.
 
@@ -116,9 +112,7 @@ def noise_from_differences(y: FloatArray) -> FloatArray:
 
 def least_variance(y: FloatArray) -> FloatArray:
     """The least plausible noise variance of each output, (n_outputs,): that of rounding."""
-    mean_square = np.array(
-        [np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y]
-    )
+    mean_square = np.array([np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y])
     return np.asarray(_ROUNDING * np.where(mean_square > 0, mean_square, 1.0))
 
 
@@ -140,9 +134,5 @@ def _codes(measured: BoolArray) -> IntArray:
     for first in range(0, len(measured), _BITS):
         part = measured[first : first + _BITS]
         value = (np.int64(1) << np.arange(len(part), dtype=np.int64)) @ part
-        codes = (
-            np.unique(np.stack([codes, value]), axis=1, return_inverse=True)[1].reshape(-1)
-            if first
-            else value
-        )
+        codes = np.unique(np.stack([codes, value]), axis=1, return_inverse=True)[1].reshape(-1) if first else value
     return codes

@@ -47,9 +47,7 @@ class Parameters:
 
 
 def build_parameters(
-    theta0: Mapping[str, float],
-    bounds: Mapping[str, tuple[float, float]],
-    priors: Mapping[str, tuple[float, float]],
+    theta0: Mapping[str, float], bounds: Mapping[str, tuple[float, float]], priors: Mapping[str, tuple[float, float]]
 ) -> Parameters:
     """Lay the parameters out in one vector; those of equal bounds are held.
 
@@ -72,9 +70,7 @@ def build_parameters(
         if not lower <= upper:
             raise UsageError(f"bounds of {name!r} are ({lower}, {upper}); expected lower <= upper, equal to hold it")
         if not lower <= value <= upper:
-            raise UsageError(
-                f"theta0[{name!r}] = {value} lies outside its bounds ({lower}, {upper}); move one of them"
-            )
+            raise UsageError(f"theta0[{name!r}] = {value} lies outside its bounds ({lower}, {upper}); move one of them")
         if not std > 0:
             raise UsageError(
                 f"the prior of {name!r} has mean {mean} and standard deviation {std}; expected a positive one"

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-# ---- What a fit returns ----
-
-
 @dataclass(frozen=True)
 class StartingPoint:
     """One search: where its first noise came from, how it ended, and at which log-likelihood."""
@@ -146,9 +143,7 @@ class FitResult(Tabular):
         for more in measured_more:
             observed = np.isfinite(more)
             gained.append(
-                -np.einsum(
-                    "nij,jn->ni", whitening(self.noise_covariance, observed), np.where(observed, more, 0.0)
-                )
+                -np.einsum("nij,jn->ni", whitening(self.noise_covariance, observed), np.where(observed, more, 0.0))
             )
         return dict(zip(self.names, self.linear.change_by(gained).tolist(), strict=True))
 
@@ -206,10 +201,7 @@ def _statistics(result: FitResult) -> list[str]:
         ("parameters", f"{p}"),
         ("log-likelihood", f"{result.log_likelihood:.6g} (without its constant)"),
         ("Akaike", f"{aic:.6g}"),
-        (
-            "steps per sample",
-            f"{result.mesh_steps}, mesh moves estimates by {result.mesh_shift:.2g} sigma at most",
-        ),
+        ("steps per sample", f"{result.mesh_steps}, mesh moves estimates by {result.mesh_shift:.2g} sigma at most"),
     ]
     return [f"    {name:<18}= {value}" for name, value in rows]
 

@@ -4,11 +4,10 @@ With the states integrated out the outputs are Gaussian with covariance C(Q, R),
 
     NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (K: the matrix of `kkt`)
 
-Theta is integrated out too, which adds 1/2 log det I(theta) (restricted likelihood: Patterson and Thompson,
-Biometrika 58 (1971) 545): variances that are best for the fitted theta are too small by what the fit took out of the
-residuals. The gradient by the logarithms of all variances and its expected Hessian, 1/2 tr(C^-1 dC C^-1 dC), give one
-step for all: Q moves as Q exp(s), R as F exp(S) F' with F its Cholesky factor. Free initial states are integrated out
-too.
+Theta is integrated out too, which adds 1/2 log det I(theta) (restricted likelihood: Patterson and Thompson, Biometrika
+58 (1971) 545): variances that are best for the fitted theta are too small by what the fit took out of the residuals.
+The gradient by the logarithms of all variances and its expected Hessian, 1/2 tr(C^-1 dC C^-1 dC), give one step for
+all: Q moves as Q exp(s), R as F exp(S) F' with F its Cholesky factor. Free initial states are integrated out too.
 
 Not knowing the variances adds to the covariance of theta: cov theta = V + D W D', D = d theta / d s = -V dg / ds,
 with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta. Entrances:
@@ -24,14 +23,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.filter_error import Integrated, Marginal, gradients_elsewhere
-from brv_hypo.likelihood.gauss_newton import (
-    Iterate,
-    Parts,
-    Problem,
-    Sensitivity,
-    information_factor,
-    linearised,
-)
+from brv_hypo.likelihood.gauss_newton import Iterate, Parts, Problem, Sensitivity, information_factor, linearised
 from brv_hypo.likelihood.noise import Shape
 
 # ---- Noise covariances of filter error: Fisher scoring of all variances together ----
@@ -104,9 +96,7 @@ class Score:
         return float(np.max(np.abs(move) * np.sqrt(np.maximum(np.diag(self.information), 0.0)), initial=0.0))
 
 
-def directions_of(
-    problem: Problem, shape: Shape, estimate_noise: bool, estimate_process_noise: bool
-) -> Directions:
+def directions_of(problem: Problem, shape: Shape, estimate_noise: bool, estimate_process_noise: bool) -> Directions:
     """The variances to be estimated."""
     driven = np.flatnonzero(problem.process_noise).tolist() if estimate_process_noise else []
     outputs = problem.grids[0].y.shape[0] if estimate_noise else 0
@@ -166,12 +156,7 @@ def scored(
             break
     first, last = (lengths[0], lengths[-1]) if lengths else (0.0, 0.0)
     return Scored(
-        problem=problem,
-        iterate=iterate,
-        first=first,
-        last=last,
-        information=information,
-        segments=solved.segments,
+        problem=problem, iterate=iterate, first=first, last=last, information=information, segments=solved.segments
     )
 
 
@@ -180,9 +165,7 @@ def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> F
     along, pull = float(change @ move), information @ move
     if not along > _CURVED * float(pull @ move):
         return information
-    return np.asarray(
-        information + np.outer(change, change) / along - np.outer(pull, pull) / float(pull @ move)
-    )
+    return np.asarray(information + np.outer(change, change) / along - np.outer(pull, pull) / float(pull @ move))
 
 
 def _moved(
@@ -200,14 +183,11 @@ def _moved(
     return problem, iterate, solved, value, np.zeros_like(move)
 
 
-def marginals(
-    problem: Problem, iterate: Iterate, held: Sequence[Parts] | None = None
-) -> tuple[Marginal, ...]:
+def marginals(problem: Problem, iterate: Iterate, held: Sequence[Parts] | None = None) -> tuple[Marginal, ...]:
     """Every segment about its states."""
     known = linearised(problem, iterate) if held is None else held
     return tuple(
-        Marginal(problem, grid, x, parts)
-        for grid, x, parts in zip(problem.grids, iterate.x, known, strict=True)
+        Marginal(problem, grid, x, parts) for grid, x, parts in zip(problem.grids, iterate.x, known, strict=True)
     )
 
 
@@ -220,9 +200,7 @@ def _gradient(
     return np.asarray(0.5 * (np.array(up) - middle) / _SMALL_DIFFERENCE - 0.5 * np.sum(squares, axis=1))
 
 
-def _information(
-    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal]
-) -> FloatArray:
+def _information(problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Marginal]) -> FloatArray:
     """The expected Hessian, from second differences of log det C."""
     count, unit = directions.count, _DIFFERENCE * np.eye(directions.count)
     coupled = count if count <= _COUPLED else len(directions.driven) + problem.grids[0].y.shape[0]
@@ -335,17 +313,11 @@ def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Marginal]) -> _
         noise.append(segment.noise @ turn)
     total = sum(float(np.sum(rows[:, :, 0] ** 2)) for rows in (*outputs, *noise))
     return _Solved(
-        objective=0.5 * total,
-        log_det=log_det,
-        outputs=tuple(outputs),
-        noise=tuple(noise),
-        segments=tuple(segments),
+        objective=0.5 * total, log_det=log_det, outputs=tuple(outputs), noise=tuple(noise), segments=tuple(segments)
     )
 
 
-def _orthonormal(
-    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]
-) -> tuple[FloatArray, float]:
+def _orthonormal(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> tuple[FloatArray, float]:
     """Combinations of theta (p, k) of unit information, priors in it, and log det I(theta), over what the data and
     the bounds leave free.
     """
@@ -461,11 +433,7 @@ class NoiseErrors:
 
 
 def noise_errors(
-    problem: Problem,
-    iterate: Iterate,
-    directions: Directions,
-    segments: Sequence[Sensitivity],
-    covariance: FloatArray,
+    problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Sensitivity], covariance: FloatArray
 ) -> NoiseErrors:
     """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
     unknown = NoiseErrors.unknown(problem, iterate, covariance)
@@ -493,16 +461,12 @@ def noise_errors(
     if directions.entries:
         root = np.linalg.cholesky(iterate.covariance)
         twice = [1.0 if a == b else 2.0 for a, b in directions.entries]
-        change = np.stack(
-            [w * root[:, a] * root[:, b] for w, (a, b) in zip(twice, directions.entries, strict=True)], 1
-        )
+        change = np.stack([w * root[:, a] * root[:, b] for w, (a, b) in zip(twice, directions.entries, strict=True)], 1)
         variance = np.einsum("ij,jk,ik->i", change, spread[len(driven) :, len(driven) :], change)
         measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
         measurement[measurement == 0.0] = np.nan
     if segments:
-        covariance = with_unknown_variances(
-            problem, iterate, directions, linear, segments, spread, covariance
-        )
+        covariance = with_unknown_variances(problem, iterate, directions, linear, segments, spread, covariance)
     never_measured = ~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
     return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, never_measured))
 
@@ -512,9 +476,7 @@ def _remarks(directions: Directions, gone: BoolArray, never_measured: BoolArray)
     states = [state for state, lost in zip(directions.driven, gone, strict=False) if lost]
     lost = gone[len(directions.driven) :]
     outputs = [
-        a
-        for (a, b), each in zip(directions.entries, lost, strict=True)
-        if each and a == b and not never_measured[a]
+        a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b and not never_measured[a]
     ]
     found = []
     if states:

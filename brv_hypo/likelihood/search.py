@@ -33,8 +33,6 @@ from brv_hypo.likelihood.gauss_newton import (
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.scoring import Directions, directions_of, scored
 
-# ---- How a search ended, and what to do about it ----
-
 
 class Status(StrEnum):
     """The value is what is shown and compared; each knows its cause and remedy."""

@@ -355,8 +355,7 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
     for name, array in (("u", u), ("y", y)):
         if array.shape[1:] != t.shape:
             raise UsageError(
-                f"segment {number}: {name} has shape {array.shape}; expected (rows, {t.size}), "
-                "one column per sample"
+                f"segment {number}: {name} has shape {array.shape}; expected (rows, {t.size}), one column per sample"
             )
     if not np.any(np.isfinite(y)):
         raise UsageError(
@@ -368,11 +367,8 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
             f"segment {number}: u is not finite everywhere; only y may have gaps (NaN): interpolate u first"
         )
     if x0.ndim in (1, 2) and x0.shape[0] == 0:
-        raise UsageError(
-            f"segment {number}: x0 is empty, so that the model has no states; expected at least one"
-        )
+        raise UsageError(f"segment {number}: x0 is empty, so that the model has no states; expected at least one")
     if x0.ndim not in (1, 2) or (x0.ndim == 2 and x0.shape[1] != t.size) or not np.all(np.isfinite(x0)):
         raise UsageError(
-            f"segment {number}: x0 has shape {x0.shape}; expected finite values, "
-            f"(n_states,) or (n_states, {t.size})"
+            f"segment {number}: x0 has shape {x0.shape}; expected finite values, (n_states,) or (n_states, {t.size})"
         )

@@ -57,9 +57,7 @@ def cut(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
 def joined(whole: Problem, states: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
     """The states of the whole segments from those of their pieces."""
     remaining = iter(states)
-    return tuple(
-        np.concatenate([next(remaining) for _ in _edges(grid.n)[1:]], axis=1) for grid in whole.grids
-    )
+    return tuple(np.concatenate([next(remaining) for _ in _edges(grid.n)[1:]], axis=1) for grid in whole.grids)
 
 
 def _edges(n: int) -> list[int]:
@@ -179,9 +177,7 @@ def delay_reach(
 
     For a delay, half the time scale of the fastest state.
     """
-    rates = np.concatenate(
-        [np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1
-    )
+    rates = np.concatenate([np.diff(x, axis=1) / g.step for x, g in zip(histories, grids, strict=True)], axis=1)
     spread = np.std(np.concatenate(histories, axis=1), axis=1)
     rms = np.sqrt(np.mean(rates**2, axis=1))
     times = spread[rms > 0] / rms[rms > 0]
@@ -334,9 +330,7 @@ def bridged(
     return found
 
 
-def _carried(
-    model: Model, grid: Grid, x: FloatArray, first: int, stop: int, theta: Mapping[str, float]
-) -> FloatArray:
+def _carried(model: Model, grid: Grid, x: FloatArray, first: int, stop: int, theta: Mapping[str, float]) -> FloatArray:
     """States from sample `first` to before `stop` by Runge-Kutta steps from the first, (n_states, stop - first)."""
     found = x[:, first:stop].copy()
 
@@ -502,6 +496,4 @@ def finer(segment: Segment, number: int, steps: int) -> Segment:
     x0 = np.asarray(segment.x0, dtype=float)
     if x0.ndim == 2:
         x0 = np.stack([np.interp(inside, t, row) for row in x0])
-    return replace(
-        segment, t=inside, y=fine, u=inputs_at(segment, inside), u_mid=inputs_at(segment, middle), x0=x0
-    )
+    return replace(segment, t=inside, y=fine, u=inputs_at(segment, inside), u_mid=inputs_at(segment, middle), x0=x0)

@@ -79,9 +79,7 @@ class Whiteness:
         return self.p_value >= 0.01
 
 
-def covariance_from_information(
-    triangle: FloatArray, prior_std: FloatArray, estimated: IntArray
-) -> FloatArray:
+def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, estimated: IntArray) -> FloatArray:
     """Inverse of the information matrix T'T plus priors, (p, p).
 
     nan for parameters not in `estimated` (at a bound), and for those alone that a direction moves which the
@@ -128,17 +126,14 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
         count = sum(int(np.count_nonzero(row)) for row in rows)
         power = sum(float(row @ row) for row in rows)
         products = [
-            sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k)
-            for k in range(1, lags + 1)
+            sum(float(row[: row.size - k] @ row[k:]) for row in rows if row.size > k) for k in range(1, lags + 1)
         ]
         r = np.array(products) / power if power > 0 else np.zeros(lags)
         statistic = float(count * (count + 2) * np.sum(r**2 / np.maximum(count - np.arange(1, lags + 1), 1)))
         worst = int(np.argmax(np.abs(r)))
         p_value = float(gammaincc(lags / 2, statistic / 2))
         tests.append(
-            Whiteness(
-                statistic=statistic, p_value=p_value, lags=lags, largest=float(r[worst]), largest_lag=worst + 1
-            )
+            Whiteness(statistic=statistic, p_value=p_value, lags=lags, largest=float(r[worst]), largest_lag=worst + 1)
         )
     return tuple(tests)
 
@@ -156,10 +151,7 @@ _LARGEST_REFLECTION = 0.999
 
 
 def coloured_covariance(
-    white: FloatArray,
-    prior_information: FloatArray,
-    sensitivity: Sequence[FloatArray],
-    residual: Sequence[FloatArray],
+    white: FloatArray, prior_information: FloatArray, sensitivity: Sequence[FloatArray], residual: Sequence[FloatArray]
 ) -> FloatArray:
     """The corrected covariance, (p, p).
 

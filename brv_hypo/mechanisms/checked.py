@@ -93,11 +93,7 @@ def _within(seconds: float) -> Iterator[None]:
 
 
 def fault(
-    name: str,
-    package: str,
-    found: str,
-    call: Callable[..., Any] | None = None,
-    error: BaseException | None = None,
+    name: str, package: str, found: str, call: Callable[..., Any] | None = None, error: BaseException | None = None
 ) -> MechanismError:
     """The error to raise for a plugin: what was found, and where in its files that came from."""
     subject = f"'{name}' of {package}" if package else f"'{name}'"
@@ -278,9 +274,7 @@ class _ShownPast:
 # ---- An analysis without the plugins that broke their contract in it ----
 
 
-def without_faulty(
-    analysis: Callable[[frozenset[str]], Result], *, most: int = 20
-) -> tuple[Result, tuple[str, ...]]:
+def without_faulty(analysis: Callable[[frozenset[str]], Result], *, most: int = 20) -> tuple[Result, tuple[str, ...]]:
     """What `analysis` gives for the names to leave out, and why each was: those that broke their contract in it.
 
     Every repetition begins anew, so that nothing of what failed is in the result. Raises MechanismError where the

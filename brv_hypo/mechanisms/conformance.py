@@ -408,9 +408,7 @@ def has_sane_knots(mechanism: Mechanism) -> None:
         return
     expect(np.ndim(knots) == 1, f"knots of shape {np.shape(knots)}: give a vector of times")
     inside = (knots >= motion.time[0]) & (knots <= motion.time[-1])
-    expect(
-        np.all(np.diff(knots) > 0) and np.all(inside), f"knots outside the record or out of order: {knots}"
-    )
+    expect(np.all(np.diff(knots) > 0) and np.all(inside), f"knots outside the record or out of order: {knots}")
 
 
 def derives_with_uncertainty(mechanism: Mechanism) -> None:

@@ -82,9 +82,7 @@ def load_file(path: str) -> Found:
         answer(mechanism.name, path, _check, mechanism, mechanism.name, path)
         return [mechanism], []
     if file.suffix != ".py":
-        raise UsageError(
-            f"{path}: found a file of type '{file.suffix}', expected .py or .yaml. Give a plugin."
-        )
+        raise UsageError(f"{path}: found a file of type '{file.suffix}', expected .py or .yaml. Give a plugin.")
     module = f"brv_hypo_plugin_{file.stem}"
     known_as(module, path)
 
@@ -171,9 +169,7 @@ def _loaded() -> tuple[Mapping[str, Installed], tuple[str, ...]]:
     return dict(sorted(found.items())), tuple(left)
 
 
-def _add(
-    found: dict[str, Installed], left: list[str], package: str, version: str, load: Callable[[], Found]
-) -> None:
+def _add(found: dict[str, Installed], left: list[str], package: str, version: str, load: Callable[[], Found]) -> None:
     """Add what `load` gives; whatever is wrong with it is a line in `left` and touches nothing else."""
     try:
         items, problems = load()
@@ -238,9 +234,7 @@ def _found(name: str, known: Sequence[str]) -> Item:
     raise UsageError(f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.{reasons}")
 
 
-def parse_hypothesis(
-    text: str, options: Mapping[str, Mapping[str, Any]] | None = None
-) -> tuple[Mechanism, ...]:
+def parse_hypothesis(text: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> tuple[Mechanism, ...]:
     """The mechanisms of a hypothesis such as 'sticking+bodyfixed'; 'none' is the empty tuple."""
     if text == "none":
         return ()

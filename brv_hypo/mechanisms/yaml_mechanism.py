@@ -35,9 +35,7 @@ from brv_hypo.motion.motion import Motion
 
 FORMAT, VERSION = "brv-mechanism", 1
 
-Quantity = Literal[
-    "time", "alpha", "windward_meridian", "p", "velocity", "dynamic_pressure", "mach", "log_reynolds"
-]
+Quantity = Literal["time", "alpha", "windward_meridian", "p", "velocity", "dynamic_pressure", "mach", "log_reynolds"]
 Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z"]
 
 

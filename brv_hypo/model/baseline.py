@@ -26,10 +26,7 @@ BEND_DRIFT = 0.5  # what the bend changes by, of itself (1 sigma), between the e
 def static_terms(motion: Motion) -> tuple[Term, Term]:
     """The wind-fixed in-plane moment C_mw = C_m0 + C_malpha alpha of Eq. 5.1; out-of-plane zero."""
     nothing = np.zeros_like(motion.alpha)
-    return (
-        Term("C_m0", np.ones_like(motion.alpha), nothing, "1"),
-        Term("C_malpha", motion.alpha, nothing, "1/rad"),
-    )
+    return (Term("C_m0", np.ones_like(motion.alpha), nothing, "1"), Term("C_malpha", motion.alpha, nothing, "1/rad"))
 
 
 def pitch_damping_term(motion: Motion) -> Term:

@@ -22,10 +22,7 @@ Evaluated = dict[tuple[str, Theta], dict[str, Term]]
 
 
 def evaluated(
-    columns: Sequence[Regressor],
-    mechanisms: Mapping[str, Mechanism],
-    motion: Motion,
-    known: Evaluated | None = None,
+    columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion, known: Evaluated | None = None
 ) -> list[Term]:
     """The term of each column; a mechanism is evaluated once at each of its thetas, and then `known`."""
     known = {} if known is None else known

@@ -16,8 +16,6 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
 
-# ---- How a coefficient changes in time: linear splines with jumps and ramps (Eq. 3.6 with m = 1) ----
-
 
 @dataclass(frozen=True)
 class TimeBasis:

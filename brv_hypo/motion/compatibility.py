@@ -157,9 +157,7 @@ def prepared(flight: Flight) -> PreparedRecord:
         rate_sigma=rate_sigma,
         force_sigma=force_sigma,
         velocity_sigma=white_noise_level(flight.velocity, flight.segments),
-        wind_sigma=max(
-            limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind)
-        ),
+        wind_sigma=max(limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind)),
         gravity=gravity_magnitude(flight) or COMPATIBILITY_GRAVITY,
     )
 

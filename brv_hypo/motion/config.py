@@ -34,15 +34,9 @@ class ReconstructionConfig(BaseModel):
     measurements: Measurements = "auto"
     """What measures the attitude to the wind in the joint method: the normal force, the static moment, both, or the
     force alone unless that is too little ("auto")."""
-    gravity_magnitude: float | None = Field(
-        default=None, gt=0.0, description="m/s^2; from planet and altitude if None"
-    )
-    gyro_sigma: float | None = Field(
-        default=None, gt=0.0, description="white noise, rad/s; from the record if None"
-    )
+    gravity_magnitude: float | None = Field(default=None, gt=0.0, description="m/s^2; from planet and altitude if None")
+    gyro_sigma: float | None = Field(default=None, gt=0.0, description="white noise, rad/s; from the record if None")
     gyro_walk: ColouredNoise | None = Field(
         default=None, description="noise, rad/s, that the attitude is integrated with; white, of `gyro_sigma`, if None"
     )
-    accel_sigma: float | None = Field(
-        default=None, gt=0.0, description="white noise, m/s^2; from the record if None"
-    )
+    accel_sigma: float | None = Field(default=None, gt=0.0, description="white noise, m/s^2; from the record if None")

@@ -23,13 +23,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.kinematics import body_attitude, unit
-from brv_hypo.motion.signals import (
-    ColouredNoise,
-    Derivative,
-    differentiate,
-    differentiated,
-    transverse_noise_level,
-)
+from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, transverse_noise_level
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
@@ -339,9 +333,8 @@ def cycles(record: InertialRecord) -> float:
 def start_from_nose(record: InertialRecord, gravity_size: float | None, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
 
-    The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity
-    that gravity and forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves
-    it out.
+    The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity
+    and forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves it out.
     """
     speed = record.flight.velocity
     nose = record.attitude[:, :, 0]

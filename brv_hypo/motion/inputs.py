@@ -102,12 +102,7 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
         InputError(PRESSURE, span, significant_shapes(pressure.scale, np.ones(INPUT_MOST_SHAPES), reconstruction)),
     )
     return SmoothInputs(
-        roll_rate=roll_rate.values,
-        roll=roll,
-        gravity_axes=axes,
-        speed=speed,
-        pressure=pressure.values,
-        errors=errors,
+        roll_rate=roll_rate.values, roll=roll, gravity_axes=axes, speed=speed, pressure=pressure.values, errors=errors
     )
 
 

@@ -19,9 +19,6 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.interpolation import running_integral
 
-# ---- Axes and angles of CONVENTIONS: crossflow, windward meridian, in-plane and out-of-plane axes ----
-
-
 # Below this crossflow (rad) the meridian rate is damped towards zero: it is undefined at alpha = 0.
 CROSSFLOW_FLOOR = 1e-6
 
@@ -77,9 +74,8 @@ def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
 def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
     """Rotation matrices (n, ..., 3, 3) from de-rolled axes to those of the first sample.
 
-    `transverse_rate` (n, ...) is (q + i r) exp(i roll) in rad/s. Where its direction changes within a step,
-    rotations do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES
-    7:61, 1971).
+    `transverse_rate` (n, ...) is (q + i r) exp(i roll) in rad/s. Where its direction changes within a step, rotations
+    do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES 7:61, 1971).
     """
     angle = running_integral(time, transverse_rate)
     steps = np.diff(angle, prepend=angle[:1], axis=0)
@@ -93,14 +89,10 @@ def rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
     """De-rolled axes (n, ..., 3, 3) turned on by the roll angle (n, ...): the body's."""
     cosine, sine = np.cos(roll)[..., np.newaxis], np.sin(roll)[..., np.newaxis]
     second, third = derolled[..., 1], derolled[..., 2]
-    return np.stack(
-        [derolled[..., 0], second * cosine + third * sine, third * cosine - second * sine], axis=-1
-    )
+    return np.stack([derolled[..., 0], second * cosine + third * sine, third * cosine - second * sine], axis=-1)
 
 
-def body_attitude(
-    time: FloatArray, p: FloatArray, transverse_rate: ComplexArray
-) -> tuple[FloatArray, FloatArray]:
+def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Roll angle (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to those of the first sample.
 
     `p` and q + i r (n, ...), rad/s, in body axes: one record, or several of the same times.

@@ -23,13 +23,7 @@ from brv_hypo.motion.inertial import (
     wind_direction,
 )
 from brv_hypo.motion.kinematics import angle_of_attack
-from brv_hypo.motion.responses import (
-    EffectFit,
-    Perturbation,
-    as_expected,
-    effect_responses,
-    nonzero_responses,
-)
+from brv_hypo.motion.responses import EffectFit, Perturbation, as_expected, effect_responses, nonzero_responses
 
 UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an angle of which nothing is known
 NO_GRAVITY = "gravity is left out: it turns the velocity by about g t / V"

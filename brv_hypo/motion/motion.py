@@ -20,13 +20,7 @@ from scipy import sparse
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.interpolation import Quadrature, Spline, lagrange
-from brv_hypo.motion.kinematics import (
-    angle_of_attack,
-    angle_rates,
-    crossflow,
-    plane_from_body,
-    windward_meridian,
-)
+from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, crossflow, plane_from_body, windward_meridian
 
 # Way of the crossflow from node to node, of its least distance from zero on that way: the meridian turns by no more,
 # rad. Splines through a damping or a constant moment that turns so err by some 1e-5 of it.

@@ -169,9 +169,7 @@ def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
 
 
 def reconstruct(
-    flight: Flight,
-    config: ReconstructionConfig | None = None,
-    perturbations: Sequence[Perturbation] = (),
+    flight: Flight, config: ReconstructionConfig | None = None, perturbations: Sequence[Perturbation] = ()
 ) -> Reconstruction:
     """Wind-relative motion and moments of `flight`, with standard deviations.
 

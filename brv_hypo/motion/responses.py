@@ -19,14 +19,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration
-from brv_hypo.motion.interpolation import (
-    DecimatedGrid,
-    blocks,
-    decimated_grid,
-    full_grid,
-    running_integral,
-    spacing,
-)
+from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, full_grid, running_integral, spacing
 from brv_hypo.motion.kinematics import body_attitude, windward_meridian
 from brv_hypo.motion.signals import differentiated
 
@@ -207,9 +200,7 @@ def no_responses(record: InertialRecord) -> EffectResponses:
     rows, none = full_grid(record.time.size), np.zeros(0, dtype=np.int64)
     nothing = np.zeros((rows.count, 0))
     unchanged: Responses[ComplexArray] = Responses(none, rows, nothing.astype(complex))
-    return EffectResponses(
-        (), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged
-    )
+    return EffectResponses((), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged)
 
 
 def as_expected(responses: EffectResponses) -> EffectFit:

@@ -126,9 +126,7 @@ class Derivative:
     """Estimated rms bias of each part of the rate, per s."""
 
 
-def differentiate(
-    signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]
-) -> Derivative:
+def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]) -> Derivative:
     """Derivative of `signal` (n,), each part of which carries white noise of `sigma`, sampled each `step` s.
 
     Order and width are those of the least mean-square error of the derivative. Its bias is judged by what the
@@ -298,9 +296,7 @@ def _differences(order: int, half_width: int) -> tuple[FloatArray, FloatArray]:
     return less(middle_weights(order + 2, half_width)), less(narrowest)
 
 
-def _squared_bias(
-    pieces: list[list[FloatArray]], difference: FloatArray, sigma: float, margin: float
-) -> float:
+def _squared_bias(pieces: list[list[FloatArray]], difference: FloatArray, sigma: float, margin: float) -> float:
     """Mean squared bias of a filter by its `difference` from one of less bias; below `margin` standard errors none.
 
     `pieces` are the real and, where it has one, the imaginary part of each.

@@ -48,9 +48,6 @@ MOTION_FAR_START = 0.5  # of the speed: a start off the nose's mean by more is n
 MOTION_START = 0.3  # of the speed, 1-sigma of the walk at the first sample
 
 
-# ---- Least squares with a random walk: a complex walk seen through noise, and a few real globals ----
-
-
 # Keeps unknowns that the data do not see from making the normal equations singular; they stay at zero.
 _RIDGE = 1e-11
 # All steps together vary by this share at least of the variance that the measurements leave of one level, which changes
@@ -286,9 +283,7 @@ class RandomWalkSmoother:
         """Unit velocity (n, 3) in the axes of the first sample."""
         return direction_by_impulse(self.record, start, self.impulse)
 
-    def solve(
-        self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None
-    ) -> SmoothedMotion:
+    def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None) -> SmoothedMotion:
         """Fit from a motion that is near; without one from the nose's mean, or better.
 
         The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
@@ -436,6 +431,7 @@ class RandomWalkSmoother:
                 information[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
             at += measurement.unknowns
         return mean, information
+
 
 def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
     """Coefficients that fit the observation about the crossflow as it stands."""

@@ -1,14 +1,8 @@
-"""Whether a hypothesis leaves only what instruments and reconstruction explain, or something outside the list acts.
-
-"Something else" is a moment beside the hypothesis that is smooth in time, of one shape that a body may have or of all
-ordinary ones together, with a Gaussian prior on its size; shape and size, from the detection limit upwards, are
-averaged over. Its marginal likelihood competes with the named hypotheses. What has none of these shapes shows as
-rates that are louder than their noise.
-"""
+"""Whether the leading fit is adequate: its lack of fit, and moments outside the list that may be there instead."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,16 +14,22 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     DETECTABLE,
     LEVEL_SIGMAS,
+    ONE_STRETCH,
     OTHER_FLOOR,
     OTHER_SIZES,
     OTHER_UNSEEN,
+    OUTSIDE,
     SECOND_ORDER,
     SECOND_ORDER_VALUES,
 )
-from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.common_time import at
+from brv_hypo.model.term import Regressor
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.unlisted import RATE, particular_share, plain_columns, turning_moment, unlisted_moment
 from brv_hypo.regression.whitening import MEDIAN_EFFICIENCY
 
 
@@ -107,3 +107,77 @@ def _gain(beside: Sequence[_Beside]) -> float:
             strength = weakest * 4.0**power * seen**2
             gains.append(float(np.sum(strength / (1.0 + strength) * found**2 - np.log1p(strength))))
     return 2.0 * float(logsumexp(0.5 * np.array(gains)) - np.log(len(gains)))
+
+
+# ---- What outside the list would explain a flight instead of the leader, rather than beside it ----
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Something outside the list: its criterion where it explains the flight alone, and what it is in words.
+
+    As beside the leader, what it gains has to be more than it does on sound flights: by so much its criterion is above
+    that of its `fit`.
+    """
+
+    information: float
+    words: str
+    fit: HypothesisFit
+
+    def repeated(self, information: Mapping[str, float]) -> float:
+        """Its criterion in a repetition, from those of fits by name."""
+        return information[self.fit.name] + self.information - self.fit.information
+
+
+def alternatives(
+    problem: Problem, hypotheses: Mapping[str, Sequence[Mechanism]], fits: Sequence[HypothesisFit]
+) -> tuple[Alternative, ...]:
+    """The best moment of shapes that nothing on the list has, and a change that many things bring.
+
+    A leader whose characteristic terms explain next to nothing is such a change, and no likelier than that.
+    """
+    leader = likeliest(fits)
+    found = []
+    null = next(fit for fit in fits if not fit.mechanisms)
+    if not is_particular(problem, null, leader):
+        terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
+        words = f"a change of {terms} alone, which is not specific to {leader.name}"
+        found.append(Alternative(leader.information, words, leader))
+    listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
+    unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
+    if unlisted is not None:
+        found.append(_instead_of(leader, problem, unlisted))
+    if (stretch := _many_steps(leader)) is not None:
+        turning = turning_moment(problem, tuple(listed.values()), OUTSIDE, *stretch)
+        if turning is not None:
+            found.append(_instead_of(leader, problem, turning))
+    return tuple(found)
+
+
+def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> bool:
+    """Whether what is characteristic of its mechanisms explains more of what a fit does than next to nothing."""
+    return particular_share(problem, null, fit) > OUTSIDE**2
+
+
+def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:
+    """The best fit of a moment as a mechanism."""
+    fit = fit_hypothesis(problem, moment.name, (moment,), leader.information)
+    return Alternative(fit.information + OTHER_FLOOR, _described(fit), fit)
+
+
+def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:
+    """The first and last time at which the leader changes, where it does so more often than one stretch needs."""
+    starts = {column.time_basis.start for column in leader.selected if column.time_basis.kind != "constant"}
+    return (min(starts), max(starts)) if len(starts) > ONE_STRETCH else None
+
+
+def _described(fit: HypothesisFit) -> str:
+    shapes = " and ".join(dict.fromkeys(_shape(column) for column in fit.selected))
+    starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
+    since = f" from {at(fit.frame.common, min(starts))}" if starts else ""
+    return f"a moment that no mechanism on the list has ({shapes}{since})"
+
+
+def _shape(column: Regressor) -> str:
+    rate = dict(column.theta).get(RATE)
+    return column.term if rate is None else f"turning in the body at {rate:.3g} rad/s"

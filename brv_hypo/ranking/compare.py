@@ -39,18 +39,17 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking.alternative import alternatives
+from brv_hypo.ranking.adequacy import alternatives
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.likelihood import identify_standing
+from brv_hypo.ranking.likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.stability import repetitions, stability
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.ranking.tolerances import tolerance_warnings
 from brv_hypo.ranking.verdict import Contest, Score, judge
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, block_of_whitened_row, held_out
@@ -100,9 +99,7 @@ def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: in
     """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
     designs = [problem.design(fit.frame, fit.columns) for fit in fits]
     size = len(problem.baseline)
-    complete = _independent(
-        np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)])
-    )
+    complete = _independent(np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)]))
     null = least_squares(_independent(designs[0][:, :size]), problem.response)
     reference = Reference(
         rss_forced=null.rss,
@@ -170,9 +167,7 @@ def _compare_without(
         return _compare(flights, config, say, faulty)
 
 
-def _compare(
-    flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]
-) -> Comparison:
+def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]) -> Comparison:
     """The comparison without the mechanisms and effects that broke their contract."""
     hypotheses = {
         name: mechanisms
@@ -251,9 +246,7 @@ def _impossible(fit: HypothesisFit) -> str | None:
     return None if excess is None or excess.sigmas <= BOUND_SIGMAS else excess.words
 
 
-def answerable(
-    reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
-) -> tuple[Hypotheses, tuple[str, ...]]:
+def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses) -> tuple[Hypotheses, tuple[str, ...]]:
     """The hypotheses whose terms exist on these flights, and why the others are left out."""
     kept: dict[str, tuple[Mechanism, ...]] = {}
     warnings = []

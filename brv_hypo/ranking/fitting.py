@@ -135,7 +135,9 @@ def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted
     for _ in range(LINEARISATIONS):
         fallen = _deviance(found) <= found.deviance - CONVERGED_FALL
         patience -= not fallen
-        if patience < 0 or not (_is_amiss(found, config.other_prior) or (fallen and _errors_moved(found))):
+        # No leader yet about which the problem is linear, or one that leaves more than noise.
+        lacking = math.isinf(found.deviance) or found.heard is not None or _something_stands(found, config.other_prior)
+        if patience < 0 or not (lacking or (fallen and _errors_moved(found))):
             break
         point = _about_leader(found)
         records = None if point is None else cleaned(found.problem, point, found.settings)
@@ -147,11 +149,6 @@ def _relinearised(found: Fitted, config: CompareConfig, say: Progress) -> Fitted
         problem = about(point, records, settings, config)
         found = _raised(Fitted(problem, _linearised(problem, fits), replace(settings, taken=point.taken), before))
     return found
-
-
-def _is_amiss(found: Fitted, other_prior: float) -> bool:
-    """Whether the problem is about no leader yet, or the leader leaves more than noise."""
-    return math.isinf(found.deviance) or found.heard is not None or _something_stands(found, other_prior)
 
 
 def _errors_moved(found: Fitted) -> bool:

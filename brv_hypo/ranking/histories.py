@@ -84,12 +84,7 @@ def _by_regression(fit: HypothesisFit) -> list[CoefficientSeries]:
     low, high = (_scaled(fit, scale) for scale in (1.0 - _STEP, 1.0 + _STEP))
     rise = _alpha(high) - _alpha(low)
     slopes = (_planes(fit, high) - _planes(fit, low)) / rise[:, None]
-    rows = {
-        "C_N'": planes.real,
-        "C_Z'": planes.imag,
-        "C_N' by alpha": slopes.real,
-        "C_Z' by alpha": slopes.imag,
-    }
+    rows = {"C_N'": planes.real, "C_Z'": planes.imag, "C_N' by alpha": slopes.real, "C_Z' by alpha": slopes.imag}
     found = []
     for segment, (a, b) in zip(fit.frame.segments, fit.frame.pieces, strict=True):
         shown = drawn(b - a)

@@ -1,15 +1,24 @@
-"""The likelihood back end of a comparison: standing hypotheses refined on the original measurements (Section 3.4)."""
+"""After the verdict: maximum likelihood of the credible hypotheses; errors of the record beyond their tolerances."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
+from brv_hypo.constants import (
+    BEYOND_TOLERANCE_NAMED,
+    CREDIBLE_PROBABILITY,
+    IMPROBABLE_ERRORS,
+    LIKELIHOOD_HYPOTHESES,
+    LIKELIHOOD_STEPS,
+)
 from brv_hypo.identification import Identification, IdentificationConfig, identify
+from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.fitting import Fitted
+from brv_hypo.ranking.result import Verdict
 from brv_hypo.ranking.verdict import probabilities
-from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import Regressed
 
@@ -47,7 +56,7 @@ def identify_standing(
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
     for fit in standing[:LIKELIHOOD_HYPOTHESES]:
-        if quick and (not adequate or _takes_long(fit)):
+        if quick and (not adequate or any(each.status == "degraded" for each in fit.frame.reconstructions)):
             left_out.add(fit.name)
             continue
         say(f"maximum likelihood of {fit.name}")
@@ -56,6 +65,19 @@ def identify_standing(
     return Likelihoods(found, frozenset(left_out))
 
 
-def _takes_long(fit: HypothesisFit) -> bool:
-    """Whether the likelihood takes several seconds: a record with limits."""
-    return any(reconstruction.status == "degraded" for reconstruction in fit.frame.reconstructions)
+# ---- Errors of record and vehicle that the data want larger than their tolerances let expect ----
+
+
+def tolerance_warnings(fitted: Fitted, verdict: Verdict) -> tuple[str, ...]:
+    """A sentence on those of the leader; none where it is not adequate for other reasons, for what it lacks poses as
+    errors.
+    """
+    if verdict.outcome == "none adequate" and fitted.left.errors_p_value >= IMPROBABLE_ERRORS:
+        return ()
+    leader, problem = likeliest(fitted.fits), fitted.problem
+    found = problem.rows.nuisances.beyond_tolerance(leader.others, len(problem.records))
+    if not found:
+        return ()
+    more = len(found) - BEYOND_TOLERANCE_NAMED
+    told = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
+    return (f"with {hypothesis(leader.name)}, errors exceed the tolerances of the record: {told} (see --instruments)",)

@@ -85,10 +85,7 @@ def _fitted(fit: HypothesisFit) -> tuple[float, float]:
     moments = fit.frame.moments(fit.selected)
     size = _rms(moments @ values)
     gradient = np.concatenate(
-        [
-            np.real(np.conj(moments).T @ (moments @ values)) / (moments.shape[0] * max(size, 1e-300)),
-            _slopes(fit),
-        ]
+        [np.real(np.conj(moments).T @ (moments @ values)) / (moments.shape[0] * max(size, 1e-300)), _slopes(fit)]
     )
     variance = float(gradient @ fit.joint_covariance[count:, count:] @ gradient)
     return size, math.sqrt(LIMIT_FALL * max(variance, 0.0))
@@ -118,9 +115,7 @@ def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
         frame = reduced.frame.with_in_plane_moment(problem.baseline, reduced.baseline_values)
         reduced = Reduced(problem, frame)
     shapes = [
-        shape
-        for theta in theta_grid(mechanism, dense=True)
-        for shape in _shapes(reduced, mechanism, theta, variance)
+        shape for theta in theta_grid(mechanism, dense=True) for shape in _shapes(reduced, mechanism, theta, variance)
     ]
     if not shapes:
         return float("inf")
@@ -160,6 +155,4 @@ def _shapes(reduced: Reduced, mechanism: Mechanism, theta: Theta, variance: floa
     seen = seen[np.linalg.cond(information[seen] / scale[seen, np.newaxis]) <= _WORST_CONDITION]
     estimate = np.linalg.solve(information[seen], right[seen][..., np.newaxis])[..., 0]
     peak = np.einsum("ra,rab,rb->r", estimate, information[seen], estimate)
-    return [
-        _Shape(float(peak[k]), estimate[k], information[region], gram[region]) for k, region in enumerate(seen)
-    ]
+    return [_Shape(float(peak[k]), estimate[k], information[region], gram[region]) for k, region in enumerate(seen)]

@@ -204,9 +204,7 @@ def _anew(reconstruction: Reconstruction, flight: Flight) -> Reconstruction:
     return replace(reconstruction, flight=flight)
 
 
-def about(
-    point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig
-) -> Problem:
+def about(point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig) -> Problem:
     """The problem of records at a linearisation point, under the noise that they have beside its model.
 
     Of a moment that begins or ends at once a smooth one leaves much, which is no noise. Several flights are heard
@@ -229,9 +227,7 @@ def _problem(
 ) -> Problem:
     """The problem of the flights, linearised about `motions`, or where the reconstruction's errors are taken out."""
     where = motions or [None] * len(reconstructions)
-    points = [
-        linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, where, strict=True)
-    ]
+    points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, where, strict=True)]
     records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
     static = settings.static or _static(smooth, config, settings.common)
     bend = () if settings.bend is None else (settings.bend,)

@@ -21,14 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import (
-    CONVERGED_FALL,
-    DETECTABLE,
-    KNOT_SHIFTS,
-    METHOD_SIGMAS,
-    REPEATED_ERRORS,
-    REPEATED_WITHIN,
-)
+from brv_hypo.constants import CONVERGED_FALL, DETECTABLE, KNOT_SHIFTS, METHOD_SIGMAS, REPEATED_ERRORS, REPEATED_WITHIN
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion import Reconstruction, ReconstructionConfig, reconstruct
@@ -195,17 +188,13 @@ def repetitions(
 
 def stability(contest: Contest, repeated: Sequence[Repeated]) -> Stability:
     """Shares of all repetitions that end as the record does, judged by the same rules, and that have its leader."""
-    pairs = [
-        (contest.repeated(kind.whole), contest.repeated(each)) for kind in repeated for each in kind.each
-    ]
+    pairs = [(contest.repeated(kind.whole), contest.repeated(each)) for kind in repeated for each in kind.each]
     ends = [(one.outcome, one.winner) == (other.outcome, other.winner) for one, other in pairs]
     leads = [one.leader is other.leader for one, other in pairs]
     return Stability(sum(ends) / max(len(ends), 1), sum(leads) / max(len(leads), 1))
 
 
-def without_blocks(
-    fits: Sequence[HypothesisFit], without: Sequence[FitsWithout], blocks: Sequence[int]
-) -> Repeated:
+def without_blocks(fits: Sequence[HypothesisFit], without: Sequence[FitsWithout], blocks: Sequence[int]) -> Repeated:
     """Without each block in turn; delays and knots stay.
 
     The whole record is under the same likelihood, in which rows may be left out (`Problem.untied`).

@@ -10,16 +10,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from brv_hypo.constants import (
-    CREDIBLE_PROBABILITY,
-    IMPROBABLE_ERRORS,
-    OTHER_PRIOR,
-    TEMPERATURE,
-    WINNING_PROBABILITY,
-)
+from brv_hypo.constants import CREDIBLE_PROBABILITY, IMPROBABLE_ERRORS, OTHER_PRIOR, TEMPERATURE, WINNING_PROBABILITY
 from brv_hypo.io.text import hypothesis
-from brv_hypo.ranking.adequacy import Misfit
-from brv_hypo.ranking.alternative import Alternative
+from brv_hypo.ranking.adequacy import Alternative, Misfit
 from brv_hypo.ranking.limits import Limit
 from brv_hypo.ranking.result import Adequacy, MechanismLimit, Verdict
 
@@ -160,9 +153,7 @@ def judge(contest: Contest, stability: Stability, limits: Sequence[Limit] = ()) 
         equivalent=tuple(dict.fromkeys([leader.name, *standing, *([] if beaten else [NONE])])),
         probability=dict(chances),
         adequacy=Adequacy(ratio=left.ratio, p_value=left.p_value, adequate=ruling.adequate),
-        limits=tuple(
-            MechanismLimit(mechanism=x.mechanism, share_of_moment_95=x.share_of_moment) for x in limits
-        ),
+        limits=tuple(MechanismLimit(mechanism=x.mechanism, share_of_moment_95=x.share_of_moment) for x in limits),
         stability=stability.outcome,
         reason="",
     )
@@ -191,19 +182,11 @@ def _shaken(chances: Mapping[str, float], leader: str, stability: float) -> dict
     if lost <= 0.0 or not rivals:
         return dict(chances)
     total = sum(rivals.values())
-    gains = {
-        name: lost * (chance / total if total > 0.0 else 1.0 / len(rivals)) for name, chance in rivals.items()
-    }
-    return {
-        **chances,
-        leader: chances[leader] - lost,
-        **{name: rivals[name] + gains[name] for name in rivals},
-    }
+    gains = {name: lost * (chance / total if total > 0.0 else 1.0 / len(rivals)) for name, chance in rivals.items()}
+    return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
-def _inadequate(
-    leader: Score, left: Misfit, chances: Mapping[str, float], instead: Alternative | None
-) -> str:
+def _inadequate(leader: Score, left: Misfit, chances: Mapping[str, float], instead: Alternative | None) -> str:
     name, other = hypothesis(leader.name), _share(chances[OTHER])
     unlikely = left.errors_p_value < IMPROBABLE_ERRORS
     wrongs = [] if leader.impossible is None else [f"with {leader.impossible}"]
@@ -231,11 +214,7 @@ def _inadequate(
 
 
 def _won(
-    leader: Score,
-    null: Score | None,
-    chances: Mapping[str, float],
-    stability: float,
-    limits: Sequence[MechanismLimit],
+    leader: Score, null: Score | None, chances: Mapping[str, float], stability: float, limits: Sequence[MechanismLimit]
 ) -> str:
     chance = f"{_share(chances[leader.name])}; {100.0 * stability:.0f} % of the repetitions give the same outcome"
     if leader.name == NONE:

@@ -76,9 +76,7 @@ def build_problem(
     if point.mechanisms:
         known = known.with_in_plane_moment(point.columns, point.values)
     flights = [
-        linearised(
-            record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting)
-        )
+        linearised(record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting))
         for record, reconstruction, acting in zip(records, known.reconstructions, point.acting, strict=True)
     ]
     force, seen = on_rows(frame, flights)
@@ -144,11 +142,7 @@ def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
 
 
 def with_vehicle(
-    frame: RateFrame,
-    baseline: tuple[Regressor, ...],
-    values: FloatArray,
-    vehicle: Sequence[Mechanism],
-    known: Errors,
+    frame: RateFrame, baseline: tuple[Regressor, ...], values: FloatArray, vehicle: Sequence[Mechanism], known: Errors
 ) -> tuple[RateFrame, tuple[Regressor, ...], FloatArray]:
     """Frame, columns and coefficients with the moments of the vehicle's own errors, where they are known.
 
@@ -200,15 +194,7 @@ def linearised(
         size = np.abs(record.transverse_force - found @ force_values)
         seen = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
     return LinearisedFlight(
-        record,
-        reconstruction,
-        reconstruction.start,
-        frame.mechanisms,
-        columns,
-        values,
-        force,
-        force_values,
-        seen,
+        record, reconstruction, reconstruction.start, frame.mechanisms, columns, values, force, force_values, seen
     )
 
 

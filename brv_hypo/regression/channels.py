@@ -208,11 +208,7 @@ def part(frame: RateFrame, seen: BoolArray, chosen: BoolArray, *, shared: bool) 
             levels.append((begin, size))
     indices = np.concatenate(rows)
     return Part(
-        indices,
-        np.concatenate(samples),
-        seen[indices],
-        tuple(pieces),
-        tuple(levels) if shared else tuple(pieces),
+        indices, np.concatenate(samples), seen[indices], tuple(pieces), tuple(levels) if shared else tuple(pieces)
     )
 
 

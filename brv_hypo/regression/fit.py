@@ -119,13 +119,9 @@ class HypothesisFit:
         )
 
 
-def extended_bic(
-    rss: float, samples: int, effective: float, parameters: int, searched: int, selected: int
-) -> float:
+def extended_bic(rss: float, samples: int, effective: float, parameters: int, searched: int, selected: int) -> float:
     """n_e ln(RSS / n) + k ln n_e + 2 ln C(searched, selected)."""
-    choices = (
-        math.lgamma(searched + 1) - math.lgamma(selected + 1) - math.lgamma(max(searched - selected, 0) + 1)
-    )
+    choices = math.lgamma(searched + 1) - math.lgamma(selected + 1) - math.lgamma(max(searched - selected, 0) + 1)
     return effective * math.log(max(rss, 1e-300) / samples) + parameters * math.log(effective) + 2.0 * choices
 
 
@@ -339,11 +335,7 @@ def _refined(
 
 
 def solved(
-    reduced: Reduced,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Regressor, ...],
-    searched: int,
+    reduced: Reduced, name: str, mechanisms: tuple[Mechanism, ...], columns: tuple[Regressor, ...], searched: int
 ) -> HypothesisFit:
     """The hypothesis with just these columns, the baseline's first, least squares alone."""
     problem = reduced.problem

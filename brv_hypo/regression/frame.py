@@ -1,8 +1,7 @@
 """`RateFrame`: the one least-squares frame that every hypothesis is regressed in, pitch and yaw together.
 
-It holds the flights' derolled rates, turns columns into integrated rate histories, and whitens both. The
-constant of integration of every segment is projected out, so that segments, flights and held-out blocks
-need no other bookkeeping.
+It holds the flights' derolled rates, turns columns into integrated rate histories, and whitens both. The constant of
+integration of every segment is projected out, so that segments, flights and held-out blocks need no other bookkeeping.
 """
 
 from __future__ import annotations
@@ -86,9 +85,7 @@ class RateFrame:
     @cached_property
     def _factors(self) -> tuple[ComplexArray, ...]:
         """Factor (m, 1) of moments in the plane of alpha that makes integrands of them, of each segment."""
-        return tuple(
-            s.nodes.factor[:, np.newaxis] * self._turns[s.flight][s.nodes.rows] for s in self.segments
-        )
+        return tuple(s.nodes.factor[:, np.newaxis] * self._turns[s.flight][s.nodes.rows] for s in self.segments)
 
     @cached_property
     def observed(self) -> ComplexArray:

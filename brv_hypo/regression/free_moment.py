@@ -108,9 +108,7 @@ class FreeMoment(Mechanism):
         return np.asarray(BSpline.design_matrix(np.clip(time, self.start, self.stop), knots, 3).toarray())
 
 
-def free_moment(
-    problem: Problem, shapes: tuple[str, ...] = ORDINARY
-) -> tuple[RateFrame, tuple[Regressor, ...]]:
+def free_moment(problem: Problem, shapes: tuple[str, ...] = ORDINARY) -> tuple[RateFrame, tuple[Regressor, ...]]:
     """The problem's frame with a free moment of these shapes, and that moment's columns."""
     time, motion = problem.frame.coefficient_time, problem.frame.motions[0]
     parts = {name: len(shape_of(name, motion)) for name in SHAPES}

@@ -18,7 +18,7 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.residual_moments import residual_moments
+from brv_hypo.regression.uncertainty import residual_moments
 
 # Share of the columns' unit length that keeps the normal equations of fewer rows regular.
 _RIDGE = 1e-10
@@ -233,8 +233,7 @@ class FitsWithout:
     def _without(self, blocks: Sequence[_Block]) -> tuple[Without, ...]:
         seen = [self._products(block.rates) for block in blocks]
         rest = [
-            self._whole.less(rates).less(self._products(block.force))
-            for block, rates in zip(blocks, seen, strict=True)
+            self._whole.less(rates).less(self._products(block.force)) for block, rates in zip(blocks, seen, strict=True)
         ]
         factors = [
             _Bordered.of(block.without, own.across, own.products) for block, own in zip(blocks, rest, strict=True)
@@ -302,9 +301,7 @@ def held_out(problem: Problem, without: FitsWithout, count: int) -> HeldOut:
     return HeldOut(square / max(size, 1), np.array([fit.score for fit in fits]))
 
 
-def _score(
-    error: FloatArray, seen: tuple[FloatArray, FloatArray], with_rates: _Bordered, without: _Bordered
-) -> float:
+def _score(error: FloatArray, seen: tuple[FloatArray, FloatArray], with_rates: _Bordered, without: _Bordered) -> float:
     """e' S^-1 e + ln |S| of errors (rows,) of unit noise, S = I + X N^-1 X' with the uncertainty of what was fitted.
 
     `seen` is X'e, of nuisances and columns; the factors are those of N + X'X and of N.

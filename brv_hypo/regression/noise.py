@@ -44,9 +44,7 @@ def settled_noise(problem: Problem) -> Noise:
     count, constants = len(columns), 2 * len(part.levels)
     rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
     force = [rest.force[a:b][part.seen[a:b]] for a, b in part.pieces]
-    rates_taken, force_taken = (
-        _taken(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
-    )
+    rates_taken, force_taken = _taken(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
     rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
     force = [piece for piece in force if piece.size]
     motion = _turning(problem)

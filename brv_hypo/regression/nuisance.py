@@ -22,9 +22,6 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.propagated_motion import MOTION
 from brv_hypo.regression.response import LinearisedFlight
 
-# ---- Histories of unknowns on the rows of a frame, of which those are kept that the motion needs ----
-
-
 # Values of histories that are made at once: 16 bytes each, several times over.
 AT_ONCE = 2_000_000
 
@@ -178,10 +175,7 @@ def nuisances(
         force = linearised.force.columns(linearised.record, linearised.crossflow)
         nothing = np.zeros(force.shape[0], dtype=complex)
         for k, column in enumerate(force.T):
-            add(
-                Nuisance("force", str(k), number, "1", 1.0, np.nan),
-                on_frame(frame, number, Rows(nothing, column)),
-            )
+            add(Nuisance("force", str(k), number, "1", 1.0, np.nan), on_frame(frame, number, Rows(nothing, column)))
         without_prior = {} if free is None else free[number]
         own = {name: effect for (name, _), effect in without_prior.items()}
         wanted = [
@@ -229,9 +223,7 @@ def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:
     return Rows(rates, force)
 
 
-def _tolerated(
-    frame: RateFrame, number: int | None, mechanism: Mechanism
-) -> list[tuple[Nuisance, ComplexArray]]:
+def _tolerated(frame: RateFrame, number: int | None, mechanism: Mechanism) -> list[tuple[Nuisance, ComplexArray]]:
     """The residual rates (rows,) that one sigma of each term of a tolerance leaves on one flight; on all for None."""
     told = frame.reference if number is None else number
     sizes = mechanism.tolerance(frame.reconstructions[told].flight)

@@ -324,9 +324,7 @@ class Problem:
         others = self.rows.unknowns @ (self.rows.basis.T @ (self.raw_response - design @ values))
         return values, others[2 * len(self.rows.part.levels) :]
 
-    def left(
-        self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray
-    ) -> Rows:
+    def left(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray) -> Rows:
         """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,).
 
         Several fits at once have a column each: values (columns, fits), histories (frame rows, fits).

@@ -31,8 +31,6 @@ from brv_hypo.motion.moments import axial_share
 from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 
-# ---- What the gyros' white noise lets the attitude wander from a motion ----
-
 
 def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
     """How many sines stand for the random walk.

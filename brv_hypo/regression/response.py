@@ -1,10 +1,9 @@
 """How the residual answers to a change of the record, or of where the motion starts.
 
-The motion is propagated from the reconstruction's start: attitude from the gyros, velocity from forces,
-gravity and wind. What the reconstruction estimates (direction of the velocity at the start, gravity, the
-random walk of the gyros' noise) enters the regression as unknowns with their priors, so that the answer to
-a perturbation is that of the whole estimate, to first order: an effect cannot hide in the motion, nor the
-motion's errors pose as an effect.
+The motion is propagated from the reconstruction's start: attitude from the gyros, velocity from forces, gravity and
+wind. What the reconstruction estimates (direction of the velocity at the start, gravity, the random walk of the gyros'
+noise) enters the regression as unknowns with their priors, so that the answer to a perturbation is that of the whole
+estimate, to first order: an effect cannot hide in the motion, nor the motion's errors pose as an effect.
 """
 
 from __future__ import annotations
@@ -288,9 +287,7 @@ def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:
     return replace(record, flight=replace(record.flight, q=seen.q, r=seen.r))
 
 
-def in_batches(
-    moved: Iterable[tuple[InertialRecord, Moved]],
-) -> Iterator[list[tuple[InertialRecord, Moved]]]:
+def in_batches(moved: Iterable[tuple[InertialRecord, Moved]]) -> Iterator[list[tuple[InertialRecord, Moved]]]:
     """Records of the same times, so many at once that they stay small."""
     batch: list[tuple[InertialRecord, Moved]] = []
     for each in moved:

@@ -59,10 +59,7 @@ def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) 
     return Offers(
         single,
         product(
-            [
-                [theta_grid(m)] if m.several_parameters_at_once else [(t,) for t in theta_grid(m)]
-                for m in mechanisms
-            ]
+            [[theta_grid(m)] if m.several_parameters_at_once else [(t,) for t in theta_grid(m)] for m in mechanisms]
         ),
     )
 
@@ -233,12 +230,13 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...])
     in for before the knots were where they are.
     """
     selected = columns[len(problem.baseline) :]
+    spacing = float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
     own: dict[Regressor, None] = {}
     for column in selected:
         mechanism = frame.mechanisms[column.mechanism]
         mine = [c for c in selected if c.mechanism == column.mechanism]
         knots = _merged(
-            [c.time_basis.start for c in mine if c.time_basis.kind != "constant"], SEARCH_SAME_KNOT * _spacing(problem)
+            [c.time_basis.start for c in mine if c.time_basis.kind != "constant"], SEARCH_SAME_KNOT * spacing
         )
         thetas = _merged_thetas(mine)
         own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
@@ -250,10 +248,6 @@ def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...])
 def _choice_size(selected: Sequence[Regressor]) -> int:
     """Columns that come with one more choice."""
     return max((2 if column.grouped else 1 for column in selected), default=1)
-
-
-def _spacing(problem: Problem) -> float:
-    return float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
 
 
 def _merged(values: Sequence[float], tolerance: float) -> FloatArray:

@@ -71,9 +71,7 @@ def shapes_of(listed: Sequence[Mechanism], motions: Sequence[Motion]) -> list[Fl
     return [_basis(mechanism, motions) for mechanism in listed if not mechanism.parameters()]
 
 
-def over(
-    motions: Sequence[Motion], shape: Callable[[Motion], Sequence[ComplexArray]]
-) -> list[ComplexArray]:
+def over(motions: Sequence[Motion], shape: Callable[[Motion], Sequence[ComplexArray]]) -> list[ComplexArray]:
     """The components (samples of all flights,) of a shape, flight after flight."""
     return [np.concatenate(each) for each in zip(*map(shape, motions), strict=True)]
 
@@ -169,9 +167,7 @@ def _rates(motions: Sequence[Motion], apart: float) -> tuple[float, ...]:
     return tuple(apart * k for k in range(-count, count + 1) if k)
 
 
-def _falls(
-    problem: Problem, moment: TurningMoment, rates: Sequence[float], time_basis: TimeBasis
-) -> FloatArray:
+def _falls(problem: Problem, moment: TurningMoment, rates: Sequence[float], time_basis: TimeBasis) -> FloatArray:
     """Fall of the residual sum of squares that each rate brings with this course (rates,)."""
     reduced = Reduced(problem, problem.frame.with_mechanisms([moment]))
     columns = [

@@ -97,9 +97,7 @@ class _Courses:
 
     def of(self, chosen: IntArray) -> _Courses:
         """Some of them."""
-        return _Courses(
-            self.ramp[chosen], self.start[chosen], self.stop[chosen], self.begin[chosen], self.end[chosen]
-        )
+        return _Courses(self.ramp[chosen], self.start[chosen], self.stop[chosen], self.begin[chosen], self.end[chosen])
 
 
 @dataclass(frozen=True)

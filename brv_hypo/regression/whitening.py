@@ -57,9 +57,7 @@ class NoiseModel:
     def operator(self, samples: int) -> sparse.csr_array:
         """The filter of a segment of so many samples, banded (samples, samples)."""
         order = min(self.order, samples - 1)
-        band = [
-            np.full(samples - lag, weight) for lag, weight in enumerate(self.filters[self.order][: order + 1])
-        ]
+        band = [np.full(samples - lag, weight) for lag, weight in enumerate(self.filters[self.order][: order + 1])]
         for k in range(min(self.order, samples)):
             for lag, weight in enumerate(self.filters[k]):
                 band[lag][k - lag] = weight
@@ -82,9 +80,7 @@ def difference() -> NoiseModel:
     return NoiseModel((np.array([1e-3]), np.array([1.0, -1.0])), 1.0)
 
 
-def fit_noise(
-    residuals: Sequence[ComplexArray], max_order: int = 24, taken: FloatArray | None = None
-) -> NoiseModel:
+def fit_noise(residuals: Sequence[ComplexArray], max_order: int = 24, taken: FloatArray | None = None) -> NoiseModel:
     """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
 
     Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance
@@ -99,18 +95,14 @@ def fit_noise(
     if taken is not None:
         covariance += covariance[0] / (1.0 - taken[0]) * taken[: top + 1]
     covariance[0] *= 1.0 + 1e-9
-    predictors = [
-        solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)
-    ]
+    predictors = [solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)]
     variances = np.array([covariance[0] - a @ covariance[1 : a.size + 1] for a in predictors])
     variances = np.maximum(variances, 1e-12 * covariance[0])
     values = 2.0 * total * MEDIAN_EFFICIENCY
     bic = values * np.log(variances) + np.arange(top + 1) * np.log(values)
     order = int(np.argmin(bic))
     sigma = float(np.sqrt(variances[order]))
-    filters = tuple(
-        np.concatenate(([1.0], -predictors[k])) * sigma / np.sqrt(variances[k]) for k in range(order + 1)
-    )
+    filters = tuple(np.concatenate(([1.0], -predictors[k])) * sigma / np.sqrt(variances[k]) for k in range(order + 1))
     return NoiseModel(filters, sigma)
 
 

@@ -1,8 +1,7 @@
 """A comparison as a document: ranking, verdict, terms and criteria, and the charts of each flight.
 
-`comparison_charts` draws probabilities, limits and C_p, then for each flight the moments with the leading
-hypotheses, residuals, motion, spectra and coefficients over time and Mach number. `comparison_document` is
-the entrance.
+`comparison_charts` draws probabilities, limits and C_p, then for each flight the moments with the leading hypotheses,
+residuals, motion, spectra and coefficients over time and Mach number. `comparison_document` is the entrance.
 """
 
 from __future__ import annotations
@@ -14,33 +13,12 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.io.text import counted, hypothesis
-from brv_hypo.ranking.result import (
-    CoefficientSeries,
-    Comparison,
-    FlightSummary,
-    RankedHypothesis,
-    Series,
-    SizeSeries,
-)
+from brv_hypo.ranking.result import CoefficientSeries, Comparison, FlightSummary, RankedHypothesis, Series, SizeSeries
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import (
-    Band,
-    Bars,
-    Block,
-    Chart,
-    Document,
-    Line,
-    Panel,
-    Picture,
-    Role,
-    Texts,
-    Values,
-)
+from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Role, Texts, Values
 from brv_hypo.report.motion_charts import PLAIN, Drawn, Moments, Scale, Setting, caption, cut_text, framed
 from brv_hypo.report.style import probability, share
-
-# ---- The charts of a comparison ----
 
 LEADING = 2
 """Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""
@@ -160,18 +138,14 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     drawn = [
         charts.moment_chart(setting, time, measured, sigma, models),
         charts.residual_chart(setting, time, sigma, residuals),
-        charts.motion_chart(
-            setting, time, *angles, series.alpha_sigma_rad, series.windward_meridian_sigma_rad
-        ),
+        charts.motion_chart(setting, time, *angles, series.alpha_sigma_rad, series.windward_meridian_sigma_rad),
         charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
     if "none" in fitted and len(fitted) > 1:  # what the leader makes of the baseline's residual (Figure 5.18)
         beyond = replace(models[-1], moments=charts.difference(models[-1].moments, fitted["none"]))
         residual = charts.difference(measured, fitted["none"])
         heading = "Moments less the baseline"
-        drawn.append(
-            charts.moment_by_alpha_chart(setting, angles[0], residual, [beyond], "excess-by-alpha", heading)
-        )
+        drawn.append(charts.moment_by_alpha_chart(setting, angles[0], residual, [beyond], "excess-by-alpha", heading))
     if series.roll_rate_rad_s:
         drawn.append(charts.attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
     drawn += _by_size(setting, [s for s in comparison.sizes if s.flight == index])
@@ -243,6 +217,7 @@ def _estimate(
 
 
 # ---- A comparison as a document ----
+
 
 def comparison_document(comparison: Comparison) -> Document:
     """Ranking, verdict and warnings; in detail every term, criterion and note; on a page the charts."""

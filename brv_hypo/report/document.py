@@ -1,8 +1,7 @@
 """What a result is shown as: one document of tables, texts and charts.
 
-A `Chart` is what is drawn, apart from how: panels of lines, bands and bars over a common axis, with marks and
-shaded spans. Colours go by role, so that light, dark and print have their own; later layers lie on top of
-earlier ones.
+A `Chart` is what is drawn, apart from how: panels of lines, bands and bars over a common axis, with marks and shaded
+spans. Colours go by role, so that light, dark and print have their own; later layers lie on top of earlier ones.
 
 A `Document` is title, conclusion and blocks (`Table`, `Texts`, `Picture`). `terminal`, `html` and `figures`
 render the same document. A block without content is left out; `shown` says where it appears: "always", with

@@ -91,9 +91,7 @@ def _fill(figure: Figure, chart: Chart) -> None:
     if chart.path is not None:
         _frame_path(figure, rows, chart, chart.path)
     if any(axes.get_legend_handles_labels()[0] for axes in rows):
-        handles = {
-            label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
+        handles = {label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)}
         legend = figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
         for handle in legend.legend_handles:
             if isinstance(handle, Line2D) and handle.get_marker() == "o":

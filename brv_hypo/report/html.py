@@ -247,6 +247,7 @@ def _bits(values: FloatArray) -> dict[str, str]:
 
 # ---- Where a page came from: version, settings, records by digest, and the command that makes it again ----
 
+
 @dataclass(frozen=True)
 class Provenance:
     """The command, the settings that differ from the defaults, and each record with its SHA-256."""
@@ -272,8 +273,6 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
         text = yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip() if changed else "defaults"
     known = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()}
     return Provenance(command, text, tuple(known.items()))
-
-
 
 
 # ---- The page: templates in `page/`, and what they need ----

@@ -22,6 +22,7 @@ MOST_MISTAKES = 12
 
 # ---- Tables ----
 
+
 def counted(value: Share) -> str:
     """A share with its counts."""
     return f"{value.count} of {value.total}" + (f" ({ranged(value)})" if value.total else "")
@@ -146,6 +147,7 @@ def mistake_table(summary: StudySummary) -> Table:
 
 # ---- Charts ----
 
+
 def calibration_chart(calibration: Calibration) -> Chart:
     """Share right over stated probability, with its interval; the line is perfect calibration."""
     bins = [item for item in calibration.bins if item.right.total and item.mean_probability is not None]
@@ -191,6 +193,7 @@ def _line(outcome: Outcome) -> str:
 
 
 # ---- A study as a document ----
+
 
 def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Document:
     """Confusion, calibration, detection limits, coverage; in detail each vehicle and every mistake."""

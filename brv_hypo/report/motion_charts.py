@@ -269,10 +269,7 @@ def motion_chart(
         turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
         above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)))
         below.insert(0, Band(time, wrapped - turn, wrapped + turn))
-    panels = [
-        framed(Panel("α, deg", above), floor=0.0),
-        Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0)),
-    ]
+    panels = [framed(Panel("α, deg", above), floor=0.0), Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0))]
     ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
     return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 

@@ -20,8 +20,6 @@ from brv_hypo.report.motion_charts import Setting
 from brv_hypo.report.style import interval, number
 from brv_hypo.report.tables import motion_known
 
-# ---- Charts of a record as it was measured: forces, rates, and the attitude that the rates alone make ----
-
 _FORCES = (("ax", "a<sub>x</sub>, m/s²"), ("ay", "a<sub>y</sub>, m/s²"), ("az", "a<sub>z</sub>, m/s²"))
 _RATES = (("p", "p, deg/s"), ("q", "q, deg/s"), ("r", "r, deg/s"))
 
@@ -74,6 +72,7 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
 
 
 # ---- A reconstruction as a document and as data ----
+
 
 def reconstruction_document(result: Reconstruction) -> Document:
     """Ranges and standard deviations of the histories, noise levels, warnings; on a page the charts."""

@@ -10,14 +10,7 @@ import numpy as np
 from brv_hypo.io.text import counted, hypothesis
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
-from brv_hypo.ranking.result import (
-    Comparison,
-    DerivedEstimate,
-    FlightSummary,
-    Knot,
-    RecordSummary,
-    TermEstimate,
-)
+from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
 from brv_hypo.report.document import Shown, Table
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
@@ -39,6 +32,7 @@ CONTRADICTED = "The record contradicts itself (see the warnings), and its faults
 
 
 # ---- The ranking ----
+
 
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
@@ -79,6 +73,7 @@ def criteria_table(comparison: Comparison) -> Table:
 
 
 # ---- Terms of a model ----
+
 
 def term_table(
     heading: str,
@@ -137,6 +132,7 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
 
 
 # ---- Records, and what limits a result ----
+
 
 def flight_line(flight: FlightSummary) -> str:
     """Title, samples, span and rate of a flight."""

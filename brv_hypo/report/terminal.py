@@ -35,9 +35,7 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
         border_style="green" if document.decided else "yellow",
         expand=False,
     )
-    return Group(
-        *map(Text, document.subtitle), blocks_view(parts, verbose), Text(), panel, blocks_view(late, verbose)
-    )
+    return Group(*map(Text, document.subtitle), blocks_view(parts, verbose), Text(), panel, blocks_view(late, verbose))
 
 
 def blocks_view(blocks: Sequence[Block], verbose: bool) -> Group:

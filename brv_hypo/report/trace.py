@@ -15,7 +15,6 @@ from brv_hypo.report.style import interval, number, p_value, share
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
 from brv_hypo.residuals.result import Residual, StaticSlope, Step, Trace
 
-# ---- Charts ----
 
 def trace_charts(result: Trace) -> list[Chart]:
     """Every chart that the trace has the data for; none where the residual was not kept."""
@@ -182,9 +181,7 @@ def outcome_text(step: Step) -> str:
         text += f"; the held-out error of rates and force falls by {fall} standard errors"
     kind = next((c.kind for c in step.candidates if c.effect == step.added), None)
     if kind in ("instrument", "environment") and (force := step.force_error_after) is not None:
-        text += (
-            f"; specific force held out {number(step.force_error_before.held_out)} → {number(force.held_out)} m²/s⁴"
-        )
+        text += f"; specific force held out {number(step.force_error_before.held_out)} → {number(force.held_out)} m²/s⁴"
     if step.flight_left_out is not None:
         text += f"; each flight predicted from the others, ratio {number(step.flight_left_out.ratio)}"
     return text

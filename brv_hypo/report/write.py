@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# ---- Charts as picture files for papers, PNG and SVG, by matplotlib (the extra `figures`) ----
-
 RESOLUTION = 200
 """Dots per inch of PNG files."""
 

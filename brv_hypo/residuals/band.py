@@ -16,20 +16,14 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import (
-    BAND_LEAST_NOISE,
-    BAND_LEVEL,
-    BAND_SIGMAS,
-    MODEL_ERROR_CHANCE,
-    MODEL_ERROR_WEIGHTS,
-)
+from brv_hypo.constants import BAND_LEAST_NOISE, BAND_LEVEL, BAND_SIGMAS, MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import YamlMechanism
 from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.regression.whitening import effective_samples
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.prediction import Band
@@ -143,7 +137,7 @@ def predictive_sigma(
     for own, response in ((slopes.real, of_fitted.real @ solved), (slopes.imag, of_fitted.imag @ solved)):
         share = factor * np.sum(response**2, axis=1) / noise_sigma**2
         apart = (noise_sigma**2 + beyond**2) * _after_the_fit(problem, share)
-        parts.append(np.sqrt(apart + _variance(own, held)))
+        parts.append(np.sqrt(apart + np.maximum(np.sum((own @ held) * own, axis=1), 0.0)))
     return np.asarray(parts[0] + 1j * parts[1])
 
 
@@ -165,10 +159,6 @@ def _constants(free: BoolArray, count: int, constants: int) -> BoolArray:
     which = np.zeros(free.size, dtype=bool)
     which[count : count + constants] = True
     return which[free]
-
-
-def _variance(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
-    return np.asarray(np.maximum(np.sum((slopes @ covariance) * slopes, axis=1), 0.0), dtype=float)
 
 
 def band_of(

@@ -1,4 +1,4 @@
-"""Every candidate effect, fitted beside the model on the part of the record that is fitted."""
+"""What may be added to a model: every candidate's fall of the residual, and its prediction of blocks held out."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from scipy import stats
+from scipy.linalg import cho_factor, cho_solve
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.constants import (
     CANDIDATE_SOUND,
     CONFOUNDED_COSINE,
@@ -29,7 +31,80 @@ from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
 from brv_hypo.regression.uncertainty import with_errors
-from brv_hypo.residuals.left_out import LeftOut
+
+# ---- Errors on stretches left out of the fit in turn, without fitting again ----
+
+
+# Share of a candidate's direction outside a stretch below which nothing but the stretch tells its coefficient.
+_UNTOLD = 1e-6
+# What keeps a stretch's matrix regular where the baseline is told by it alone.
+_RIDGE = 1e-9
+_SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """The left-out errors of fits to one problem."""
+
+    problem: Problem
+
+    @cached_property
+    def _basis(self) -> FloatArray:
+        """Basis (rows, unknowns) of baseline, constants and nuisances."""
+        design = self.problem.whole_design(self.problem.frame, self.problem.baseline)
+        vectors, sizes, _ = np.linalg.svd(design / lengths(design), full_matrices=False)
+        return np.asarray(vectors[:, sizes > 1e-10 * sizes[0]], dtype=float)
+
+    @cached_property
+    def _stretches(self) -> list[tuple[IntArray, tuple[FloatArray, bool]]]:
+        """The rows of each stretch, in all channels, with the factor of its matrix."""
+        problem = self.problem
+        n = problem.rows.part.thinned_rows(problem.rows.noise)
+        found = []
+        for a, b in problem.rows.part.thinned_pieces(problem.rows.noise):
+            rows = np.concatenate([np.arange(channel * n + a, channel * n + b) for channel in range(4)])
+            own = self._basis[rows]
+            found.append((rows, cho_factor((1.0 + _RIDGE) * np.eye(rows.size) - own @ own.T)))
+        return found
+
+    def error(self, fit: HypothesisFit) -> float:
+        """Sum of squared errors, weighed, on every stretch, each from a fit of everything to the others."""
+        extra = self._directions(fit)
+        parts = extra.T @ self.problem.response
+        total = 0.0
+        for rows, factor in self._stretches:
+            error, own = fit.residual[rows], extra[rows]
+            solved = cho_solve(factor, np.column_stack([error, own]))
+            outside, turn = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ solved[:, 1:])
+            told = outside > _UNTOLD
+            # A direction that the other stretches cannot tell is not predicted at all.
+            silent = own @ turn[:, ~told] @ (turn[:, ~told].T @ parts)
+            left = solved[:, 0] + cho_solve(factor, silent)
+            weights = turn[:, told].T @ own.T @ left / outside[told]
+            predicted = left + solved[:, 1:] @ turn[:, told] @ weights
+            total += float(np.sum((np.triu(factor[0]) @ predicted) ** 2))
+        return total
+
+    def explained(self, null: HypothesisFit, fit: HypothesisFit) -> float:
+        """Share of the null's left-out error, weighed, that the fit saves."""
+        return 1.0 - self.error(fit) / self.error(null)
+
+    def _directions(self, fit: HypothesisFit) -> FloatArray:
+        """Orthonormal directions (rows, columns) that the fit's own columns add to the basis."""
+        if not fit.selected:
+            return np.zeros((self.problem.rows.size, 0))
+        return directions_beyond(self._basis, self.problem.design(fit.frame, fit.selected))
+
+
+def directions_beyond(basis: FloatArray, design: FloatArray) -> FloatArray:
+    """Orthonormal directions (rows, rank) of columns beyond a basis; what is mere rounding of unit columns is none."""
+    free = design - basis @ (basis.T @ design)
+    vectors, sizes, _ = np.linalg.svd(free / lengths(design), full_matrices=False)
+    return np.asarray(vectors[:, sizes > _SPENT], dtype=float)
+
+
+# ---- Every candidate effect, fitted beside the model on the part of the record that is fitted ----
+
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 
@@ -80,8 +155,7 @@ def search_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanis
     """The mechanism's best columns with knots and delays refined, as they enter one after another or as the exact
     search finds them: what begins and ends takes two terms, neither of which may be worth much alone.
 
-    Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow
-    chance.
+    Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow chance.
     """
     problem = left_out.problem
     found = [_refined(problem, likeliest(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
@@ -106,9 +180,7 @@ def _absurd(fit: HypothesisFit) -> bool:
     """Whether a value lies outside its bounds by more than these are wide, however little the data tell of it."""
     bounds = {m.name: m.bounds for m in fit.mechanisms}
     values = [(net.value, bounds[net.mechanism].get(net.term)) for each in intervals(fit) for net in each.values]
-    return any(
-        max(limits[0] - value, value - limits[1]) > limits[1] - limits[0] for value, limits in values if limits
-    )
+    return any(max(limits[0] - value, value - limits[1]) > limits[1] - limits[0] for value, limits in values if limits)
 
 
 def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -> Candidate:
@@ -151,12 +223,7 @@ def _refined(problem: Problem, fit: HypothesisFit, mechanism: Mechanism) -> Hypo
     fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
     found = refine(fit.columns, nonlinear, fresh, Reduced(problem, frame))
     return replace(
-        fit,
-        frame=frame,
-        columns=found.columns,
-        values=found.values,
-        residual=found.residual,
-        nonlinear=found.nonlinear,
+        fit, frame=frame, columns=found.columns, values=found.values, residual=found.residual, nonlinear=found.nonlinear
     )
 
 
@@ -318,9 +385,7 @@ def solved(
     )
 
 
-def candidate_of(
-    problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind
-) -> Candidate:
+def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind) -> Candidate:
     """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves within its bounds."""
     fit = bounded(problem, fit)
     extra = fit.parameters - null.parameters

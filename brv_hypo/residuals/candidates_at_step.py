@@ -10,13 +10,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from brv_hypo.constants import (
-    CANDIDATES_LEFT_OUT,
-    CONFOUNDED_NEAR,
-    RECORD_EFFECT_CLOSER,
-    TWO_STEP,
-    TWO_STEP_RIVAL,
-)
+from brv_hypo.constants import CANDIDATES_LEFT_OUT, CONFOUNDED_NEAR, RECORD_EFFECT_CLOSER, TWO_STEP, TWO_STEP_RIVAL
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
@@ -26,6 +20,7 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
+    LeftOut,
     Variant,
     bounded,
     fitted_again,
@@ -36,14 +31,11 @@ from brv_hypo.residuals.candidates import (
 )
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
-from brv_hypo.residuals.left_out import LeftOut
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import problem_of, with_efficiency
 
 
-def looked_ahead(
-    problem: Problem, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]
-) -> list[Candidate]:
+def looked_ahead(problem: Problem, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]) -> list[Candidate]:
     """The candidates, the leading ones with what the best further effect gains, where one has anything to gain.
 
     A leader that leaves nothing needs no comparison.
@@ -117,11 +109,7 @@ class Look:
 
 
 def bare_look(
-    seen: Seen,
-    model: Model,
-    flights: tuple[LinearisedFlight, ...],
-    config: TraceConfig,
-    noise: Noise | None = None,
+    seen: Seen, model: Model, flights: tuple[LinearisedFlight, ...], config: TraceConfig, noise: Noise | None = None
 ) -> Look:
     """The regression of a model alone on the fitted part of linearised flights."""
     problem = problem_of(seen, model, flights, config, noise=noise)
@@ -218,10 +206,7 @@ def _closer(
 
 
 def _try_all(
-    problem: Problem,
-    null: HypothesisFit,
-    mechanisms: Sequence[Mechanism],
-    catalogue: Catalogue,
+    problem: Problem, null: HypothesisFit, mechanisms: Sequence[Mechanism], catalogue: Catalogue
 ) -> list[Candidate]:
     tried = [try_mechanism(problem, null, mechanism) for mechanism in mechanisms]
     tried += [try_record_effect(problem, null, variants) for variants in catalogue.values()]

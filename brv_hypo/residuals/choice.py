@@ -18,23 +18,15 @@ from brv_hypo.constants import (
     LOOP_SHARED,
     LOOP_TRIES,
 )
-from brv_hypo.ranking.alternative import is_particular
+from brv_hypo.ranking.adequacy import is_particular
 from brv_hypo.regression.channels import Rows
-from brv_hypo.regression.residual_moments import residual_moments
+from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.residuals.band import lasting
 from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.judge import (
-    Agreement,
-    Prediction,
-    agreement,
-    force_errors,
-    moment_errors,
-    ratio,
-    residuals_of,
-)
+from brv_hypo.residuals.judge import Agreement, Prediction, agreement, force_errors, moment_errors, ratio, residuals_of
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
 
 
@@ -139,9 +131,7 @@ def choose(
             continue
         # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
         idle = (
-            candidate.explains is not None
-            and candidate.explains <= 0.0
-            and (scheduled or not follows_mach(candidate))
+            candidate.explains is not None and candidate.explains <= 0.0 and (scheduled or not follows_mach(candidate))
         )
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
         if ((residual_is_white and not certain) or idle) and not is_carried(here.problem, candidate.name):
@@ -178,9 +168,7 @@ def follows_mach(candidate: Candidate) -> bool:
     return any(mechanism.follows == "mach" for mechanism in candidate.fit.mechanisms)
 
 
-def _try(
-    here: Look, state: State, candidate: Candidate, certain: bool, add: Callable[[Candidate], State]
-) -> Tried:
+def _try(here: Look, state: State, candidate: Candidate, certain: bool, add: Callable[[Candidate], State]) -> Tried:
     problem, seen = here.problem, state.seen
     after, errors, left = add(candidate), (state.errors, state.held_out), left_by(problem, here.null)
     carried = is_carried(problem, candidate.name)
@@ -217,9 +205,7 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
     if discovery is None:
         return ranked
     described = discovery.candidate
-    place = next(
-        (k for k, candidate in enumerate(ranked) if _gives_way(here, candidate, described)), len(ranked)
-    )
+    place = next((k for k, candidate in enumerate(ranked) if _gives_way(here, candidate, described)), len(ranked))
     return [*ranked[:place], described, *ranked[place:]]
 
 

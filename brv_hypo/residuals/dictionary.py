@@ -83,9 +83,7 @@ def _turning(motion: Motion) -> list[Entry]:
     def entry(rate: float) -> Entry:
         roll = ", the roll rate" if abs(abs(rate) - abs(near)) < 0.5 * np.pi / duration else ""
         name = f"turns at {rate:.12g} rad/s"
-        terms = tuple(
-            YamlTerm(name=f"{name}, {axis}", axis=axis, turn=Turn(of="time", rate=rate)) for axis in _BODY
-        )
+        terms = tuple(YamlTerm(name=f"{name}, {axis}", axis=axis, turn=Turn(of="time", rate=rate)) for axis in _BODY)
         return Entry(
             f"a body-fixed moment that turns at {rate:.3g} rad/s ({rate / 2 / np.pi:.3g} Hz{roll})",
             terms,
@@ -167,11 +165,7 @@ WAVES: tuple[Wave, Wave] = ("cos", "sin")
 
 def _powers() -> list[Entry]:
     """Powers of alpha in and out of plane that the baseline lacks."""
-    chosen: list[tuple[Axis, int]] = [
-        ("in_plane", 2),
-        ("in_plane", 3),
-        *(("out_of_plane", k) for k in range(4)),
-    ]
+    chosen: list[tuple[Axis, int]] = [("in_plane", 2), ("in_plane", 3), *(("out_of_plane", k) for k in range(4))]
     return [
         Entry(
             f"a constant {axis.replace('_', '-')} moment"
@@ -196,11 +190,7 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
     spacing = (high - low) / (DESCRIBED_STEPS + 1)
 
     def maker(axis: Axis, share: float) -> Callable[[float], Entry]:
-        what = (
-            "a step of the stiffness"
-            if axis == "in_plane"
-            else "an out-of-plane moment with alpha that steps"
-        )
+        what = "a step of the stiffness" if axis == "in_plane" else "an out-of-plane moment with alpha that steps"
 
         def entry(value: float) -> Entry:
             factor = Factor(of=quantity, function="step", at=value, width=share * spacing)

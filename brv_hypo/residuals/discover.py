@@ -55,11 +55,8 @@ def dictionary_of(problem: Problem) -> Dictionary:
     return Dictionary(found, tuple(_white(problem, found)))
 
 
-def discover(
-    problem: Problem, null: HypothesisFit, dictionary: Dictionary, name: str, most: int
-) -> Discovery | None:
-    """The best description of at most `most` entries of the dictionary beside the model; None if there is
-    none.
+def discover(problem: Problem, null: HypothesisFit, dictionary: Dictionary, name: str, most: int) -> Discovery | None:
+    """The best description of at most `most` entries of the dictionary beside the model; None if there is none.
 
     Entries are screened one after another, moved to their best places, and the best subset of each size is
     found exactly.
@@ -139,9 +136,7 @@ def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple
         forced=tuple(range(size)),
         groups=tuple(group for group in groups if len(group) > 1) or None,
     )
-    found = {
-        tuple(k for k, group in enumerate(groups) if group[0] in subset.columns) for subset in result.subsets
-    }
+    found = {tuple(k for k, group in enumerate(groups) if group[0] in subset.columns) for subset in result.subsets}
     return [tuple(chosen[k] for k in members) for members in found if 0 < len(members) <= most]
 
 
@@ -261,9 +256,7 @@ def _choices(sets: int, chosen: int) -> int:
     return count
 
 
-def _changing(
-    problem: Problem, offered: Sequence[Entry], basis: FloatArray, left: FloatArray
-) -> list[Entry]:
+def _changing(problem: Problem, offered: Sequence[Entry], basis: FloatArray, left: FloatArray) -> list[Entry]:
     """The entries that explain most over some stretch; of neighbours the best alone."""
     start, stop = float(problem.frame.time.min()), float(problem.frame.time.max())
     edges = np.linspace(start, stop, DESCRIBED_STRETCHES + 1)
@@ -321,11 +314,7 @@ def _left(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _moved(
-    problem: Problem,
-    entry: Entry,
-    basis: FloatArray,
-    left: FloatArray,
-    courses: Sequence[TimeBasis] = _ALWAYS,
+    problem: Problem, entry: Entry, basis: FloatArray, left: FloatArray, courses: Sequence[TimeBasis] = _ALWAYS
 ) -> Entry:
     """The entry, with these courses in time, at the place near it that explains most."""
     spacing = entry.spacing
@@ -339,9 +328,7 @@ def _moved(
     return entry
 
 
-def _white(
-    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeBasis] = _ALWAYS
-) -> list[FloatArray]:
+def _white(problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeBasis] = _ALWAYS) -> list[FloatArray]:
     """The whitened columns of each entry with these courses."""
     frame, groups = _columns(problem, chosen, courses)
     design = problem.design(frame, [column for group in groups for column in group])

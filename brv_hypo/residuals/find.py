@@ -20,7 +20,7 @@ from brv_hypo.flight.record import ACCELEROMETERS, Flight
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.motion.motion import SMOOTH, Motion
 from brv_hypo.regression.frame import remove_levels
-from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.regression.whitening import effective_samples, white
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.linearisation import Seen
@@ -74,18 +74,14 @@ def _noise_ratio(seen: Seen, left: ResidualMoments, number: int) -> float:
 
 
 def _whiteness(look: Look) -> float:
-    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise,
-    doubled.
-    """
+    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
     fitted = look.seen.fitted
     left = left_by(look.problem, look.null).rates[fitted.rows]
     pieces = remove_levels(left, fitted.pieces, white())
     flights = look.seen.frame.flight_of_row[fitted.rows]
     sigmas = [look.seen.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
     parts = [
-        channel / sigma
-        for piece, sigma in zip(pieces, sigmas, strict=True)
-        for channel in (piece.real, piece.imag)
+        channel / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for channel in (piece.real, piece.imag)
     ]
     chances = [
         float(acorr_ljungbox(part, lags=[min(WHITE_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
@@ -146,10 +142,7 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
         "windward-meridian rate": float(np.mean(motion.windward_meridian_rate)),
     }
     found = [
-        (
-            abs(abs(frequency) - multiple * abs(rate) / (2.0 * np.pi)),
-            f"{multiple} x {name}" if multiple > 1 else name,
-        )
+        (abs(abs(frequency) - multiple * abs(rate) / (2.0 * np.pi)), f"{multiple} x {name}" if multiple > 1 else name)
         for name, rate in rates.items()
         for multiple in (1, 2, 3)
     ]

@@ -8,13 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import (
-    MODEL_CORRECTIONS,
-    MODEL_LINEARISATIONS,
-    MODEL_OWN_POINTS,
-    MODEL_PLAUSIBLE,
-    MODEL_TRIFLE,
-)
+from brv_hypo.constants import MODEL_CORRECTIONS, MODEL_LINEARISATIONS, MODEL_OWN_POINTS, MODEL_PLAUSIBLE, MODEL_TRIFLE
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.regression.fit import fit_hypothesis
@@ -22,8 +16,8 @@ from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
-from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
 from brv_hypo.regression.response import LinearisedFlight
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.baseline import tolerated
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.candidates_at_step import Look
@@ -159,9 +153,7 @@ def with_candidate(
     model = state.model
     if candidate.effect is None:
         known = {**model.mechanisms, **{m.name: m for m in candidate.fit.mechanisms}}
-        model = replace(
-            model, mechanisms=known, columns=candidate.fit.columns, added=(*model.added, candidate.name)
-        )
+        model = replace(model, mechanisms=known, columns=candidate.fit.columns, added=(*model.added, candidate.name))
         seen = replace(state.seen, frame=candidate.fit.frame)
         return state_of(model, seen, replace(here.problem, frame=seen.frame), state.linear)
     values = candidate.fit.values[candidate.fit.baseline_size :]

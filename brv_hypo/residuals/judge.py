@@ -13,7 +13,7 @@ from brv_hypo.regression.channels import Noise, Part, Rows
 from brv_hypo.regression.frame import Piece
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.residual_moments import ResidualMoments
+from brv_hypo.regression.uncertainty import ResidualMoments
 
 _SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
 
@@ -159,8 +159,7 @@ def ratio(before: Prediction, after: Prediction) -> tuple[float, float]:
     keep = ~np.eye(before.squares.size, dtype=bool)
     parts = np.array(
         [
-            (after.squares[k].sum() / after.sizes[k].sum())
-            / (before.squares[k].sum() / before.sizes[k].sum())
+            (after.squares[k].sum() / after.sizes[k].sum()) / (before.squares[k].sum() / before.sizes[k].sum())
             for k in keep
         ]
     )

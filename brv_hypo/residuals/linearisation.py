@@ -105,9 +105,7 @@ class Seen:
         return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
 
 
-def see(
-    flights: Sequence[Flight], model: Model, config: TraceConfig, taken: Sequence[Taken] | None = None
-) -> Seen:
+def see(flights: Sequence[Flight], model: Model, config: TraceConfig, taken: Sequence[Taken] | None = None) -> Seen:
     """Reconstruct the flights as the model reads their records, `taken` out of each besides.
 
     What the reconstruction finds of the remaining errors within their tolerances is taken out too.

@@ -7,7 +7,7 @@ model is refined by maximum likelihood on the measurements themselves (`maximum_
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,11 @@ from brv_hypo.constants import (
     DESCRIBED_TERMS,
     HELD_OUT_SHORTEST,
     LIKELIHOOD_STEPS,
+    LOOP_REPEATED_BLOCKS,
+    LOOP_REPEATED_KNOTS,
+    LOOP_RIVALS,
+    LOOP_SHARED,
+    REPEATED_ERRORS,
     SCHEDULE_TRIFLE,
     TRACED_SMALLEST,
 )
@@ -31,10 +36,11 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.slope_schedule import KnownSlopeSchedule, SlopeSchedule
-from brv_hypo.model.term import Regressor, TimeBasis, term_column
+from brv_hypo.model.term import Regressor, TimeBasis, default_knots, term_column
 from brv_hypo.motion import try_record
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.ranking.summary import likelihood_block, record_summary
+from brv_hypo.regression.channels import split
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import Regressed
@@ -47,30 +53,70 @@ from brv_hypo.residuals.baseline import (
     with_priors,
     without_bend,
 )
-from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
+from brv_hypo.residuals.candidates import Candidate, adjusted, fitted_again, look_alikes, try_mechanism
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
-from brv_hypo.residuals.choice import Choice, Tried, choose, follows_mach
+from brv_hypo.residuals.choice import Choice, Tried, choose, comes_first, follows_mach, is_schedule, told_once
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.find import find
-from brv_hypo.residuals.fitted_model import (
-    State,
-    first_state,
-    refitted,
-    settled_state,
-    state_of,
-    with_candidate,
-)
+from brv_hypo.residuals.fitted_model import State, first_state, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.linearisation import Model, Seen, see
 from brv_hypo.residuals.problem import increments, with_efficiency
-from brv_hypo.residuals.repetition import named_in
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import Ending, summary, term_estimates
 from brv_hypo.settings import settings_of
 
-# ---- Effects that a model took in before it held what they stood for, and has no need of since ----
+
+def named_in(here: Look, ranked: Sequence[Candidate], name: str, config: TraceConfig, scheduled: bool = True) -> float:
+    """Share of the repetitions in which the effect of that name is the best of all, among `ranked` (best first).
+
+    `scheduled` says that the model has a schedule by Mach number: where it has none, one comes first.
+    """
+    own = next(candidate for candidate in ranked if candidate.name == name)
+    rivals = [candidate for candidate in ranked if candidate is not own and candidate.gain > 0.0][:LOOP_RIVALS]
+    again = [_best_name(problem, [own, *rivals], scheduled) == name for problem in _repetitions(here, config)]
+    return float(np.mean(again))
+
+
+def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
+    problem, seen = here.problem, here.seen
+    for share in LOOP_REPEATED_BLOCKS:
+        fitted, _ = split(seen.frame, seen.whole.seen, round(share * config.blocks))
+        yield problem.on(fitted)
+    start, stop = float(seen.frame.time.min()), float(seen.frame.time.max())
+    for more in LOOP_REPEATED_KNOTS:
+        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
+    nuisances = problem.rows.nuisances
+    for effect in REPEATED_ERRORS:
+        for side in (-1.0, 1.0):
+            items = tuple(
+                replace(item, present=item.present + side) if item.name == effect else item for item in nuisances.items
+            )
+            if items != nuisances.items:
+                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
+
+
+def _best_name(problem: Problem, candidates: Sequence[Candidate], scheduled: bool) -> str:
+    null = fit_hypothesis(problem, "none", ())
+    gains = {each.name: null.information - _criterion(problem, null, each) + (each.ahead or 0.0) for each in candidates}
+    most = max(gains.values())
+    schedules = [each.name for each in candidates if is_schedule(each) and comes_first(gains[each.name], most)]
+    offered = gains if scheduled or not schedules else schedules
+    best = max((each for each in candidates if each.name in offered), key=lambda each: gains[each.name])
+    once = [each for each in candidates if told_once(each, best) and gains[each.name] >= LOOP_SHARED * gains[best.name]]
+    best = max(once, key=lambda each: gains[each.name], default=best)
+    return best.name if gains[best.name] > 0.0 else "none"
+
+
+def _criterion(problem: Problem, null: HypothesisFit, candidate: Candidate) -> float:
+    """The least extended BIC of the effect: with its columns as they were found, or chosen anew on the grid."""
+    found = [fitted_again(problem, null, candidate)]
+    if candidate.kind == "mechanism":
+        anew = try_mechanism(problem, null, candidate.fit.mechanisms[0])
+        found += [anew] if anew is not None else []
+    return min(each.fit.information for each in found)
 
 
 def unneeded(state: State, names: Sequence[str]) -> tuple[str, ...]:
@@ -298,14 +344,7 @@ class _Course:
         bends = [m for m in usable if StaticBend.name in state.model.mechanisms and is_bend(m, motion)]
         untried = [m for m in usable if m not in bends and _may_join(m, state.model, len(self.flights))]
         effects = [e for e in self.effects if not _held_everywhere(e.name, state.model, len(self.flights))]
-        here = look(
-            state.seen,
-            state.model,
-            state.linear,
-            untried,
-            effects,
-            self.config,
-        )
+        here = look(state.seen, state.model, state.linear, untried, effects, self.config)
         state = state_of(state.model, state.seen, here.problem, state.linear)
         residual = find(here, state.left)
         choice = self._choice(here, state, here.discovery, white=residual.white)

@@ -36,7 +36,7 @@ from brv_hypo.motion.signals import middle_weights
 from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.band import band_of, error_at, lasting, predictive_sigma
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
@@ -52,8 +52,6 @@ from brv_hypo.residuals.saved import ModelError, SavedModel, read_model
 from brv_hypo.residuals.static_slope import slopes_at
 from brv_hypo.residuals.summary import term_estimates
 from brv_hypo.settings import settings_of
-
-# ---- What the gyros' noise leaves of moments once the model follows it ----
 
 
 def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:
@@ -142,9 +140,7 @@ class _Task:
         """The same with record and vehicle free to err: the effects `carried`, and the columns of those mechanisms."""
         own = np.array([column.mechanism in carried for column in self.columns], dtype=bool)
         errors = np.array([item.name in carried for item in self.problem.rows.nuisances.items], dtype=bool)
-        return replace(
-            self, held=np.where(own, np.nan, self.held), others=np.where(errors, np.nan, self.others)
-        )
+        return replace(self, held=np.where(own, np.nan, self.held), others=np.where(errors, np.nan, self.others))
 
     def solved(self, held: FloatArray) -> Constrained:
         return constrained(self.problem, self.seen.frame, self.columns, held, self.others)

@@ -189,9 +189,7 @@ class Trace(HasCharts, Result):
     stopped: Stop
     unexplained: str | None
     caveats: tuple[str, ...] = ()
-    noise_floor: float = Field(
-        description="mean square of the moment coefficients' noise on the held-out blocks"
-    )
+    noise_floor: float = Field(description="mean square of the moment coefficients' noise on the held-out blocks")
     final_residual: Residual | None = None
     ml: MaximumLikelihood | None = None
     seconds: float = 0.0

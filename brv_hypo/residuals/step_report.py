@@ -18,27 +18,16 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import GIVEN, Problem
-from brv_hypo.regression.residual_moments import residual_moments
-from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
+from brv_hypo.regression.uncertainty import residual_moments
+from brv_hypo.residuals.candidates import Candidate, adjusted, directions_beyond, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.choice import Choice, Tried
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.judge import Prediction, force_errors, moment_errors, residuals_of
-from brv_hypo.residuals.left_out import directions_beyond
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.problem import constrained, left_by
-from brv_hypo.residuals.result import (
-    Errors,
-    FlightLeftOut,
-    Residual,
-    Standing,
-    Step,
-    TriedCandidate,
-    lasting_steps,
-)
-
-# ---- Effects that one flight cannot tell apart, from the angles between their projected columns ----
+from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate, lasting_steps
 
 
 def near_equals(
@@ -102,9 +91,7 @@ def flight_left_out(problem: Problem, seen: Seen, candidate: Candidate) -> Fligh
     )
 
 
-def _predicted(
-    problem: Problem, seen: Seen, frame: RateFrame, columns: Sequence[Regressor], number: int
-) -> Prediction:
+def _predicted(problem: Problem, seen: Seen, frame: RateFrame, columns: Sequence[Regressor], number: int) -> Prediction:
     """Errors on one flight of the shared coefficients that the others have."""
     items = problem.rows.nuisances.items
     own = np.array([column.flight == number for column in columns], dtype=bool)
@@ -131,14 +118,7 @@ def _held_at_zero(which: BoolArray) -> FloatArray:
 _TOLD = 8  # candidates in a step's table
 
 
-def step_of(
-    number: int,
-    residual: Residual,
-    here: Look,
-    state: State,
-    choice: Choice,
-    earlier: Sequence[Step],
-) -> Step:
+def step_of(number: int, residual: Residual, here: Look, state: State, choice: Choice, earlier: Sequence[Step]) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     told, taken = choice.told[:_TOLD], choice.taken
     near = near_equals(here.problem, told, here.candidates)
@@ -168,9 +148,7 @@ def step_of(
         error_after=None if leading is None else _errors(leading.state.errors, leading.state.held_out),
         error_ratio_held_out=None if leading is None else leading.ratio,
         force_error_before=Errors(fit=force_before[0], held_out=force_before[1]),
-        force_error_after=None
-        if leading is None
-        else Errors(fit=leading.force[0], held_out=leading.force[1]),
+        force_error_after=None if leading is None else Errors(fit=leading.force[0], held_out=leading.force[1]),
         error_ratio_std_error=None if leading is None else leading.ratio_error,
         held_out_score=None if leading is None else leading.agreement.fall,
     )
@@ -181,11 +159,7 @@ def _errors(fitted: Prediction, held_out: Prediction) -> Errors:
 
 
 def _told(
-    candidate: Candidate,
-    chances: dict[str, float],
-    here: Look,
-    discovery: Discovery | None,
-    near: tuple[str, ...],
+    candidate: Candidate, chances: dict[str, float], here: Look, discovery: Discovery | None, near: tuple[str, ...]
 ) -> TriedCandidate:
     return TriedCandidate(
         effect=candidate.name,

@@ -18,7 +18,7 @@ from brv_hypo.model.term import BASELINE, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
-from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.band import lasting, model_error, pair
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
@@ -28,18 +28,15 @@ from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.restore import Found, saved
-from brv_hypo.residuals.result import (
-    ModelSummary,
-    Picture,
-    Residual,
-    Standing,
-    Step,
-    Stop,
-    Trace,
-    lasting_steps,
+from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace, lasting_steps
+from brv_hypo.residuals.static_slope import (
+    Coefficients,
+    coefficients_of,
+    placed_by_the_whole,
+    stability_in_words,
+    static_slopes,
+    whole_fit,
 )
-from brv_hypo.residuals.sizes import Coefficients, coefficients_of, placed_by_the_whole, whole_fit
-from brv_hypo.residuals.static_slope import stability_in_words, static_slopes
 
 _MANY_TIMES = 10.0  # from here on a ratio is told in times, not in percent
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
@@ -79,10 +76,7 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
             flown(last),
         ),
     )
-    terms = (
-        *term_estimates(last, moments.columns, moments.values, moments.covariance),
-        *_record_terms(here, model),
-    )
+    terms = (*term_estimates(last, moments.columns, moments.values, moments.covariance), *_record_terms(here, model))
     slopes = static_slopes(last, moments)
     return Trace(
         flight=flight_summary(flights[0]),
@@ -258,7 +252,8 @@ def _unexplained(residual: Residual) -> str | None:
     went = "".join(
         f"; {c.moment} correlates with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
     )
-    times = _times(float(np.sqrt(residual.noise_ratio)))
+    ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
+    times = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
     return (
         f"The residual has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
         f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
@@ -266,11 +261,6 @@ def _unexplained(residual: Residual) -> str | None:
         f"measured moment it is largest from {first:.2f} to {last:.2f} s, {_of_rms(residual.worst_share)} the moment's "
         "rms there."
     )
-
-
-def _times(ratio: float) -> str:
-    """At two digits, never with an exponent."""
-    return f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
 
 
 def _of_rms(share: float) -> str:

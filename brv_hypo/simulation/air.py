@@ -10,9 +10,6 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
 
-# ---- The standard atmosphere, tabulated once: the integration asks for it thousands of times ----
-
-
 LOWEST, HIGHEST = -5000.0, 81000.0
 _SPACING = 50.0
 
@@ -38,9 +35,7 @@ def _table() -> CubicSpline:
 
     altitude = np.arange(LOWEST, HIGHEST + 1.0, _SPACING)
     air = Atmosphere(altitude)
-    return CubicSpline(
-        altitude, np.stack([np.log(air.density), air.speed_of_sound, air.dynamic_viscosity], axis=-1)
-    )
+    return CubicSpline(altitude, np.stack([np.log(air.density), air.speed_of_sound, air.dynamic_viscosity], axis=-1))
 
 
 @dataclass(frozen=True)

@@ -415,9 +415,7 @@ def _read(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
     if "base" in source:
         base = read_yaml(config_path(str(source["base"])), expected)
         if "base" in base:
-            raise UsageError(
-                f"the base configuration '{source['base']}' has a base itself; one level is allowed"
-            )
+            raise UsageError(f"the base configuration '{source['base']}' has a base itself; one level is allowed")
         source = base | {key: value for key, value in source.items() if key != "base"}
     return validated(source, origin)
 

@@ -23,13 +23,7 @@ from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisa
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation import rotation
 from brv_hypo.simulation.air import WindProfile
-from brv_hypo.simulation.config import (
-    GaugeConfig,
-    PlantedConfig,
-    ScaledGaugeConfig,
-    SimulationConfig,
-    per_flight,
-)
+from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig, per_flight
 from brv_hypo.simulation.rotation import cross
 from brv_hypo.simulation.vehicle import RATES, AirData, initial_state, system
 
@@ -48,11 +42,7 @@ class Signals:
 def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
     """What perfect instruments at the c.g. read, by channel, on the shape of the state's trailing axes."""
     channels = dict(zip((*GYROS, *ACCELEROMETERS), (*state[RATES], *air.specific_force), strict=True))
-    return channels | {
-        "velocity": air.speed,
-        "dynamic_pressure": air.dynamic_pressure,
-        "altitude": air.altitude,
-    }
+    return channels | {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
 
 
 @dataclass(frozen=True)
@@ -83,9 +73,7 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
             own[component.name] = own.get(component.name, 0.0) + value
     instruments = config.instruments.model_copy(update={"errors": errors, "draw": 0.0})
     found = _drawn_asymmetries(record, start.motion, factor, seed)
-    return config.model_copy(
-        update={"instruments": instruments, "asymmetries": (*config.asymmetries, *found)}
-    )
+    return config.model_copy(update={"instruments": instruments, "asymmetries": (*config.asymmetries, *found)})
 
 
 def with_errors(flight: Flight, errors: Errors) -> Flight:
@@ -93,9 +81,7 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
     for name, values in errors.items():
         effect = find_installed(name)
         if not isinstance(effect, RecordEffect):
-            raise UsageError(
-                f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`."
-            )
+            raise UsageError(f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`.")
         known = effect.plantable(flight)
         for component, value in values.items():
             if component not in known:
@@ -192,9 +178,7 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
         channel[chosen] += spikes.size * draws.choice([-1.0, 1.0], size=chosen.size)
     for gap in instruments.gaps:
         latest = max(time[-1] - gap.duration, time[0])
-        random = (
-            streams["gaps"].uniform(time[0], latest, size=gap.count) if gap.start is None else [gap.start]
-        )
+        random = streams["gaps"].uniform(time[0], latest, size=gap.count) if gap.start is None else [gap.start]
         for start in random:
             missing = (time >= start - 1e-9) & (time < start + gap.duration - 1e-9)
             for name in gap.channels:
@@ -215,11 +199,7 @@ def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Fli
     averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
     vehicle = config.vehicle.declared()
     force = specific_force_at(np.array(vehicle.accelerometer_position), signals)
-    true = {
-        **signals.channels,
-        **dict(zip(ACCELEROMETERS, force, strict=True)),
-        "roll_rate_mag": signals.channels["p"],
-    }
+    true = {**signals.channels, **dict(zip(ACCELEROMETERS, force, strict=True)), "roll_rate_mag": signals.channels["p"]}
     delays = {name: gauge.delay for name, gauge in _gauges(config).items()}
     channels: dict[str, Any] = {
         name: _sampled(signals.nodes, true[name], time, delays.get(name, 0.0), averaging)
@@ -236,9 +216,7 @@ def specific_force_at(position: FloatArray, signals: Signals) -> FloatArray:
     return np.asarray(force + cross(signals.angular_acceleration, arm) + swing, dtype=float)
 
 
-def _sampled(
-    nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float
-) -> FloatArray:
+def _sampled(nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float) -> FloatArray:
     """`values` (n,) as a clock `delay` s late reads them at `time`, averaged over the interval before.
 
     Before the first node the end of the spline is extended: a delay or interval of a few samples.

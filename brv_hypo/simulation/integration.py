@@ -17,8 +17,6 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation.rotation import dot
 from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System
 
-# ---- The past of a running integration: states at its nodes, cubic Hermite between them (fourth order) ----
-
 
 class History:
     """States and their rates at the nodes passed so far.
@@ -131,9 +129,7 @@ def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks:
     """Uniform nodes from `start`, `step` apart, with `breaks` (s) inserted where they do not fall on one."""
     uniform = start + step * np.arange((samples - 1) * steps_per_sample + 1)
     inside = np.unique(breaks[(breaks >= start - _SAME) & (breaks <= uniform[-1] + _SAME)])
-    offset = np.abs(
-        inside - uniform[np.clip(np.rint((inside - start) / step).astype(int), 0, uniform.size - 1)]
-    )
+    offset = np.abs(inside - uniform[np.clip(np.rint((inside - start) / step).astype(int), 0, uniform.size - 1)])
     extra = inside[offset > _SAME]
     extra = extra[np.diff(extra, prepend=-np.inf) > _SAME]
     nodes = np.sort(np.concatenate([uniform, extra]))
@@ -145,9 +141,7 @@ def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks:
 
 def break_times(system: System, start: float) -> FloatArray:
     """Where moments jump or kink (s): region edges, a wind step, and what follows one and two delays later."""
-    wind = (
-        np.zeros(0) if system.wind_step is None else system.wind_step.time[np.isfinite(system.wind_step.time)]
-    )
+    wind = np.zeros(0) if system.wind_step is None else system.wind_step.time[np.isfinite(system.wind_step.time)]
     delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in system.planted)]))
     first = np.unique(np.concatenate([wind, *(item.edges() for item in system.planted)]))
     # The start is a kink only for those who look back at it.

@@ -49,9 +49,7 @@ class Planted:
         return np.unique(np.concatenate([np.zeros(0), *found]))
 
 
-def planted(
-    configs: Sequence[SimulationConfig], place: Literal["mechanisms", "asymmetries"]
-) -> tuple[Planted, ...]:
+def planted(configs: Sequence[SimulationConfig], place: Literal["mechanisms", "asymmetries"]) -> tuple[Planted, ...]:
     """The mechanisms, or the vehicle's asymmetries, of a batch: all its configurations have the same, in one order."""
     return tuple(_planted(configs, place, index) for index in range(len(getattr(configs[0], place))))
 

@@ -16,11 +16,7 @@ def matrix(attitude: FloatArray) -> FloatArray:
     xx, yy, zz = x * x, y * y, z * z
     xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
     return np.array(
-        [
-            [1.0 - yy - zz, xy - wz, xz + wy],
-            [xy + wz, 1.0 - xx - zz, yz - wx],
-            [xz - wy, yz + wx, 1.0 - xx - yy],
-        ]
+        [[1.0 - yy - zz, xy - wz, xz + wy], [xy + wz, 1.0 - xx - zz, yz - wx], [xz - wy, yz + wx, 1.0 - xx - yy]]
     )
 
 
@@ -48,14 +44,7 @@ def rate(attitude: FloatArray, rates: FloatArray) -> FloatArray:
     """d/dt of the quaternion at body rates p, q, r (rad/s): half its product with (0, p, q, r)."""
     w, x, y, z = attitude
     p, q, r = 0.5 * rates
-    return np.array(
-        [
-            -x * p - y * q - z * r,
-            w * p + y * r - z * q,
-            w * q + z * p - x * r,
-            w * r + x * q - y * p,
-        ]
-    )
+    return np.array([-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p])
 
 
 def from_pitch_roll(pitch: FloatArray, roll: FloatArray) -> FloatArray:

@@ -63,9 +63,7 @@ def simulate_batch(
     return tuple(found)
 
 
-def _together(
-    configs: Sequence[SimulationConfig], seeds: Sequence[int], progress: Progress
-) -> list[SimulatedFlight]:
+def _together(configs: Sequence[SimulationConfig], seeds: Sequence[int], progress: Progress) -> list[SimulatedFlight]:
     equations = replace(system(configs), wind_profile=wind_profile(configs))
     trajectory = flown(configs, equations, progress)
     states = np.moveaxis(trajectory.states, 1, 0)
@@ -111,11 +109,7 @@ def flown(configs: Sequence[SimulationConfig], equations: System, progress: Prog
 
 
 def _truths(
-    configs: Sequence[SimulationConfig],
-    equations: System,
-    trajectory: Trajectory,
-    air: AirData,
-    angular: FloatArray,
+    configs: Sequence[SimulationConfig], equations: System, trajectory: Trajectory, air: AirData, angular: FloatArray
 ) -> list[Truth]:
     """The truth of every flight at its samples; what is planted is the moment less that without it."""
     chosen = trajectory.samples

@@ -110,9 +110,7 @@ class System:
         density = air.density if self.density is None else self.density
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
-        velocity_rate = (
-            rotation.to_body(turn, gravity - wind_rate) + force - rotation.cross(state[RATES], velocity)
-        )
+        velocity_rate = rotation.to_body(turn, gravity - wind_rate) + force - rotation.cross(state[RATES], velocity)
         return AirData(
             rotation=turn,
             velocity=velocity,
@@ -208,9 +206,7 @@ class System:
         velocity, rate = self.wind_profile.at(time)
         return step + velocity, rate
 
-    def _specific_force(
-        self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray
-    ) -> FloatArray:
+    def _specific_force(self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray) -> FloatArray:
         """Axial and normal force per mass, (3, ...) in body axes; the normal force opposes the crossflow."""
         scale = pressure * self.reference_area / self.mass
         size = np.abs(crossed)
@@ -242,13 +238,9 @@ def system(configs: Sequence[SimulationConfig]) -> System:
         inertia=np.moveaxis(np.reshape(np.array(inertia, dtype=float), (-1, 3, 3)), 0, -1),
         reference_length=per_flight(configs, "vehicle", "reference_length"),
         reference_area=per_flight(configs, "vehicle", "reference_area"),
-        coefficients={
-            name: per_flight(configs, "aerodynamics", name) for name in AerodynamicsConfig.model_fields
-        },
+        coefficients={name: per_flight(configs, "aerodynamics", name) for name in AerodynamicsConfig.model_fields},
         gravity=per_flight(configs, "environment", "gravity"),
-        density=None
-        if first.constant_density is None
-        else per_flight(configs, "environment", "constant_density"),
+        density=None if first.constant_density is None else per_flight(configs, "environment", "constant_density"),
         wind_step=None if first.wind_step is None else _wind_step(configs),
         planted=(*planted(configs, "asymmetries"), *planted(configs, "mechanisms")),
     )

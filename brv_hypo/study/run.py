@@ -94,9 +94,7 @@ def _on_cluster(call: Callable[[Item], Result], items: Sequence[Item], address: 
     try:
         distributed: Any = import_module("distributed")  # which declares no types
     except ImportError as error:
-        raise UsageError(
-            "--cluster needs Dask. Install the extra: pip install 'brv-hypo[cluster]'."
-        ) from error
+        raise UsageError("--cluster needs Dask. Install the extra: pip install 'brv-hypo[cluster]'.") from error
     try:
         client = distributed.Client(address, timeout=CONNECT_SECONDS)
     except (OSError, TimeoutError, ValueError) as error:

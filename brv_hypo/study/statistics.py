@@ -1,10 +1,9 @@
 """The statistics of a study, from the outcomes of its flights; `summarise` gathers them.
 
-Shares with exact intervals (Clopper and Pearson 1934); the confusion matrix and false alarms; calibration of
-the probabilities (Brier 1950; log loss, and the temperature T of exp(-BIC / 2T) that would make it least);
-detection limits, a logistic curve of "won" over the logarithm of the effect by Firth's (1993) penalised
-likelihood; coverage of the planted parameters by two standard errors; and verdicts on records with an
-injected fault.
+Shares with exact intervals (Clopper and Pearson 1934); the confusion matrix and false alarms; calibration of the
+probabilities (Brier 1950; log loss, and the temperature T of exp(-BIC / 2T) that would make it least); detection
+limits, a logistic curve of "won" over the logarithm of the effect by Firth's (1993) penalised likelihood; coverage of
+the planted parameters by two standard errors; and verdicts on records with an injected fault.
 """
 
 from __future__ import annotations

@@ -149,9 +149,7 @@ def _of_entry(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estima
     yield from _derived(entry, fitted)
 
 
-def _thetas(
-    entry: PlantedConfig, fitted: RankedHypothesis, leading: TermEstimate | None
-) -> Iterator[Estimate]:
+def _thetas(entry: PlantedConfig, fitted: RankedHypothesis, leading: TermEstimate | None) -> Iterator[Estimate]:
     """The delay of the term with the greatest F; another parameter's first value."""
     declared = {parameter.name: parameter for parameter in find(entry.mechanism, entry.options).parameters()}
     for name, truth in entry.theta.items():

@@ -76,9 +76,7 @@ def _seeded(
 ) -> Board:
     """The problem with good subsets of every size to start from."""
     if max_terms < 0 or n_best < 1:
-        raise UsageError(
-            f"got max_terms={max_terms}, n_best={n_best}; expected max_terms >= 0 and n_best >= 1"
-        )
+        raise UsageError(f"got max_terms={max_terms}, n_best={n_best}; expected max_terms >= 0 and n_best >= 1")
     board = Board(build_frame(X, y, forced, weights, groups, parents), max_terms, n_best)
     seed_board(board)
     return board

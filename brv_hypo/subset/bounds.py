@@ -31,9 +31,6 @@ from brv_hypo.subset.kernel_parts import (
     smaller,
 )
 
-# ---- A bound from disjoint sets of columns, for searches on Schur complements ----
-
-
 # Squared length of a column that is not to be taken. Those of others are 1 at most in S and no more than the square of
 # the condition number in H, 1e14 where these steps are taken: what rounding leaves of EXCLUDED is above
 # NEARLY_EXCLUDED.
@@ -246,9 +243,7 @@ def score_fours(w: Work, level: int, m: int, limits: Any) -> bool:
         diagonal[x], t[x] = EXCLUDED, 0.0
         w.chosen[size] = ids[x]
         rss = w.rss[level] - c[x] * shift
-        if not _score_from(
-            w, T, t, ids, m, size + 1, rss, limits, w.sets[2], ZERO, counts[1], w.sets[3], counts[2]
-        ):
+        if not _score_from(w, T, t, ids, m, size + 1, rss, limits, w.sets[2], ZERO, counts[1], w.sets[3], counts[2]):
             w.state[HITS] = hits
             return False
     return True

@@ -35,9 +35,6 @@ from brv_hypo.subset.kernel_parts import (
 )
 from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, make_node
 
-# ---- A compiled search of one piece: builds its working arrays, runs it on, reads out what is left ----
-
-
 HIT_ROOM = 512
 # Bytes of a cache line.
 LINE = 64

@@ -102,11 +102,7 @@ def constrained_columns(groups: Groups | None, parents: Parents | None) -> set[i
 
 
 def build_constraints(
-    candidates: Sequence[int],
-    forced: Collection[int],
-    n_columns: int,
-    groups: Groups | None,
-    parents: Parents | None,
+    candidates: Sequence[int], forced: Collection[int], n_columns: int, groups: Groups | None, parents: Parents | None
 ) -> Constraints:
     """Translate rules on columns of X into rules on candidates.
 
@@ -278,8 +274,7 @@ def build_frame(
 ) -> Frame:
     """Check the input and reduce it to a triangular problem.
 
-    Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns
-    out of range.
+    Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns out of range.
     """
     X_given, y_given, forced_columns = _checked(X, y, forced, weights)
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
@@ -382,15 +377,11 @@ def _checked(
     bad_columns = np.flatnonzero(~np.isfinite(X_array).all(axis=0))
     if bad_columns.size or not np.isfinite(y_array).all():
         where = f"columns {bad_columns.tolist()} of X" if bad_columns.size else "y"
-        raise UsageError(
-            f"{where} hold values that are not finite; drop or mask those rows before the search"
-        )
+        raise UsageError(f"{where} hold values that are not finite; drop or mask those rows before the search")
     if weights is not None:
         w = np.asarray(weights, dtype=np.float64)
         if w.shape != y_array.shape or not np.isfinite(w).all() or (w < 0).any():
-            raise UsageError(
-                f"weights have shape {w.shape}; expected {y_array.size} finite values >= 0, one per row"
-            )
+            raise UsageError(f"weights have shape {w.shape}; expected {y_array.size} finite values >= 0, one per row")
         root = np.sqrt(w).astype(wanted)
         X_array, y_array = X_array * root[:, None], y_array * root
     columns = tuple(dict.fromkeys(int(j) for j in forced))
@@ -470,9 +461,7 @@ def _combination(
 ) -> tuple[tuple[int, float], ...]:
     """The terms that count of a combination of columns, its weights (columns,) being those of columns over `scale`."""
     kept = np.flatnonzero(np.abs(weights) > NAMED_TERM * np.abs(weights).max(initial=0.0))
-    return tuple(
-        (int(columns[i]), float(w)) for i, w in zip(kept.tolist(), (weights / scale)[kept], strict=True)
-    )
+    return tuple((int(columns[i]), float(w)) for i, w in zip(kept.tolist(), (weights / scale)[kept], strict=True))
 
 
 def _representatives(

@@ -288,9 +288,7 @@ def stepwise_columns(
     return board.chosen()
 
 
-def _path(
-    frame: Frame, max_size: int, f_enter: float, f_remove: float, samples: int
-) -> Iterator[tuple[int, ...]]:
+def _path(frame: Frame, max_size: int, f_enter: float, f_remove: float, samples: int) -> Iterator[tuple[int, ...]]:
     """The subsets that stepwise passes through."""
     chosen: tuple[int, ...] = ()
     rss = frame.rss_forced
@@ -339,9 +337,7 @@ def _least_exit(
     return min(moves, default=None)
 
 
-def _partial_f(
-    rows: int, small: tuple[int, ...], rss_small: float, large: tuple[int, ...], rss_large: float
-) -> float:
+def _partial_f(rows: int, small: tuple[int, ...], rss_small: float, large: tuple[int, ...], rss_large: float) -> float:
     free = rows - len(large)
     if free <= 0 or rss_large <= 0.0:
         return float("inf") if rss_small > rss_large else 0.0

@@ -175,14 +175,11 @@ def record_singles(w: Work, d: Any, c: Any, ids: Any, m: int, size: int, needed:
 
 
 @compiled_part
-def score(
-    w: Work, S: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: Any, rss: float, limits: Any
-) -> None:
+def score(w: Work, S: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: Any, rss: float, limits: Any) -> None:
     """Record every column, and every pair, whose gain reaches what its size needs, without a division.
 
-    S is the normal matrix (its lower triangle is read), d its diagonal, c its right-hand side. A pair gains
-    enough where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is
-    needed.
+    S is the normal matrix (its lower triangle is read), d its diagonal, c its right-hand side. A pair gains enough
+    where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
     """
     record_singles(w, d, c, ids, m, size, rss - limits[size + 1], NONE)
     if not pairs:

@@ -19,14 +19,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.subset.frame import (
-    EPS,
-    Frame,
-    dependency,
-    project_out,
-    square_triangle,
-    triangle,
-)
+from brv_hypo.subset.frame import EPS, Frame, dependency, project_out, square_triangle, triangle
 from brv_hypo.subset.incumbents import Board
 
 # Places left that need no inverse to be filled.

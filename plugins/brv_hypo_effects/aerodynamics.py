@@ -1,8 +1,8 @@
 """Aerodynamic moments beyond the linear static moment and constant damping, of a body of revolution.
 
-    Magnus                C_npalpha (p d / 2V) alpha, out of plane
-    cubic static moment   C_malpha3 alpha^3, in plane
-    Mach, Reynolds        static moment and pitch damping whose coefficients follow Mach or Reynolds number
+Magnus                C_npalpha (p d / 2V) alpha, out of plane
+cubic static moment   C_malpha3 alpha^3, in plane
+Mach, Reynolds        static moment and pitch damping whose coefficients follow Mach or Reynolds number
 """
 
 from __future__ import annotations

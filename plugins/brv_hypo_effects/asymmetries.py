@@ -1,8 +1,8 @@
 """Moments of a slight asymmetry of shape or mass, which keep their direction in the body.
 
-    unequal stiffness     d alpha (cos 2 phi_w, sin 2 phi_w) in plane axes
-    trim                  C_m0, C_n0 constant in the body; a c.g. off the axis
-    dynamic imbalance     products of inertia: a torque proportional to p^2
+unequal stiffness     d alpha (cos 2 phi_w, sin 2 phi_w) in plane axes
+trim                  C_m0, C_n0 constant in the body; a c.g. off the axis
+dynamic imbalance     products of inertia: a torque proportional to p^2
 """
 
 from __future__ import annotations

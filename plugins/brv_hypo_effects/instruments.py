@@ -1,10 +1,10 @@
 """Errors of the instruments: bias, scale, misalignment and place of gyros and accelerometers, and their clocks.
 
-    bias           y + b
-    scale          y (1 + s)
-    misalignment   v + v x m, and for gyros also two axes that are not orthogonal
-    position       specific force at a place other than the declared one
-    time skew      the channels of one instrument, late by a constant time against the gyros
+bias           y + b
+scale          y (1 + s)
+misalignment   v + v x m, and for gyros also two axes that are not orthogonal
+position       specific force at a place other than the declared one
+time skew      the channels of one instrument, late by a constant time against the gyros
 """
 
 from __future__ import annotations
@@ -171,9 +171,7 @@ class AccelPosition(Triad):
         """The record with the declared place that much short of the true one."""
         place = list(flight.vehicle.accelerometer_position)
         place[self.axes.index(component)] -= value
-        return replace(
-            flight, vehicle=replace(flight.vehicle, accelerometer_position=(place[0], place[1], place[2]))
-        )
+        return replace(flight, vehicle=replace(flight.vehicle, accelerometer_position=(place[0], place[1], place[2])))
 
 
 class AccelMisalignment(Triad):

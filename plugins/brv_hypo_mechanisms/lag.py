@@ -36,14 +36,7 @@ class Lag(Mechanism):
         tau = theta["delay"]
         lagged = motion.delayed(tau).in_plane_moment
         phi_lag = tau * motion.windward_meridian_rate
-        return (
-            Term(
-                "lag fraction",
-                lagged * np.cos(phi_lag) - motion.in_plane_moment,
-                lagged * np.sin(phi_lag),
-                "1",
-            ),
-        )
+        return (Term("lag fraction", lagged * np.cos(phi_lag) - motion.in_plane_moment, lagged * np.sin(phi_lag), "1"),)
 
 
 @hookimpl

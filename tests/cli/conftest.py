@@ -33,11 +33,7 @@ def brv_hypo():
     def run(*arguments, cwd=".", **variables):
         with contextlib.chdir(cwd):
             done = CliRunner().invoke(
-                app,
-                [*map(str, arguments)],
-                prog_name="brv-hypo",
-                env={**TERMINAL, **variables},
-                catch_exceptions=False,
+                app, [*map(str, arguments)], prog_name="brv-hypo", env={**TERMINAL, **variables}, catch_exceptions=False
             )
         return Done(done.exit_code, done.stdout, done.stderr)
 

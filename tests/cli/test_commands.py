@@ -42,9 +42,7 @@ class TestSimulate:
 
     def test_the_seed_makes_the_flight(self, brv_hypo, brief_config, tmp_path):
         for name, seed in (("first.h5", 4), ("same.h5", 4), ("other.h5", 5)):
-            assert (
-                brv_hypo("simulate", brief_config, "-o", name, "--seed", seed, cwd=tmp_path).returncode == 0
-            )
+            assert brv_hypo("simulate", brief_config, "-o", name, "--seed", seed, cwd=tmp_path).returncode == 0
         first = load_flight(tmp_path / "first.h5")
         np.testing.assert_array_equal(load_flight(tmp_path / "same.h5").q, first.q)
         assert np.any(load_flight(tmp_path / "other.h5").q != first.q)
@@ -82,9 +80,7 @@ class TestInspect:
         assert {"p", "q", "r", "velocity"} <= {channel["name"] for channel in result["channels"]}
 
     def test_a_window_narrows_it(self, brv_hypo, flight_file):
-        result = strict_json(
-            brv_hypo("inspect", flight_file, "--start", 1, "--stop", 2, "--json", "-").stdout
-        )
+        result = strict_json(brv_hypo("inspect", flight_file, "--start", 1, "--stop", 2, "--json", "-").stdout)
         assert result["samples"] == 101
 
 
@@ -160,16 +156,7 @@ def regressed(brv_hypo, simulated_file, regression):
 class TestCompare:
     def test_prints_the_ranking_and_the_verdict(self, compared):
         printed = compared[0].stdout
-        for expected in (
-            "mechanism",
-            "F-ratio",
-            "C_p",
-            "pred. error",
-            "R²",
-            "bodyfixed",
-            "baseline only",
-            "Verdict: ",
-        ):
+        for expected in ("mechanism", "F-ratio", "C_p", "pred. error", "R²", "bodyfixed", "baseline only", "Verdict: "):
             assert expected in printed
         assert max(len(line) for line in printed.splitlines()) <= 100
 
@@ -177,9 +164,7 @@ class TestCompare:
         result = compared[1]
         assert result["schema"] == "brv-hypo/compare/1"
         assert {"path", "samples", "start_s", "stop_s", "sample_rate_hz"} <= set(result["flights"][0])
-        assert {"method", "alpha_rms_sigma_rad", "phi_w_rms_sigma_rad", "warnings"} <= set(
-            result["reconstruction"]
-        )
+        assert {"method", "alpha_rms_sigma_rad", "phi_w_rms_sigma_rad", "warnings"} <= set(result["reconstruction"])
         assert set(result["seconds"]) == {"reconstruct", "select", "ml", "total"}
         for row in result["ranking"]:
             assert set(ROW_KEYS.split()) <= set(row)

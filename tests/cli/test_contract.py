@@ -16,9 +16,7 @@ from brv_hypo.cli.signals import guarded
 from brv_hypo.errors import FlightRecordError, UnanswerableError, UsageError
 from brv_hypo.io.atomic import write_whole
 
-COMMANDS = (
-    *("demo", "simulate", "inspect", "import", "reconstruct", "compare", "trace", "study", "mechanisms"),
-)
+COMMANDS = (*("demo", "simulate", "inspect", "import", "reconstruct", "compare", "trace", "study", "mechanisms"),)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -69,9 +67,7 @@ def test_a_missing_record_ends_with_3(brv_hypo, tmp_path, command):
 
 def test_a_file_that_is_no_record_ends_with_3_and_leaves_no_output(brv_hypo, tmp_path):
     (tmp_path / "flight.h5").write_text("time,p\n0,1\n")
-    done = brv_hypo(
-        "compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path
-    )
+    done = brv_hypo("compare", "flight.h5", "--json", "out.json", "--report", "out.html", cwd=tmp_path)
     assert done.returncode == 3
     assert [entry.name for entry in tmp_path.iterdir()] == ["flight.h5"]
 
@@ -92,9 +88,7 @@ def test_an_unknown_mechanism_ends_with_2_and_the_nearest_names(brv_hypo, flight
         (None, "cannot be read"),
     ],
 )
-def test_a_bad_configuration_ends_with_2_and_says_what_is_wrong(
-    brv_hypo, flight_file, tmp_path, text, expected
-):
+def test_a_bad_configuration_ends_with_2_and_says_what_is_wrong(brv_hypo, flight_file, tmp_path, text, expected):
     config = tmp_path / "config.yaml"
     if text is not None:
         config.write_text(text)

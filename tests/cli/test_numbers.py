@@ -54,9 +54,7 @@ def test_a_probability_is_never_certain(value, text):
     assert probability(value) == text
 
 
-@pytest.mark.parametrize(
-    ("value", "text"), [(0.0071, "0.71 %"), (1.2, "120 %"), (1e-9, "<0.01 %"), (None, "–")]
-)
+@pytest.mark.parametrize(("value", "text"), [(0.0071, "0.71 %"), (1.2, "120 %"), (1e-9, "<0.01 %"), (None, "–")])
 def test_a_share_has_two_digits(value, text):
     assert share(value) == text
 

@@ -17,12 +17,7 @@ def run(code):
 
 
 @pytest.mark.parametrize(
-    "before",
-    [
-        "import brv_hypo.simulation",
-        "pass",
-        "from brv_hypo.simulation import config_path",
-    ],
+    "before", ["import brv_hypo.simulation", "pass", "from brv_hypo.simulation import config_path"]
 )
 @pytest.mark.thorough
 def test_the_public_names_are_functions(before):

@@ -84,9 +84,7 @@ def test_a_study_ends_with_its_workers_and_goes_on_later(tmp_path, number, every
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["flights.db"]
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.thorough)]
-)
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("delay", [0.8, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_a_simulation_ends_at_once_and_leaves_no_file(tmp_path, number, delay):
     process = begun(tmp_path, "simulate", "research_cone", "-o", "flight.h5", "--json", "out.json")
@@ -117,9 +115,7 @@ main.run()
 """
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
-)
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)])
 def test_what_swallows_the_signal_is_ended_after_the_grace(number):
     paths = os.pathsep.join(path for path in sys.path if path)
     process = subprocess.Popen(

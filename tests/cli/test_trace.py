@@ -80,9 +80,7 @@ def test_the_json_holds_a_model_that_another_trace_starts_from(traced, tmp_path)
 def test_instruments_of_a_comparison_are_said_to_be_found_anew(tmp_path, capsys):
     path = tmp_path / "model.json"
     ranked = {"mechanism": "lag", "ml": {"instrument": [{"name": "gyro bias p"}]}}
-    path.write_text(
-        json.dumps({"schema": "brv-hypo/compare/1", "verdict": {"winner": "lag"}, "ranking": [ranked]})
-    )
+    path.write_text(json.dumps({"schema": "brv-hypo/compare/1", "verdict": {"winner": "lag"}, "ranking": [ranked]}))
     assert starting_model(path, Session()) == "lag"
     assert "gyro bias p" in capsys.readouterr().err
 
@@ -104,11 +102,7 @@ def test_the_report_shows_the_residual_before_and_after(traced):
     [
         ({"schema": "brv-hypo/compare/1", "verdict": {"winner": "lag"}, "ranking": []}, "lag"),
         (
-            {
-                "schema": "brv-hypo/compare/1",
-                "verdict": {"winner": None},
-                "ranking": [{"mechanism": "lag+trim"}],
-            },
+            {"schema": "brv-hypo/compare/1", "verdict": {"winner": None}, "ranking": [{"mechanism": "lag+trim"}]},
             "lag+trim",
         ),
         (

@@ -12,12 +12,7 @@ import numpy as np
 from brv_hypo.flight import Flight, Vehicle
 
 VEHICLE = Vehicle(
-    mass=120.0,
-    ixx=4.0,
-    iyy=30.0,
-    reference_length=0.5,
-    reference_area=0.2,
-    accelerometer_position=(0.1, 0.0, -0.02),
+    mass=120.0, ixx=4.0, iyy=30.0, reference_length=0.5, reference_area=0.2, accelerometer_position=(0.1, 0.0, -0.02)
 )
 
 UNITS = {
@@ -48,13 +43,7 @@ UNITS = {
 FOOT, POUND_FORCE, POUND, GRAVITY = 0.3048, 4.4482216152605, 0.45359237, 9.80665
 SLUG = POUND_FORCE / FOOT
 ACCEPTED = {
-    "rad/s": {
-        "rad/s": 1.0,
-        "deg/s": np.pi / 180,
-        "rpm": np.pi / 30,
-        "mrad/s": 1e-3,
-        "revolution/s": 2 * np.pi,
-    },
+    "rad/s": {"rad/s": 1.0, "deg/s": np.pi / 180, "rpm": np.pi / 30, "mrad/s": 1e-3, "revolution/s": 2 * np.pi},
     "m/s^2": {"m/s^2": 1.0, "ft/s^2": FOOT, "g": GRAVITY, "G": GRAVITY, "m/s**2": 1.0, "mg": GRAVITY / 1000},
     "m/s": {"m/s": 1.0, "ft/s": FOOT, "km/s": 1000.0, "knot": 1852 / 3600},
     "Pa": {"Pa": 1.0, "lbf/ft^2": POUND_FORCE / FOOT**2, "psf": POUND_FORCE / FOOT**2, "kPa": 1000.0},
@@ -108,11 +97,7 @@ def write_raw(
 ) -> Path:
     """A format 1 file written without the library; a unit of None leaves the attribute out."""
     unit_of = {**UNITS, **(units or {})}
-    fields = (
-        {name: getattr(VEHICLE, name) for name in VEHICLE.__dataclass_fields__}
-        if vehicle is None
-        else vehicle
-    )
+    fields = {name: getattr(VEHICLE, name) for name in VEHICLE.__dataclass_fields__} if vehicle is None else vehicle
     header = {"format": "brv-flight", "format_version": 1} if attributes is None else attributes
     with h5py.File(path, "w") as file:
         file.attrs.update(header)

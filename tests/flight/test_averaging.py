@@ -46,11 +46,7 @@ def test_what_is_left_is_enough_for_the_motion_and_much_less() -> None:
 def test_time_and_channels_are_means_of_the_same_samples() -> None:
     whole, lean = fine(), averaged(fine())
     every = round(lean.step / whole.step)
-    for own, mean in (
-        (whole.time, lean.time),
-        (whole.q, lean.q),
-        (whole.dynamic_pressure, lean.dynamic_pressure),
-    ):
+    for own, mean in ((whole.time, lean.time), (whole.q, lean.q), (whole.dynamic_pressure, lean.dynamic_pressure)):
         assert mean[7] == pytest.approx(np.mean(own[7 * every : 8 * every]), rel=1e-12)
     assert np.ptp(np.diff(lean.time)) < 1e-9
 

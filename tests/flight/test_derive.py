@@ -12,11 +12,7 @@ from brv_hypo.flight.derived import derive
 # U.S. Standard Atmosphere, 1976 (NOAA-S/T 76-1562), tables I and III, geometric altitude:
 # altitude m, density kg/m^3, speed of sound m/s, dynamic viscosity kg/(m s); five digits as printed.
 STANDARD = np.array(
-    [
-        [0.0, 1.2250, 340.29, 1.7894e-5],
-        [20000.0, 8.8910e-2, 295.07, 1.4216e-5],
-        [50000.0, 1.0269e-3, 329.80, 1.7037e-5],
-    ]
+    [[0.0, 1.2250, 340.29, 1.7894e-5], [20000.0, 8.8910e-2, 295.07, 1.4216e-5], [50000.0, 1.0269e-3, 329.80, 1.7037e-5]]
 )
 LENGTH = 0.5
 
@@ -44,9 +40,7 @@ def test_altitude_of_density_inverts_the_atmosphere(heights: list[float]) -> Non
 
 def test_density_follows_from_dynamic_pressure_on_any_planet() -> None:
     velocity = np.array([0.0, 1000.0, 2000.0])
-    found, notes = derive(
-        {"dynamic_pressure": np.array([0.0, 500.0, 2000.0]), "velocity": velocity}, "mars", LENGTH
-    )
+    found, notes = derive({"dynamic_pressure": np.array([0.0, 500.0, 2000.0]), "velocity": velocity}, "mars", LENGTH)
     np.testing.assert_allclose(found["density"], [np.nan, 1e-3, 1e-3])
     assert "altitude" not in found
     assert "mach" not in found

@@ -121,9 +121,7 @@ def test_samples_lost_without_a_trace_are_found():
     kept = np.delete(np.arange(SAMPLES), np.arange(400, 420))
     (at,) = joint_jumps({name: values[kept] for name, values in found.items()})
     assert abs(at - 400) <= 1
-    assert ("time", "clock step") in kinds(
-        time[: kept.size], {name: values[kept] for name, values in found.items()}
-    )
+    assert ("time", "clock step") in kinds(time[: kept.size], {name: values[kept] for name, values in found.items()})
 
 
 @pytest.mark.parametrize("lost", [2, 10, 60])

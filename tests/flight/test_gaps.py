@@ -84,9 +84,7 @@ def test_the_longest_bridged_gap_is_an_eighth_of_a_cycle(rate: float, frequency:
 
 
 @given(st.floats(16.0, 400.0), st.floats(0.0, 6.3), st.integers(20, 170))
-def test_a_bridged_gap_is_within_a_percent_of_the_amplitude(
-    samples_per_cycle: float, phase: float, start: int
-) -> None:
+def test_a_bridged_gap_is_within_a_percent_of_the_amplitude(samples_per_cycle: float, phase: float, start: int) -> None:
     time = np.arange(200.0)
     truth = np.sin(2.0 * np.pi * time / samples_per_cycle + phase)
     length = min(BRIDGED_SAMPLES, int(samples_per_cycle / 8.0))

@@ -27,9 +27,7 @@ def test_clean_oscillation_is_untouched_up_to_the_nyquist_frequency(
     assert not np.any(find_spikes(wave + noise))
 
 
-@given(
-    st.integers(0, SAMPLES), st.floats(-100.0, 100.0), st.integers(0, 3), st.sampled_from([0.0, 1e-6, 1.0])
-)
+@given(st.integers(0, SAMPLES), st.floats(-100.0, 100.0), st.integers(0, 3), st.sampled_from([0.0, 1e-6, 1.0]))
 @settings(max_examples=2 * settings.default.max_examples)
 def test_a_jump_of_any_derivative_is_untouched(at: int, size: float, order: int, sigma: float) -> None:
     index = np.arange(SAMPLES)
@@ -59,9 +57,7 @@ def test_rounding_of_a_channel_at_rest_is_untouched(quantum: float) -> None:
     st.integers(1, 2),
     st.booleans(),
 )
-def test_isolated_spikes_are_found_exactly(
-    slots: list[int], height: float, length: int, downward: bool
-) -> None:
+def test_isolated_spikes_are_found_exactly(slots: list[int], height: float, length: int, downward: bool) -> None:
     rng = np.random.default_rng(2)
     values = 50.0 * np.sin(np.arange(SAMPLES) / 30.0) + rng.standard_normal(SAMPLES)
     expected = np.zeros(SAMPLES, dtype=bool)

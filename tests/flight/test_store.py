@@ -15,16 +15,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.flight import (
-    CHANNELS,
-    OPTIONAL_CHANNELS,
-    Flight,
-    Quantity,
-    Vehicle,
-    load_flight,
-    load_truth,
-    save_flight,
-)
+from brv_hypo.flight import CHANNELS, OPTIONAL_CHANNELS, Flight, Quantity, Vehicle, load_flight, load_truth, save_flight
 from brv_hypo.flight.cleaning import find_spikes
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS, LARGEST
 from brv_hypo.flight.units import ENDLESS_POWER
@@ -45,9 +36,7 @@ def flights(draw: st.DrawFn) -> Flight:
     Noise in whose few samples one stands out as a spike, which loading would replace, is not drawn.
     """
     samples, rate = draw(st.integers(60, 200)), draw(st.floats(20.0, 1000.0))
-    channels = motion(
-        samples, rate, frequency=draw(st.floats(0.0, 0.05)) * rate, seed=draw(st.integers(0, 2**31))
-    )
+    channels = motion(samples, rate, frequency=draw(st.floats(0.0, 0.05)) * rate, seed=draw(st.integers(0, 2**31)))
     for name in draw(st.sets(st.sampled_from(OPTIONAL_CHANNELS))):
         channels[name] = 100.0 + channels["time"]
     channels["density"] = 2.0 * channels["dynamic_pressure"] / channels["velocity"] ** 2
@@ -130,17 +119,11 @@ MALFORMED = [
     *[(name, "cannot be read", {"units": {name: "furlongs//"}}) for name in ONE_PER_CHANNEL],
     *[(name, "such dataset", {"channels": without(name)}) for name in ("time", *CHANNELS[:-1])],
     *[(name, "shape (3,)", {"channels": {**motion(), name: np.ones(3)}}) for name in ONE_PER_CHANNEL],
-    *[
-        (name, "shape (400, 2)", {"channels": {**motion(), name: np.ones((400, 2))}})
-        for name in ONE_PER_CHANNEL
-    ],
+    *[(name, "shape (400, 2)", {"channels": {**motion(), name: np.ones((400, 2))}}) for name in ONE_PER_CHANNEL],
     *[(name, "type", {"channels": {**motion(), name: [b"text"] * 400}}) for name in ONE_PER_CHANNEL],
     *[(name, "infinite", {"channels": altered(name, 7, np.inf)}) for name in CHANNELS],
     *[(name, "NaN at every", {"channels": altered(name, slice(None), np.nan)}) for name in CHANNELS],
-    *[
-        (name, "below zero", {"channels": altered(name, 7, -1.0)})
-        for name in ("velocity", "dynamic_pressure")
-    ],
+    *[(name, "below zero", {"channels": altered(name, 7, -1.0)}) for name in ("velocity", "dynamic_pressure")],
     *[(name, "beyond", {"channels": altered(name, 7, 1e300)}) for name in ONE_PER_CHANNEL],
     ("velocity", "moves through the air", {"channels": altered("velocity", 7, 0.0)}),
     ("velocity", "moves through the air", {"channels": altered("velocity", slice(None), 1e-300)}),
@@ -157,15 +140,9 @@ MALFORMED = [
     ("p", "hold no angle", {"units": {"p": "1/s"}}),
     ("r", "missing samples", {"channels": altered("r", slice(5, 395), np.nan)}),
     *[(f"vehicle/{name}", "nothing", {"vehicle": vehicle_with(**{name: None})}) for name in VEHICLE_FIELDS],
-    *[
-        (f"vehicle/{name}", "greater than 0", {"vehicle": vehicle_with(**{name: -1.0})})
-        for name in VEHICLE_FIELDS
-    ],
+    *[(f"vehicle/{name}", "greater than 0", {"vehicle": vehicle_with(**{name: -1.0})}) for name in VEHICLE_FIELDS],
     *[(f"vehicle/{name}", "nan", {"vehicle": vehicle_with(**{name: np.nan})}) for name in VEHICLE_FIELDS],
-    *[
-        (f"vehicle/{name}", "shape (2,)", {"vehicle": vehicle_with(**{name: [1, 2]})})
-        for name in VEHICLE_FIELDS
-    ],
+    *[(f"vehicle/{name}", "shape (2,)", {"vehicle": vehicle_with(**{name: [1, 2]})}) for name in VEHICLE_FIELDS],
     *[(f"vehicle/{name}", "no 'units'", {"units": {name: None}}) for name in VEHICLE_FIELDS],
     ("vehicle/mass", "mass", {"units": {"mass": "lbf"}}),
     ("vehicle/ixx", "2 iyy", {"vehicle": vehicle_with(ixx=61.0)}),
@@ -176,9 +153,7 @@ MALFORMED = [
 
 
 @pytest.mark.parametrize(("name", "says", "change"), MALFORMED, ids=[f"{m[0]}-{m[1]}" for m in MALFORMED])
-def test_a_malformed_record_is_refused_by_name(
-    tmp_path: Path, name: str, says: str, change: dict[str, Any]
-) -> None:
+def test_a_malformed_record_is_refused_by_name(tmp_path: Path, name: str, says: str, change: dict[str, Any]) -> None:
     path = write_raw(tmp_path / "bad.h5", **{"channels": motion(), **change})
     with pytest.raises(FlightRecordError) as caught:
         load_flight(path)
@@ -286,12 +261,7 @@ def test_a_misspelt_name_is_recognised(tmp_path: Path) -> None:
 
 def test_the_truth_is_kept_apart(tmp_path: Path) -> None:
     path = tmp_path / "f.h5"
-    truth = {
-        "mechanism": "sticking",
-        "seed": 3,
-        "alpha": Quantity(np.arange(5.0), "rad"),
-        "lag": {"tau": 0.2},
-    }
+    truth = {"mechanism": "sticking", "seed": 3, "alpha": Quantity(np.arange(5.0), "rad"), "lag": {"tau": 0.2}}
     save_flight(flight(), path, truth=truth)
     found = load_truth(path)
     assert found["mechanism"] == "sticking"

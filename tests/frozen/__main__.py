@@ -33,17 +33,13 @@ LARGEST_BYTES = 200_000
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.frozen", description=__doc__)
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="flights, or FLIGHT.COMMAND; else the default ones"
-    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="flights, or FLIGHT.COMMAND; else the default ones")
     parser.add_argument("--all", action="store_true", help="all forty flights")
     parser.add_argument("--write", action="store_true", help="freeze what is found")
     parser.add_argument("--reword", action="store_true", help="freeze the messages alone")
     parser.add_argument("--rename", action="store_true", help="apply renames.yaml to the frozen files")
     agreement = parser.add_mutually_exclusive_group()
-    agreement.add_argument(
-        "--exact", action="store_true", help="bit for bit, on the machine where it was written"
-    )
+    agreement.add_argument("--exact", action="store_true", help="bit for bit, on the machine where it was written")
     agreement.add_argument("--close", action="store_true", help="to 1e-9")
     asked = parser.parse_args(arguments)
     try:
@@ -68,9 +64,7 @@ def results(names: Iterable[str], *, every: bool) -> list[tuple[str, Command]]:
     if every:
         return known
     if not names:
-        return [
-            (each.name, command) for each in FLIGHTS.values() if each.default for command in each.commands
-        ]
+        return [(each.name, command) for each in FLIGHTS.values() if each.default for command in each.commands]
     chosen = []
     for name in names:
         meant = [pair for pair in known if name in (pair[0], ".".join(pair))]
@@ -85,9 +79,7 @@ def write(chosen: Sequence[tuple[str, Command]], *, every: bool) -> int:
     RESULTS.mkdir(exist_ok=True)
     if not same_libraries():
         if not every:
-            print(
-                "libraries.json names other libraries than these: write all results anew with --all --write"
-            )
+            print("libraries.json names other libraries than these: write all results anew with --all --write")
             return 2
         note_libraries()
     begun, large = time.process_time(), False
@@ -124,9 +116,7 @@ def reword(chosen: Sequence[tuple[str, Command]]) -> int:
         new = sum(frozen["messages"].get(key) != text for key, text in current["messages"].items())
         if not differences:
             frozen_file(name, command).write_text(as_text(current), encoding="utf-8")
-        state = (
-            f"{len(differences)} values moved, left as it was" if differences else f"{new} messages reworded"
-        )
+        state = f"{len(differences)} values moved, left as it was" if differences else f"{new} messages reworded"
         print(f"{name}.{command}: {state}", flush=True)
         for each in differences[:SHOWN]:
             print(f"  {each}")

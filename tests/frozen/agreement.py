@@ -125,11 +125,7 @@ def disagreements(
     else:
         values = identical(frozen["values"], found["values"], f"{name}:values", exact=asked == "exact")
     words = list(_in_words(frozen["messages"], found["messages"], f"{name}:messages", exact=asked == "exact"))
-    return [
-        each
-        for each in (*values, *words)
-        if not _is_explained(each, known) and not _is_allowed(each, allowances)
-    ]
+    return [each for each in (*values, *words) if not _is_explained(each, known) and not _is_allowed(each, allowances)]
 
 
 @cache
@@ -139,9 +135,7 @@ def read_explanations(file: Path = Path(__file__).parent / "explained.yaml") -> 
     found = tuple(Explanation(e["path"], e["reason"], e.get("agreement", "explained")) for e in entries)
     for each in found:
         if not each.reason.strip() or each.agreement not in ("close", "explained"):
-            raise ValueError(
-                f"{file.name}: '{each.path}' needs a reason, and close or explained as its agreement"
-            )
+            raise ValueError(f"{file.name}: '{each.path}' needs a reason, and close or explained as its agreement")
     return found
 
 
@@ -166,9 +160,7 @@ def _is_explained(difference: Difference, explanations: Sequence[Explanation]) -
     return False
 
 
-def _differences(
-    frozen: Any, found: Any, path: str, same: Same, size: float | None = None
-) -> Iterator[Difference]:
+def _differences(frozen: Any, found: Any, path: str, same: Same, size: float | None = None) -> Iterator[Difference]:
     if isinstance(frozen, dict) and isinstance(found, dict):
         for key in sorted(frozen.keys() | found.keys()):
             place = _joined(path, key)
@@ -205,9 +197,7 @@ def _size_beside(section: dict[str, Any], key: str, path: str) -> float | None:
     return None
 
 
-def _in_words(
-    frozen: dict[str, str], found: dict[str, str], path: str, *, exact: bool
-) -> Iterator[Difference]:
+def _in_words(frozen: dict[str, str], found: dict[str, str], path: str, *, exact: bool) -> Iterator[Difference]:
     for key in sorted(frozen.keys() | found.keys()):
         old, new = frozen.get(key, ABSENT), found.get(key, ABSENT)
         if old != new and (exact or not same_words(old, new)):

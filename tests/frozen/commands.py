@@ -108,11 +108,7 @@ def _run(command: str, *arguments: str | Path) -> tuple[int, str]:
     """Exit code and standard error of the command line, run in this process in the flights' folder."""
     with contextlib.chdir(_folder()):
         done = CliRunner().invoke(
-            app,
-            [command, *map(str, arguments)],
-            prog_name="brv-hypo",
-            env={"COLUMNS": "100"},
-            catch_exceptions=False,
+            app, [command, *map(str, arguments)], prog_name="brv-hypo", env={"COLUMNS": "100"}, catch_exceptions=False
         )
     return done.exit_code, " ".join(done.stderr.split())
 

@@ -63,9 +63,7 @@ def _values(item: Any, path: str, messages: dict[str, str], *, within_text: bool
         if len(item) > LONGEST and not any(isinstance(each, dict | str) for each in item):
             some = [_values(item[k], f"{path}/{k}", messages, within_text=False) for k in thinned(item)]
             return {"length": len(item), "some": some}
-        return [
-            _values(each, f"{path}/{k}", messages, within_text=within_text) for k, each in enumerate(item)
-        ]
+        return [_values(each, f"{path}/{k}", messages, within_text=within_text) for k, each in enumerate(item)]
     if isinstance(item, str) and item and (within_text or len(item.split()) >= FEWEST_WORDS):
         messages[path] = item
         return "(message)"

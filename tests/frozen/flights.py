@@ -73,13 +73,7 @@ DEFAULT_FLIGHTS: tuple[Frozen, ...] = (
     Simulated(name="demo", config="demo", seed=1, default=True),
     Simulated(name="capsule_bodyfixed", config="blunt_capsule", seed=2, plant=("bodyfixed",), default=True),
     Simulated(
-        name="rocket_lag",
-        config="sounding_rocket",
-        seed=3,
-        plant=("lag",),
-        grade="industrial",
-        draw=1.0,
-        default=True,
+        name="rocket_lag", config="sounding_rocket", seed=3, plant=("lag",), grade="industrial", draw=1.0, default=True
     ),
     Simulated(name="table_5", config="report_table_5", seed=1, duration=4.0, sample_rate=50.0, default=True),
     Simulated(
@@ -136,22 +130,12 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
     ),
     Simulated(name="cone_inplane", config="research_cone", seed=13, plant=("inplane",), draw=1.0),
     Simulated(
-        name="cone_bodyfixed",
-        config="research_cone",
-        seed=14,
-        plant=("bodyfixed",),
-        grade="industrial",
-        draw=1.0,
+        name="cone_bodyfixed", config="research_cone", seed=14, plant=("bodyfixed",), grade="industrial", draw=1.0
     ),
     Simulated(name="cone_lag", config="research_cone", seed=15, plant=("lag",), grade="laboratory"),
     Simulated(name="cone_sticking", config="research_cone", seed=16, plant=("sticking",), draw=1.0),
     Simulated(
-        name="cone_cubic",
-        config="research_cone",
-        seed=17,
-        plant=("cubic_stiffness",),
-        duration=4.0,
-        commands=TRACED,
+        name="cone_cubic", config="research_cone", seed=17, plant=("cubic_stiffness",), duration=4.0, commands=TRACED
     ),
     Simulated(
         name="cone_cubic_sister",
@@ -165,22 +149,10 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
         model="cone_cubic",
     ),
     Simulated(
-        name="cone_trim",
-        config="research_cone",
-        seed=19,
-        plant=("trim",),
-        draw=1.0,
-        duration=4.0,
-        commands=TRACED,
+        name="cone_trim", config="research_cone", seed=19, plant=("trim",), draw=1.0, duration=4.0, commands=TRACED
     ),
     Simulated(name="cone_asymmetry", config="research_cone", seed=20, plant=("stiffness_asymmetry",)),
-    Simulated(
-        name="cone_two",
-        rounded=("compare",),
-        config="research_cone",
-        seed=21,
-        plant=("sticking", "bodyfixed"),
-    ),
+    Simulated(name="cone_two", rounded=("compare",), config="research_cone", seed=21, plant=("sticking", "bodyfixed")),
     Simulated(name="cone_long", config="research_cone", seed=23, plant=("inplane",), duration=9.0, draw=1.0),
     Simulated(
         name="cone_gaps",
@@ -190,10 +162,7 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
         sample_rate=200.0,
         changes={
             "instruments": {
-                "gaps": [
-                    {"start": 1.2, "duration": 0.12},
-                    {"channels": ["q", "r"], "duration": 0.03, "count": 2},
-                ],
+                "gaps": [{"start": 1.2, "duration": 0.12}, {"channels": ["q", "r"], "duration": 0.03, "count": 2}],
                 "spikes": [{"channel": "q", "count": 6, "size": 0.3}],
             }
         },
@@ -208,9 +177,7 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
     ),
     # The capsule.
     Simulated(name="capsule_none", config="blunt_capsule", seed=31, draw=1.0),
-    Simulated(
-        name="capsule_damping", config="blunt_capsule", seed=32, plant=("damping",), grade="laboratory"
-    ),
+    Simulated(name="capsule_damping", config="blunt_capsule", seed=32, plant=("damping",), grade="laboratory"),
     Simulated(
         name="capsule_inplane",
         rounded=("compare",),
@@ -221,12 +188,8 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
         draw=1.0,
     ),
     Simulated(name="capsule_lag", config="blunt_capsule", seed=34, plant=("lag",), draw=1.0),
-    Simulated(
-        name="capsule_sticking", config="blunt_capsule", seed=35, plant=("sticking",), grade="industrial"
-    ),
-    Simulated(
-        name="capsule_slow", config="blunt_capsule", seed=36, duration=6.0, sample_rate=50.0, commands=TRACED
-    ),
+    Simulated(name="capsule_sticking", config="blunt_capsule", seed=35, plant=("sticking",), grade="industrial"),
+    Simulated(name="capsule_slow", config="blunt_capsule", seed=36, duration=6.0, sample_rate=50.0, commands=TRACED),
     Simulated(
         name="capsule_slow_sister",
         config="blunt_capsule",
@@ -240,9 +203,7 @@ OTHER_FLIGHTS: tuple[Frozen, ...] = (
     # The sounding rocket.
     Simulated(name="rocket_none", config="sounding_rocket", seed=41, grade="laboratory", draw=1.0),
     Simulated(name="rocket_damping", config="sounding_rocket", seed=42, plant=("damping",), draw=1.0),
-    Simulated(
-        name="rocket_bodyfixed", config="sounding_rocket", seed=43, plant=("bodyfixed",), grade="industrial"
-    ),
+    Simulated(name="rocket_bodyfixed", config="sounding_rocket", seed=43, plant=("bodyfixed",), grade="industrial"),
     Simulated(
         name="rocket_sticking",
         rounded=("trace",),

@@ -49,10 +49,7 @@ def apply_pending() -> int:
     changed = _apply(pending(), sorted(RESULTS.glob("*.json")))
     table = _table()
     table["applied"] += table["pending"]
-    rows = [
-        yaml.safe_dump(each, default_flow_style=True, width=1000, allow_unicode=True)
-        for each in table["applied"]
-    ]
+    rows = [yaml.safe_dump(each, default_flow_style=True, width=1000, allow_unicode=True) for each in table["applied"]]
     head = TABLE.read_text(encoding="utf-8").partition("pending:")[0]
     applied = "".join(f"\n  - {row.strip()}" for row in rows) or " []"
     TABLE.write_text(f"{head}pending: []\napplied:{applied}\n", encoding="utf-8")

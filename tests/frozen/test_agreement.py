@@ -35,11 +35,7 @@ RESULT: dict[str, Any] = {
         }
     ],
     "histories": {"alpha": [1e-3 * k for k in range(301)]},
-    "verdict": {
-        "winner": "sticking",
-        "probability": {"sticking": 0.93, "other": 0.07},
-        "reason": "It leads by 4.2.",
-    },
+    "verdict": {"winner": "sticking", "probability": {"sticking": 0.93, "other": 0.07}, "reason": "It leads by 4.2."},
     "seconds": {"total": 3.1},
 }
 
@@ -62,10 +58,7 @@ def test_a_moved_probability_is_noticed() -> None:
 
 def test_a_changed_key_is_noticed() -> None:
     found = changed("verdict/probability", {"stuck": 0.93, "other": 0.07})
-    assert {(each.path.rpartition("/")[2], each.found) for each in found} == {
-        ("sticking", "(absent)"),
-        ("stuck", 0.93),
-    }
+    assert {(each.path.rpartition("/")[2], each.found) for each in found} == {("sticking", "(absent)"), ("stuck", 0.93)}
 
 
 @pytest.mark.parametrize(
@@ -131,10 +124,7 @@ def test_an_explanation_may_ask_for_closeness() -> None:
 
 
 def test_other_libraries_may_round_otherwise() -> None:
-    frozen, moved = (
-        {"values": {"limits": [0.2, 0.1], "n": 3}, "messages": {}},
-        {"limits": [0.2, 0.104], "n": 3},
-    )
+    frozen, moved = ({"values": {"limits": [0.2, 0.1], "n": 3}, "messages": {}}, {"limits": [0.2, 0.104], "n": 3})
     known = [Allowance("a.compare:values/limits/*", 0.05, "flat"), Allowance("a.compare:*", 1e-4, "rest")]
     found = {"values": moved, "messages": {}}
     assert not disagreements(frozen, found, "a.compare", explanations=(), allowances=known)
@@ -200,9 +190,7 @@ def test_renames_are_made_all_at_once_and_nothing_else_moves() -> None:
     assert content["messages"] == {"ruling/reason": "It is ahead by 4.2."}
     assert content["values"]["histories"] == content_of(RESULT)["values"]["histories"]
     back = [Rename(each.new, each.old, each.of) for each in renames if each.new != "sticking"]
-    assert renamed(content, [*back, Rename("sticking", "lag", "values")], "demo.compare") == content_of(
-        RESULT
-    )
+    assert renamed(content, [*back, Rename("sticking", "lag", "values")], "demo.compare") == content_of(RESULT)
 
 
 def test_two_keys_cannot_be_renamed_to_one() -> None:

@@ -19,6 +19,4 @@ def last_digit_off(values: FloatArray, seed: int) -> FloatArray:
 
 def flight_last_digit_off(flight: Flight, seed: int) -> Flight:
     """The flight with all its channels so."""
-    return replace(
-        flight, **{name: last_digit_off(getattr(flight, name), seed + k) for k, name in enumerate(CHANNELS)}
-    )
+    return replace(flight, **{name: last_digit_off(getattr(flight, name), seed + k) for k, name in enumerate(CHANNELS)})

@@ -125,9 +125,7 @@ def test_flights_share_coefficients_and_keep_their_own_gravity():
     from brv_hypo.regression.frame import build_frame
 
     pair = [trial(*one) for one in flights("none", 2, seed=21)]
-    frame = build_frame(
-        [work.frame.reconstructions[0] for work in pair], list(pair[0].frame.mechanisms.values())
-    )
+    frame = build_frame([work.frame.reconstructions[0] for work in pair], list(pair[0].frame.mechanisms.values()))
     columns = pair[0].columns
     both = identify(frame, columns, regress(frame, columns))
     alone = identify(pair[0].frame, columns, pair[0].values)

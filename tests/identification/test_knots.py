@@ -32,9 +32,7 @@ def derivatives(t):
 def collocated(time_basis: TimeBasis, corrected: bool = True) -> tuple[float, float]:
     """Rate and position at the end, by Hermite-Simpson, of rate' = course x moment, position' = rate."""
     half = np.full_like(MIDDLES, STEP / 2)
-    first, second = (
-        kink(time_basis, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
-    )
+    first, second = kink(time_basis, MIDDLES, half) if corrected else (np.zeros_like(MIDDLES), np.zeros_like(MIDDLES))
     slope, curvature = derivatives(MIDDLES)
     if corrected:
         ends, middle = on_grid(time_basis, NODES, np.zeros_like(NODES)), on_grid(time_basis, MIDDLES, half)

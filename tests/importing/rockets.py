@@ -54,8 +54,7 @@ def inertial_unit(rate: float = 800.0, seed: int = 0) -> dict[str, Any]:
     }
     columns["ax"] = np.where(time > PARACHUTE, 80.0 * np.exp(PARACHUTE - time), columns["ax"])
     noisy = {
-        name: values + BIAS.get(name, 0.0) + 1e-3 * rng.standard_normal(time.size)
-        for name, values in columns.items()
+        name: values + BIAS.get(name, 0.0) + 1e-3 * rng.standard_normal(time.size) for name, values in columns.items()
     }
     kept = ~((time > 8.0) & (time < 8.05))
     return {"time": time[kept], **{name: values[kept] for name, values in noisy.items()}}

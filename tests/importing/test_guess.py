@@ -39,9 +39,7 @@ def channels_of(text: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("suffix", "write"), WRITERS, ids=[suffix for suffix, _ in WRITERS])
-def test_a_guess_filled_in_brings_the_record_in(
-    tmp_path: Path, suffix: str, write: Callable[..., Path]
-) -> None:
+def test_a_guess_filled_in_brings_the_record_in(tmp_path: Path, suffix: str, write: Callable[..., Path]) -> None:
     log = logged()
     columns = {
         "T_ms": 1000.0 * log["time"],
@@ -100,14 +98,10 @@ def test_the_axis_that_stands_up_becomes_x_and_the_axes_stay_right_handed(
     channels = channels_of(guess_map(write_csv(tmp_path / "a.csv", columns)).text)
     for name in ("ax", "ay", "az", "p", "q", "r"):
         entry = channels[name]
-        np.testing.assert_allclose(
-            entry.get("scale", 1.0) * columns[entry["column"]], log[name], err_msg=name
-        )
+        np.testing.assert_allclose(entry.get("scale", 1.0) * columns[entry["column"]], log[name], err_msg=name)
 
 
-@pytest.mark.parametrize(
-    ("units", "size"), [("deg/s", DEGREE), ("rad/s", 1.0), ("revolution/s", 2.0 * np.pi)]
-)
+@pytest.mark.parametrize(("units", "size"), [("deg/s", DEGREE), ("rad/s", 1.0), ("revolution/s", 2.0 * np.pi)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_magnetometer_tells_units_and_sign_of_the_roll_rate(units: str, size: float, sign: float) -> None:
     time = np.arange(0.0, 20.0, 0.01)
@@ -127,9 +121,7 @@ def test_columns_without_names_are_found_by_gravity_and_order(tmp_path: Path) ->
     order = ("time", "p", "q", "r", "ax", "ay", "az")
     guess = guess_map(write_csv(tmp_path / "a.csv", {f"ch{i}": log[name] for i, name in enumerate(order)}))
     channels = channels_of(guess.text)
-    assert {name: channels[name]["column"] for name in order} == {
-        name: f"ch{i}" for i, name in enumerate(order)
-    }
+    assert {name: channels[name]["column"] for name in order} == {name: f"ch{i}" for i, name in enumerate(order)}
     assert any("order of the columns" in doubt for doubt in guess.unsure)
 
 

@@ -46,10 +46,7 @@ def test_the_record_loads_whole() -> None:
     assert flight.planet == "mars"
     assert flight.vehicle.inertia_ratio == pytest.approx(1.3266)
     assert flight.roll_rate_mag is None
-    assert [note.split(":")[0] for note in flight.notes] == [
-        "ax",
-        "p",
-    ]  # two real one-sample spikes, nothing else
+    assert [note.split(":")[0] for note in flight.notes] == ["ax", "p"]  # two real one-sample spikes, nothing else
 
 
 def test_the_record_is_inspected() -> None:

@@ -57,10 +57,7 @@ def rocket_map(**changes: Any) -> dict[str, Any]:
     mass = {"file": "masses.csv", "time": {"column": "t", "units": "s"}}
     return {
         "channels": {
-            **{
-                name: {"column": name, "units": UNITS[name]}
-                for name in ("time", "p", "q", "r", "ax", "ay", "az")
-            },
+            **{name: {"column": name, "units": UNITS[name]} for name in ("time", "p", "q", "r", "ax", "ay", "az")},
             "altitude": {"recorder": "altimeter", "column": "altitude", "units": "m"},
         },
         "recorders": {

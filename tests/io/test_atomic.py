@@ -55,8 +55,7 @@ def test_a_link_is_followed_and_the_mode_of_what_is_replaced_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("code", "says"),
-    [(errno.ENOSPC, "medium is full"), (errno.EROFS, "read-only"), (errno.EIO, "Choose another")],
+    ("code", "says"), [(errno.ENOSPC, "medium is full"), (errno.EROFS, "read-only"), (errno.EIO, "Choose another")]
 )
 @pytest.mark.parametrize("call", ["fsync", "replace"])
 def test_a_medium_that_fails_is_a_refusal_and_leaves_the_old_file(tmp_path, monkeypatch, code, says, call):
@@ -141,9 +140,7 @@ while True:
 """
 
 
-@pytest.mark.parametrize(
-    "delay", [0.03, *(pytest.param(delay, marks=pytest.mark.thorough) for delay in (0.01, 0.1))]
-)
+@pytest.mark.parametrize("delay", [0.03, *(pytest.param(delay, marks=pytest.mark.thorough) for delay in (0.01, 0.1))])
 def test_a_kill_leaves_the_old_file_or_the_new_and_the_next_write_cleans(tmp_path, delay):
     process = run(WRITING, tmp_path / "f.h5")
     process.stdout.readline()

@@ -16,8 +16,7 @@ from brv_hypo.io.text import one_line, printable
 from tests.texts import texts
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
-    f"{name}: &{name} [{', '.join([f'*{before}'] * 9)}]\n"
-    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+    f"{name}: &{name} [{', '.join([f'*{before}'] * 9)}]\n" for before, name in zip("abcdefgh", "bcdefghi", strict=True)
 )
 MERGES = "a: &a {x: 1}\n" + "".join(
     f"{name}: &{name} {{<<: [*{before}, *{before}, *{before}, *{before}]}}\n"

@@ -62,9 +62,7 @@ def test_far_steps_are_left_alone() -> None:
 
 
 @pytest.mark.slow
-def test_the_optimum_of_a_very_wrong_model_is_the_same_in_fewer_steps(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_optimum_of_a_very_wrong_model_is_the_same_in_fewer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     flown, model = stalled_aircraft(6.0)
     segment = flown.simulate(480, seed=1)
     quick = fit(model.dynamics, model.outputs, [segment], model.truth)

@@ -15,14 +15,10 @@ from tests.studies.likelihood.problems import ModelProblem, lagging_body, spinni
 def late_output() -> ModelProblem:
     """An instrument that is late: the delay stands in the outputs."""
     body = lagging_body()
-    return replace(
-        body, outputs=lambda x, u, theta, t, delayed: np.stack([delayed["delay"].x[0] + x[1], x[1]])
-    )
+    return replace(body, outputs=lambda x, u, theta, t, delayed: np.stack([delayed["delay"].x[0] + x[1], x[1]]))
 
 
-@pytest.mark.parametrize(
-    "problem", [spinning_body(), lagging_body(), late_output()], ids=["no delay", "delay", "late"]
-)
+@pytest.mark.parametrize("problem", [spinning_body(), lagging_body(), late_output()], ids=["no delay", "delay", "late"])
 def test_derivatives_by_states_and_parameters(problem: ModelProblem) -> None:
     rng = np.random.default_rng(0)
     n, n_states = 23, problem.x0.size

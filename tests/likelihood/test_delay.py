@@ -59,9 +59,7 @@ def test_an_instrument_that_is_late_or_early_is_found(offset: float) -> None:
     shifted = replace(base, noise=np.zeros(2)).simulate(800, seed=0)
     late = np.interp(plain.t - offset, plain.t, shifted.y[1])
     y = np.stack([plain.y[0], late + 0.005 * np.random.default_rng(5).standard_normal(800)])
-    result = fit(
-        problem.dynamics, outputs, [replace(plain, y=y)], dict(base.truth) | {"late": 0.0}, delays=("late",)
-    )
+    result = fit(problem.dynamics, outputs, [replace(plain, y=y)], dict(base.truth) | {"late": 0.0}, delays=("late",))
     assert result.converged, result.message
     assert result.theta["late"] == pytest.approx(offset, abs=max(4 * result.std_error["late"], 1e-3))
 
@@ -80,7 +78,5 @@ def test_delays_with_process_noise_are_refused_with_a_remedy(bounds: dict[str, t
             BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), process_noise=[0.0, 0.01],
             delays=("delay",), bounds=bounds,
         )  # fmt: skip
-    exact = fit(
-        BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), process_noise=[0.0, 0.0], delays=("delay",)
-    )
+    exact = fit(BODY.dynamics, BODY.outputs, [segment], dict(BODY.truth), process_noise=[0.0, 0.0], delays=("delay",))
     assert exact.converged

@@ -36,9 +36,7 @@ def affine(function: Any, *names: str) -> PartialJacobian:
 
 def smooth(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
     past = delayed["tau"]
-    return np.stack(
-        [theta["a"] * np.sin(x[0]) + theta["b"] * x[1], x[0] * u[0] + np.exp(past.x[0]) * past.u[0]]
-    )
+    return np.stack([theta["a"] * np.sin(x[0]) + theta["b"] * x[1], x[0] * u[0] + np.exp(past.x[0]) * past.u[0]])
 
 
 @pytest.mark.parametrize(("method", "tolerance"), [("complex", 1e-14), ("central", 1e-8)])
@@ -54,11 +52,7 @@ def test_both_methods_give_the_exact_derivatives(method: Method, tolerance: floa
         "by_parameter": [[np.sin(x[0]), x[1], zero], [zero, zero, -e * (past.u[0] * rate.x[0] + rate.u[0])]],
         "by_delayed": [[zero, zero], [e * past.u[0], zero]],
     }
-    got = {
-        "by_state": found.by_state,
-        "by_parameter": found.by_parameter,
-        "by_delayed": found.by_delayed["tau"],
-    }
+    got = {"by_state": found.by_state, "by_parameter": found.by_parameter, "by_delayed": found.by_delayed["tau"]}
     for name, rows in exact.items():
         expected = np.array(rows).transpose(2, 0, 1)
         np.testing.assert_allclose(got[name], expected, atol=tolerance * np.abs(expected).max(), err_msg=name)
@@ -84,9 +78,7 @@ def test_functions_that_defeat_the_complex_step_are_found_out(function: Any, exp
 def test_a_function_may_return_its_own_argument_or_a_view_of_it(method: Method) -> None:
     points = Points(POINTS.x, POINTS.u, POINTS.t)
     found = jacobian(lambda x, u, theta, t: x[::-1], points, {}, (), method, {})
-    np.testing.assert_allclose(
-        found.by_state, np.broadcast_to([[0.0, 1.0], [1.0, 0.0]], (9, 2, 2)), atol=1e-9
-    )
+    np.testing.assert_allclose(found.by_state, np.broadcast_to([[0.0, 1.0], [1.0, 0.0]], (9, 2, 2)), atol=1e-9)
 
 
 @pytest.mark.parametrize("start", [0.0, 1e-14])

@@ -39,9 +39,7 @@ def place(hold: Hold, method: Any) -> tuple[Problem, Iterate]:
     model = Model(oscillator, bent, method=method)
     drive = np.array([0.0, 0.3])
     problem = Problem(model, grids, parameters, np.array([1.2, 0.7]), drive, np.full(3, np.inf))
-    x = tuple(
-        np.stack([np.sin(g.t[: g.n]), np.cos(g.t[: g.n])]) + 0.1 * rng.standard_normal((2, g.n)) for g in grids
-    )
+    x = tuple(np.stack([np.sin(g.t[: g.n]), np.cos(g.t[: g.n])]) + 0.1 * rng.standard_normal((2, g.n)) for g in grids)
     return problem, Iterate(x, parameters.start, np.array([[0.04, 0.01], [0.01, 0.09]]))
 
 

@@ -11,14 +11,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.condensing import condense, eliminate
-from brv_hypo.likelihood.kkt import (
-    BlockRows,
-    Coupling,
-    Eliminated,
-    Quadratic,
-    eliminate_by_band,
-    log_determinant,
-)
+from brv_hypo.likelihood.kkt import BlockRows, Coupling, Eliminated, Quadratic, eliminate_by_band, log_determinant
 
 
 def dense(rows: BlockRows, n: int) -> FloatArray:
@@ -74,16 +67,10 @@ def dense_matrix(problem: Quadratic, held: bool = False) -> tuple[FloatArray, Fl
     d = dense(problem.defect_by_state, n)
     first = np.eye(n_states, n * n_states)
     q = problem.variance[1:].ravel()
-    right = np.concatenate([problem.residual[:, :, None], problem.by_parameter], axis=2).reshape(
-        j.shape[0], -1
-    )
+    right = np.concatenate([problem.residual[:, :, None], problem.by_parameter], axis=2).reshape(j.shape[0], -1)
     c = np.concatenate([problem.defect[:, :, None], problem.defect_by_parameter], axis=2)
     if held:
-        d, q, c = (
-            np.concatenate([first, d]),
-            np.concatenate([np.zeros(n_states), q]),
-            c.reshape(n * n_states, -1),
-        )
+        d, q, c = (np.concatenate([first, d]), np.concatenate([np.zeros(n_states), q]), c.reshape(n * n_states, -1))
     else:
         c = c[1:].reshape((n - 1) * n_states, -1)
     matrix = np.block([[j.T @ j, d.T], [d, -np.diag(q)]])
@@ -101,9 +88,7 @@ def test_it_solves_the_same_system_as_dense_algebra(seed: int, n: int, n_states:
         assert found is not None
         x, multiplier = every(found)
         states = x.reshape(n * n_states, -1)
-        np.testing.assert_allclose(
-            states, expected[: n * n_states], rtol=1e-7, atol=1e-9 * np.abs(states).max()
-        )
+        np.testing.assert_allclose(states, expected[: n * n_states], rtol=1e-7, atol=1e-9 * np.abs(states).max())
         multipliers = multiplier[1:].reshape((n - 1) * n_states, -1)
         size = np.abs(multipliers).max()
         np.testing.assert_allclose(multipliers, expected[n * n_states :], rtol=1e-6, atol=1e-8 * size)
@@ -153,11 +138,7 @@ def test_a_state_that_no_output_sees_is_reported() -> None:
     by_state = problem.by_state.blocks.copy()
     by_state[..., 1] = 0.0
     unseen = Quadratic(
-        **{
-            **problem.__dict__,
-            "defect_by_state": BlockRows(0, blocks),
-            "by_state": BlockRows(0, by_state),
-        }
+        **{**problem.__dict__, "defect_by_state": BlockRows(0, blocks), "by_state": BlockRows(0, by_state)}
     )
     assert eliminate(unseen) is None
 

@@ -47,16 +47,12 @@ def test_it_agrees_with_single_shooting_to_1e_6(problem: ModelProblem) -> None:
     )
     assert (ours.status, reference.status) == ("converged", "converged")
     for name in fast.truth:
-        assert ours.theta[name] == pytest.approx(
-            reference.theta[name], rel=1e-6, abs=1e-6 * ours.std_error[name]
-        )
+        assert ours.theta[name] == pytest.approx(reference.theta[name], rel=1e-6, abs=1e-6 * ours.std_error[name])
     assert ours.nllf == pytest.approx(reference.nllf, abs=1e-6 * abs(reference.nllf))
     np.testing.assert_allclose(ours.states[0], reference.states[0], atol=1e-6 * np.abs(ours.states[0]).max())
 
 
-@pytest.mark.parametrize(
-    "factor", [0.0, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (0.5, 1.5))]
-)
+@pytest.mark.parametrize("factor", [0.0, *(pytest.param(factor, marks=pytest.mark.slow) for factor in (0.5, 1.5))])
 @pytest.mark.parametrize(
     "problem",
     [
@@ -73,9 +69,7 @@ def test_it_converges_from_zero_and_from_half_off(problem: ModelProblem, factor:
     assert all(test.white for test in result.whiteness)
 
 
-@pytest.mark.parametrize(
-    "start", [1e-3, *(pytest.param(start, marks=pytest.mark.slow) for start in (1e-8, 1e-5))]
-)
+@pytest.mark.parametrize("start", [1e-3, *(pytest.param(start, marks=pytest.mark.slow) for start in (1e-8, 1e-5))])
 @pytest.mark.parametrize(
     ("problem", "samples"),
     [
@@ -91,9 +85,7 @@ def test_a_small_start_is_as_good_as_zero(problem: ModelProblem, samples: int, s
     assert np.abs(errors_in_sigma(result, problem)).max() < 4
 
 
-@pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(1, 4))]
-)
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(1, 4))])
 def test_unstable_motion_converges_from_half_off(seed: int) -> None:
     body = growing_body()
     rng = np.random.default_rng(seed)
@@ -142,9 +134,7 @@ def test_covariance_and_likelihood_against_their_formulas() -> None:
     information = np.array(rows) @ np.array(rows).T / sigma**2
     np.testing.assert_allclose(result.covariance, np.linalg.inv(information)[:3, :3], rtol=1e-4)
     v = result.innovations[0][0]
-    assert result.log_likelihood == pytest.approx(
-        -0.5 * np.sum(v**2 / sigma**2 + np.log(sigma**2)), rel=1e-12
-    )
+    assert result.log_likelihood == pytest.approx(-0.5 * np.sum(v**2 / sigma**2 + np.log(sigma**2)), rel=1e-12)
     np.testing.assert_allclose(v, y - model(*at), atol=1e-6)
 
 
@@ -209,9 +199,7 @@ def test_a_full_noise_covariance_is_found() -> None:
     result = fit(SHORT.dynamics, SHORT.outputs, [replace(segment, y=y)], scaled(SHORT, 0.8), noise="full")
     assert result.converged
     np.testing.assert_allclose(result.innovation_covariance, mixing @ mixing.T, rtol=0.1)
-    np.testing.assert_allclose(
-        result.innovation_covariance, result.innovations[0] @ result.innovations[0].T / 3000
-    )
+    np.testing.assert_allclose(result.innovation_covariance, result.innovations[0] @ result.innovations[0].T / 3000)
 
 
 def test_several_segments_share_parameters_and_keep_their_own() -> None:
@@ -348,9 +336,7 @@ def test_refusals_say_what_was_got_and_expected(changes: dict[str, Any], message
 
 def test_the_import_is_cheap() -> None:
     """Neither SciPy nor anything else beyond NumPy is loaded before the first fit."""
-    code = (
-        "import sys, brv_hypo.likelihood; print([m for m in ('scipy', 'pandas', 'rich') if m in sys.modules])"
-    )
+    code = "import sys, brv_hypo.likelihood; print([m for m in ('scipy', 'pandas', 'rich') if m in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == "[]"
 

@@ -159,9 +159,9 @@ def test_a_process_noise_that_goes_to_zero_is_a_stated_outcome() -> None:
         assert all(np.isfinite(error) for error in result.std_error.values())
         gone = bool(np.isnan(result.process_noise_std_error[0]))
         assert np.isfinite(result.process_noise_std_error[1])
-        assert [
-            remark.startswith("the process noise of states [0] went to 0") for remark in result.remarks
-        ] == ([True] if gone else [])
+        assert [remark.startswith("the process noise of states [0] went to 0") for remark in result.remarks] == (
+            [True] if gone else []
+        )
         assert gone or result.process_noise[0] ** 2 < 3.0 * (
             2.0 * result.process_noise[0] * result.process_noise_std_error[0]
         )
@@ -221,8 +221,7 @@ def test_measurement_noise_makes_up_for_what_the_fit_took_out() -> None:
     quiet = short_period()
     segment = quiet.simulate(300, seed=0)
     plain, nearly = (
-        fit(quiet.dynamics, quiet.outputs, [segment], dict(quiet.truth), drive)
-        for drive in (None, [1e-7, 1e-7])
+        fit(quiet.dynamics, quiet.outputs, [segment], dict(quiet.truth), drive) for drive in (None, [1e-7, 1e-7])
     )
     ratio = np.diag(nearly.noise_covariance) / np.diag(plain.noise_covariance)
     assert 300.0 * np.sum(1.0 - 1.0 / ratio) == pytest.approx(10.0, abs=0.2)

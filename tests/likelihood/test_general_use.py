@@ -37,15 +37,7 @@ def test_the_report_says_what_a_reader_needs() -> None:
         decay, seen, [SEGMENT], {"rate": 0.5, "gain": 0.4, "idle": 3.0}, bounds={"idle": (3.0, 3.0)}
     )  # fmt: skip
     text = held.report()
-    for part in (
-        "[[Fit]]",
-        "status",
-        "converged",
-        "[[Noise]]",
-        "output 0",
-        "[[Parameters]]",
-        "(held)",
-    ):
+    for part in ("[[Fit]]", "status", "converged", "[[Noise]]", "output 0", "[[Parameters]]", "(held)"):
         assert part in text
     assert "C(rate, gain) = +" in text
     assert correlations(held)[0, 1] > 0.5

@@ -58,9 +58,7 @@ def test_kinds_are_ten_so_that_trials_are_shared_evenly() -> None:
 
 def test_what_is_deceived_has_converged_below_the_best() -> None:
     found = TrapStudy(
-        log_likelihood=np.array([100.0, 99.5, 50.0, 50.0]),
-        converged=np.array([True, True, True, False]),
-        best=100.0,
+        log_likelihood=np.array([100.0, 99.5, 50.0, 50.0]), converged=np.array([True, True, True, False]), best=100.0
     )
     assert found.solved.tolist() == [True, True, False, False]
     assert found.deceived.tolist() == [False, False, True, False]
@@ -87,13 +85,7 @@ def test_a_known_noise_that_residuals_exceed_is_begun_from_others_too() -> None:
     segment = body.simulate(120, seed=0)
     y = segment.y + 0.3 * segment.y**3
     known = np.array([[1e-4]])
-    bent = fit(
-        body.dynamics,
-        body.outputs,
-        [Segment(segment.t, segment.u, y, segment.x0)],
-        body.truth,
-        noise=known,
-    )
+    bent = fit(body.dynamics, body.outputs, [Segment(segment.t, segment.u, y, segment.x0)], body.truth, noise=known)
     straight = fit(body.dynamics, body.outputs, [segment], body.truth, noise=known)
     assert len(straight.starting_points) == 1
     assert len(bent.starting_points) == 4

@@ -17,9 +17,7 @@ TIMES = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 25))
     where=st.lists(st.floats(float(TIMES[0]), float(TIMES[-1])), min_size=1, max_size=8),
 )
 @settings(max_examples=60)
-def test_cubics_and_their_rates_are_exact_on_an_uneven_time_base(
-    coefficients: list[float], where: list[float]
-) -> None:
+def test_cubics_and_their_rates_are_exact_on_an_uneven_time_base(coefficients: list[float], where: list[float]) -> None:
     cubic = np.polynomial.Polynomial(coefficients, domain=[TIMES[0], TIMES[-1]])
     query = np.array(where)
     stencil = Interpolator(TIMES).stencil(query)
@@ -41,9 +39,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step() -> None:
     for n in (40, 80):
         t = np.linspace(0, 4, n + 1)
         query = np.linspace(0.3, 3.7, 333)
-        errors.append(
-            np.abs(Interpolator(t).stencil(query).apply(np.sin(3 * t)[None]) - np.sin(3 * query)).max()
-        )
+        errors.append(np.abs(Interpolator(t).stencil(query).apply(np.sin(3 * t)[None]) - np.sin(3 * query)).max())
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.4)
 
 

@@ -24,9 +24,7 @@ def fitted(problem: ModelProblem, samples: int) -> FitResult:
         pytest.param(lagging_body(), id="a delay", marks=pytest.mark.thorough),
     ],
 )
-def test_in_parts_a_record_gives_the_same_result(
-    problem: ModelProblem, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_in_parts_a_record_gives_the_same_result(problem: ModelProblem, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = fitted(problem, 600)
     for name, value in (
         ("collocation._AT_ONCE", 100),
@@ -48,9 +46,7 @@ def test_in_parts_a_record_gives_the_same_result(
 
 
 @pytest.mark.thorough
-def test_coloured_errors_in_blocks_differ_by_what_crosses_their_edges_only(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_coloured_errors_in_blocks_differ_by_what_crosses_their_edges_only(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = fitted(short_period(), 600)
     monkeypatch.setattr(f"{MODULE}.uncertainty._BLOCK", 300)
     blocks = fitted(short_period(), 600)

@@ -163,10 +163,7 @@ def test_a_fit_on_a_finer_mesh_goes_on_from_one_that_was_near() -> None:
     again, _ = run(9.0, result.mesh_steps)
     assert result.mesh_steps > 1
     assert result.iterations <= again.iterations
-    assert [point.source for point in result.starting_points] == [
-        "differences of the outputs",
-        "an earlier fit",
-    ]
+    assert [point.source for point in result.starting_points] == ["differences of the outputs", "an earlier fit"]
     for name in result.names:
         assert result.theta[name] == pytest.approx(again.theta[name], abs=1e-3 * again.std_error[name])
         assert result.std_error[name] == pytest.approx(again.std_error[name], rel=1e-3)

@@ -9,14 +9,7 @@ import pytest
 
 from tests.studies.likelihood.benchmark import Timing, growth_exponent, time_problem
 from tests.studies.likelihood.problems import growing_body, short_period, spinning_body
-from tests.studies.likelihood.study import (
-    coverage,
-    cramer_rao,
-    delay,
-    filter_error,
-    growth_in_two_seconds,
-    hard_motion,
-)
+from tests.studies.likelihood.study import coverage, cramer_rao, delay, filter_error, growth_in_two_seconds, hard_motion
 
 
 @pytest.mark.slow

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from brv_hypo.likelihood.uncertainty import (
-    coloured_covariance,
-    covariance_from_information,
-    identifiability,
-    whiteness,
-)
+from brv_hypo.likelihood.uncertainty import coloured_covariance, covariance_from_information, identifiability, whiteness
 from tests.studies.likelihood.problems import markov_noise
 
 
@@ -22,10 +17,7 @@ def test_the_correction_of_a_mean_is_the_known_inflation(correlation: float) -> 
     noise = markov_noise(np.random.default_rng(0), (20, n), correlation)
     sensitivity = [np.ones((n, 1, 1))] * 20
     white = np.array([[1.0 / (20 * n)]])
-    got = (
-        coloured_covariance(white, np.zeros(1), sensitivity, [row[:, None] for row in noise])[0, 0]
-        / white[0, 0]
-    )
+    got = coloured_covariance(white, np.zeros(1), sensitivity, [row[:, None] for row in noise])[0, 0] / white[0, 0]
     assert got == pytest.approx((1 + correlation) / (1 - correlation), rel=0.08)
 
 

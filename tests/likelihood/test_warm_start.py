@@ -19,18 +19,14 @@ COARSE = 0.1  # standard errors: what `identify` asks
 def fitted(tolerance: float = 1e-6) -> FitResult:
     """The body fitted from a tenth off."""
     start = {name: 0.9 * value for name, value in BODY.truth.items()}
-    return fit(
-        by_central_differences(BODY.dynamics), BODY.outputs, [SEGMENT], start, tolerance=tolerance
-    )
+    return fit(by_central_differences(BODY.dynamics), BODY.outputs, [SEGMENT], start, tolerance=tolerance)
 
 
 EXACT = fitted()
 
 
 def again(segment: Segment, **options: Any) -> FitResult:
-    return fit(
-        by_central_differences(BODY.dynamics), BODY.outputs, [segment], EXACT.theta, near_start=True, **options
-    )
+    return fit(by_central_differences(BODY.dynamics), BODY.outputs, [segment], EXACT.theta, near_start=True, **options)
 
 
 def test_a_fit_that_begins_with_the_noise_of_the_last_has_nowhere_to_go() -> None:

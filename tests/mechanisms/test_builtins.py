@@ -53,9 +53,7 @@ class TestDamping:
     def test_complete_form_damps_the_precession_out_of_plane(self):
         (term,) = find("damping", {"form": "complete"}).terms(MOTION, {})
         precession = MOTION.p - MOTION.windward_meridian_rate
-        np.testing.assert_allclose(
-            term.out_of_plane, MOTION.alpha * precession * MOTION.rate_factor, rtol=1e-12
-        )
+        np.testing.assert_allclose(term.out_of_plane, MOTION.alpha * precession * MOTION.rate_factor, rtol=1e-12)
 
     def test_complete_form_acts_along_the_turning_crossflow_in_axes_that_do_not_roll(self):
         """A viscous moment: c d / 2V times the rate of change of alpha as a vector."""
@@ -124,9 +122,7 @@ class TestBodyFixed:
         turned = np.abs(MOTION.windward_meridian - MOTION.windward_meridian[0])
         assert knots.size == int(turned[-1] // (2.0 * np.pi))
         np.testing.assert_allclose(
-            np.interp(knots, TIME, turned),
-            2.0 * np.pi * np.arange(1, knots.size + 1),
-            atol=12.0 * np.diff(TIME)[0],
+            np.interp(knots, TIME, turned), 2.0 * np.pi * np.arange(1, knots.size + 1), atol=12.0 * np.diff(TIME)[0]
         )
 
     def test_regions_variant_leaves_the_knots_to_the_engine(self):
@@ -164,9 +160,7 @@ class TestLag:
         (term,) = find("lag").terms(MOTION, {"delay": tau})
         lagged = sample_motion(TIME - tau).in_plane_moment
         phi_lag = tau * MOTION.windward_meridian_rate
-        np.testing.assert_allclose(
-            MOTION.in_plane_moment + term.in_plane, lagged * np.cos(phi_lag), atol=1e-14
-        )
+        np.testing.assert_allclose(MOTION.in_plane_moment + term.in_plane, lagged * np.cos(phi_lag), atol=1e-14)
         np.testing.assert_allclose(term.out_of_plane, lagged * np.sin(phi_lag), atol=1e-14)
 
     @given(tau=delays, rate=st.floats(-12.0, 12.0))

@@ -10,13 +10,7 @@ import pytest
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Derived, Mechanism, Parameter, RecordEffect, Term, installed
-from brv_hypo.mechanisms.conformance import (
-    EFFECT_CHECKS,
-    MECHANISM_CHECKS,
-    conformance,
-    sample_motion,
-    uniform_time,
-)
+from brv_hypo.mechanisms.conformance import EFFECT_CHECKS, MECHANISM_CHECKS, conformance, sample_motion, uniform_time
 from brv_hypo.motion.motion import Motion
 
 

@@ -61,15 +61,10 @@ BAD = {
     "hangs": ({"terms": HANGING}, "no answer"),
     "loops": ({"terms": "while True: pass"}, "no answer"),
     "swallows": (
-        {
-            "terms": "\n        while True:\n            try: time.sleep(9)\n            except Exception: pass"
-        },
+        {"terms": "\n        while True:\n            try: time.sleep(9)\n            except Exception: pass"},
         "no answer",
     ),
-    "text": (
-        {"terms": "return (Term('C', motion.alpha, np.full(motion.alpha.shape, 'x')),)"},
-        "real numbers",
-    ),
+    "text": ({"terms": "return (Term('C', motion.alpha, np.full(motion.alpha.shape, 'x')),)"}, "real numbers"),
     "recurses": ({"terms": "return self.terms(motion, theta)"}, "RecursionError"),
     "no grid": (
         {"parameters": "def parameters(self): return (Parameter('d', 's', (), (0.0, 1.0), 'delay'),)"},

@@ -10,14 +10,7 @@ import sys
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms import (
-    find,
-    find_installed,
-    installed,
-    mechanisms,
-    parse_hypothesis,
-    use_plugin_files,
-)
+from brv_hypo.mechanisms import find, find_installed, installed, mechanisms, parse_hypothesis, use_plugin_files
 from tests.cli.conftest import brv_hypo
 
 __all__ = ["brv_hypo"]
@@ -60,10 +53,7 @@ def test_options_are_checked():
 
 
 def test_a_hypothesis_joins_mechanisms_with_a_plus():
-    assert [mechanism.name for mechanism in parse_hypothesis("sticking+bodyfixed")] == [
-        "sticking",
-        "bodyfixed",
-    ]
+    assert [mechanism.name for mechanism in parse_hypothesis("sticking+bodyfixed")] == ["sticking", "bodyfixed"]
     assert parse_hypothesis("none") == ()
 
 
@@ -103,9 +93,7 @@ def listing(folder, *arguments):
     """`brv-hypo mechanisms` as a process that has the distributions in `folder`."""
     paths = os.pathsep.join([str(folder), *(path for path in sys.path if path)])
     command = [sys.executable, "-m", "brv_hypo", "mechanisms", *arguments]
-    return subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False
-    )
+    return subprocess.run(command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture
@@ -126,10 +114,7 @@ def test_a_plugin_that_cannot_be_imported_is_named_and_left_out(tmp_path, listin
     done = listing_here(*arguments)
     assert done.returncode == 0
     assert "sticking" in done.stdout
-    assert (
-        f"'broken_plugin' of broken_plugin breaks its contract ({tmp_path}/broken_plugin.py, line 1)"
-        in done.stderr
-    )
+    assert f"'broken_plugin' of broken_plugin breaks its contract ({tmp_path}/broken_plugin.py, line 1)" in done.stderr
     assert "no_such_module" in done.stderr
     assert "Traceback" not in done.stderr
     if "--json" in arguments:

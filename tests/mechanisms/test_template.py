@@ -27,12 +27,7 @@ def environment(tmp_path_factory):
 def run(environment, *arguments):
     package, variables = environment
     return subprocess.run(
-        [sys.executable, "-m", *arguments],
-        cwd=package,
-        env=variables,
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-m", *arguments], cwd=package, env=variables, capture_output=True, text=True, check=False
     )
 
 

@@ -35,9 +35,7 @@ class Score:
     seconds: float
 
 
-def score(
-    truth: Truth, seeds: Iterable[int], config: ReconstructionConfig | None = None, **changes: object
-) -> Score:
+def score(truth: Truth, seeds: Iterable[int], config: ReconstructionConfig | None = None, **changes: object) -> Score:
     """Reconstruct the scenario once for each seed."""
     squares, seconds = [], []
     for seed in seeds:
@@ -142,9 +140,7 @@ def variations() -> Iterator[tuple[str, Scenario, dict[str, object]]]:
 
 def main(seeds: int) -> None:
     """Print the table."""
-    print(
-        f"{'scenario':26s} {'alpha deg':>10s} ratio {'phi_w rad':>10s} ratio {'moment %':>9s} ratio {'s':>6s}"
-    )
+    print(f"{'scenario':26s} {'alpha deg':>10s} ratio {'phi_w rad':>10s} ratio {'moment %':>9s} ratio {'s':>6s}")
     for name, scenario, changes in variations():
         _row(name, score(fly(scenario), range(seeds), **changes))
     print("other methods, gravity carried and neglected")
@@ -153,9 +149,7 @@ def main(seeds: int) -> None:
         for method in ("velocity", "rates", "polar"):
             for gravity in (True, False):
                 config = ReconstructionConfig(method=method, gravity=gravity)
-                _row(
-                    f"{base.name}, {method}{'' if gravity else ', no g'}", score(truth, range(seeds), config)
-                )
+                _row(f"{base.name}, {method}{'' if gravity else ', no g'}", score(truth, range(seeds), config))
 
 
 def _row(name: str, s: Score) -> None:

@@ -19,15 +19,10 @@ def test_weights_are_those_of_savitzky_and_golay(order: int, half_width: int, de
     width = 2 * half_width + 1
     assert middle == pytest.approx(savgol_coeffs(width, order, deriv=derivative, use="dot"), abs=1e-8)
     for place, weights in enumerate(before):
-        assert weights == pytest.approx(
-            savgol_coeffs(width, order, derivative, pos=place, use="dot"), abs=1e-8
-        )
+        assert weights == pytest.approx(savgol_coeffs(width, order, derivative, pos=place, use="dot"), abs=1e-8)
 
 
-@given(
-    coefficients=st.lists(st.floats(-5, 5), min_size=3, max_size=3),
-    cut=st.integers(60, 140),
-)
+@given(coefficients=st.lists(st.floats(-5, 5), min_size=3, max_size=3), cut=st.integers(60, 140))
 def test_exact_on_parabolas_in_each_segment_and_at_its_ends(coefficients: list[float], cut: int) -> None:
     time = STEP * np.arange(200)
     signal = np.polyval(coefficients, time) * (1.0 - 0.5j)
@@ -65,10 +60,7 @@ def test_stated_colour_is_the_colour() -> None:
     carrier = np.exp(0.05j * np.arange(n))[answer.interior]
     error = answer.rate[answer.interior]
     error = error - carrier * np.mean(error * np.conj(carrier))
-    found = [
-        np.mean(error[: error.size - lag] * np.conj(error[lag:])).real
-        for lag in range(2 * answer.half_width + 1)
-    ]
+    found = [np.mean(error[: error.size - lag] * np.conj(error[lag:])).real for lag in range(2 * answer.half_width + 1)]
     assert np.array(found) / found[0] == pytest.approx(answer.noise_correlation, abs=0.02)
 
 

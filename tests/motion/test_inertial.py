@@ -36,9 +36,7 @@ def test_noise_level_is_found_under_a_strong_motion(sigma: float) -> None:
     rng = np.random.default_rng(5)
     time = np.arange(2000)
     motion = 2.0 * np.sin(2.0 * np.pi * time / 20.0)
-    levels = [
-        white_noise_level(motion + sigma * rng.standard_normal(time.size), ((0, 2000),)) for _ in range(20)
-    ]
+    levels = [white_noise_level(motion + sigma * rng.standard_normal(time.size), ((0, 2000),)) for _ in range(20)]
     # At 20 samples a cycle the motion itself leaves 2e-6 of its size.
     assert np.mean(levels) == pytest.approx(sigma, rel=0.05, abs=5e-6)
 

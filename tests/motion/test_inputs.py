@@ -7,14 +7,7 @@ import pytest
 
 from brv_hypo.identification.parameters import input_error
 from brv_hypo.motion import reconstruct
-from brv_hypo.motion.inputs import (
-    PRESSURE,
-    ROLL_RATE,
-    follows,
-    log_density,
-    significant_shapes,
-    smooth_inputs,
-)
+from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE, follows, log_density, significant_shapes, smooth_inputs
 from brv_hypo.motion.signals import InputError, smoothed, unsmoothed
 from tests.flights import nominal
 from tests.harness.last_digit import last_digit_off

@@ -54,9 +54,7 @@ def test_gyro_errors_of_many_tolerances_turn_with_the_axes(sigmas: list[float], 
     # A matrix M of scales, rotations and shears is taken out as (1 - M) w, so in axes that are rolled by R as
     # (1 - R M R') R w. One error after the other would leave products of theirs, which are of no such matrix.
     matrix = 5e-4 * np.reshape(sigmas, (3, 3))
-    turn = np.array(
-        [[1.0, 0.0, 0.0], [0.0, np.cos(angle), np.sin(angle)], [0.0, -np.sin(angle), np.cos(angle)]]
-    )
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(angle), np.sin(angle)], [0.0, -np.sin(angle), np.cos(angle)]])
     here = rolled(without(FLIGHT, _as_errors(matrix)), angle)
     there = without(rolled(FLIGHT, angle), _as_errors(turn @ matrix @ turn.T))
     for name in ("p", "q", "r"):

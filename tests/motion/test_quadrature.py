@@ -44,9 +44,7 @@ def damping(motion: Motion) -> ComplexArray:
 
 @pytest.mark.parametrize("moment", [constant, damping])
 @pytest.mark.parametrize("nearest", [0.0, 1e-5, 1e-4, 1e-3, 3e-3, 0.01])
-def test_integrals_of_what_turns_abruptly_are_right(
-    moment: Callable[[Motion], ComplexArray], nearest: float
-) -> None:
+def test_integrals_of_what_turns_abruptly_are_right(moment: Callable[[Motion], ComplexArray], nearest: float) -> None:
     """To 1e-4 of what acts, for a second."""
     motion = motion_of(TIME, nearest)
     nodes = quadrature(motion, WHOLE)

@@ -65,10 +65,7 @@ def test_stated_sigmas_are_right_within_30_percent(scored: Callable[[str], Score
 @pytest.mark.parametrize("noise", [0.1, 5.0])
 def test_sigmas_follow_the_noise(truths: dict[str, Truth], noise: float) -> None:
     found = score(
-        truths["slender"],
-        SEEDS,
-        gyro_noise=noise * SLENDER.gyro_noise,
-        accel_noise=noise * SLENDER.accel_noise,
+        truths["slender"], SEEDS, gyro_noise=noise * SLENDER.gyro_noise, accel_noise=noise * SLENDER.accel_noise
     )
     assert 0.7 < found.alpha_ratio < 1.3
     assert 0.7 < found.phi_w_ratio < 1.3
@@ -164,9 +161,7 @@ def test_gravity_left_out_is_worse_and_says_so(truths: dict[str, Truth]) -> None
 
 @pytest.mark.parametrize("method", ["velocity", "rates", "polar"])
 @pytest.mark.parametrize("name", ["cone", "capsule", pytest.param("slender", marks=pytest.mark.slow)])
-def test_untied_methods_are_near_and_state_their_error(
-    truths: dict[str, Truth], name: str, method: str
-) -> None:
+def test_untied_methods_are_near_and_state_their_error(truths: dict[str, Truth], name: str, method: str) -> None:
     found = score(truths[name], range(3), ReconstructionConfig(method=method))
     assert found.alpha_deg < 0.15
     assert 0.3 < found.alpha_ratio < 2.5
@@ -267,8 +262,7 @@ def test_opportunity_oscillates_more_and_more_as_it_slows_down() -> None:
 def test_force_and_moment_agree_on_opportunity() -> None:
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
     force, moment = (
-        reconstruct(flight, ReconstructionConfig(measurements=measurements))
-        for measurements in ("force", "moment")
+        reconstruct(flight, ReconstructionConfig(measurements=measurements)) for measurements in ("force", "moment")
     )
     difference = np.degrees(force.motion.alpha - moment.motion.alpha)
     assert np.sqrt(np.mean(difference**2)) < 0.25

@@ -47,20 +47,14 @@ def test_slow_and_fast_roll_raise_no_alarm(roll_rate):
     ("spoil", "channel", "fault"),
     [
         *(
-            pytest.param(
-                lambda f, n=n: scaled(f, -1.0, n), n, "sign", marks=() if n == "q" else THOROUGH
-            )
+            pytest.param(lambda f, n=n: scaled(f, -1.0, n), n, "sign", marks=() if n == "q" else THOROUGH)
             for n in ("p", "q", "r", "ax", "ay", "az")
         ),
         pytest.param(lambda f: replace(f, q=f.r, r=f.q), "q, r", "axes", marks=THOROUGH),
         pytest.param(lambda f: replace(f, ay=f.az, az=f.ay), "ay, az", "axes", marks=THOROUGH),
         pytest.param(lambda f: scaled(f, DEGREES, "q"), "q", "units", marks=THOROUGH),
-        pytest.param(
-            lambda f: scaled(f, 1.0 / DEGREES, "p", "q", "r"), "p, q, r", "units", marks=THOROUGH
-        ),
-        pytest.param(
-            lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units", marks=THOROUGH
-        ),
+        pytest.param(lambda f: scaled(f, 1.0 / DEGREES, "p", "q", "r"), "p, q, r", "units", marks=THOROUGH),
+        pytest.param(lambda f: scaled(f, 1.0 / GRAVITY, "ax", "ay", "az"), "ax, ay, az", "units", marks=THOROUGH),
         (lambda f: scaled(f, GRAVITY, "ay"), "ay", "units"),
         pytest.param(lambda f: scaled(f, 1.0 / FEET, "velocity"), "velocity", "units", marks=THOROUGH),
     ],
@@ -73,9 +67,7 @@ def test_a_mistake_is_named_with_its_channel(flights, spoil, channel, fault):
 
 
 @pytest.mark.parametrize("turns", [pytest.param(0.5, marks=THOROUGH), 1.0, pytest.param(2.0, marks=THOROUGH)])
-@pytest.mark.parametrize(
-    "phase", [0.0, *(pytest.param(phase, marks=pytest.mark.slow) for phase in (2.0, 4.0))]
-)
+@pytest.mark.parametrize("phase", [0.0, *(pytest.param(phase, marks=pytest.mark.slow) for phase in (2.0, 4.0))])
 @pytest.mark.parametrize("name", ["slender", pytest.param("cone", marks=THOROUGH)])
 def test_wind_along_the_path_raises_no_alarm(flights, name, turns, phase):
     """Airspeed shows a slow wind as a deceleration that is not sensed."""

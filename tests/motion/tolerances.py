@@ -92,11 +92,7 @@ def record(truth: Truth, errors: Errors, rng: np.random.Generator, grade: str) -
     gyros = gyros + s.gyro_noise * rng.standard_normal(gyros.shape)
     accels = accels + s.accel_noise * rng.standard_normal(accels.shape)
     grown = 1.0 + errors.inertia
-    vehicle = replace(
-        s.vehicle,
-        ixx=s.vehicle.ixx * (1.0 + errors.inertia_ratio) * grown,
-        iyy=s.vehicle.iyy * grown,
-    )
+    vehicle = replace(s.vehicle, ixx=s.vehicle.ixx * (1.0 + errors.inertia_ratio) * grown, iyy=s.vehicle.iyy * grown)
     inside = slice(_CLOCK_MARGIN, -_CLOCK_MARGIN)
     p, q, r = gyros[inside].T
     ax, ay, az = accels[inside].T

@@ -131,9 +131,7 @@ def fly(scenario: Scenario) -> Truth:
     body_y /= np.linalg.norm(body_y)
     matrix = np.stack([nose, body_y, np.cross(nose, body_y)], axis=1)
     density = scenario.density * np.exp(-scenario.altitude / scenario.scale_height)
-    stiffness = np.sqrt(
-        0.5 * density * scenario.speed**2 * scenario.vehicle.moment_scale * abs(scenario.static_slope)
-    )
+    stiffness = np.sqrt(0.5 * density * scenario.speed**2 * scenario.vehicle.moment_scale * abs(scenario.static_slope))
     turn = scenario.precession * stiffness * scenario.alpha * matrix.T @ (0.6 * side + 0.8 * up)
     state = np.concatenate(
         [velocity, [0.0, 0.0, -scenario.altitude], matrix.ravel(), [scenario.roll_rate, turn[1], turn[2]]]
@@ -169,9 +167,7 @@ def fly(scenario: Scenario) -> Truth:
 
 def thinned(truth: Truth, every: int) -> Truth:
     """The same flight sampled `every` times more seldom."""
-    kept = {
-        field.name: getattr(truth, field.name)[::every] for field in fields(truth) if field.name != "scenario"
-    }
+    kept = {field.name: getattr(truth, field.name)[::every] for field in fields(truth) if field.name != "scenario"}
     rate = truth.scenario.sample_rate / every
     return Truth(scenario=replace(truth.scenario, sample_rate=rate), **kept)
 
@@ -185,8 +181,7 @@ def _inertia(s: Scenario) -> np.ndarray:
 def _derivative(s: Scenario, t: float, x: np.ndarray) -> tuple[np.ndarray, tuple]:
     velocity, matrix, omega = x[:3], x[6:15].reshape(3, 3), x[15:]
     relative = velocity - sum(
-        np.array(amplitude) * np.cos(np.pi * wave * t / s.duration)
-        for wave, amplitude in enumerate(s.wind, start=1)
+        np.array(amplitude) * np.cos(np.pi * wave * t / s.duration) for wave, amplitude in enumerate(s.wind, start=1)
     )
     speed = np.linalg.norm(relative)
     body = matrix.T @ relative
@@ -195,12 +190,7 @@ def _derivative(s: Scenario, t: float, x: np.ndarray) -> tuple[np.ndarray, tuple
     pressure = 0.5 * s.density * np.exp(x[5] / s.scale_height) * speed**2
     v = s.vehicle
     windward = np.array([np.sin(meridian), np.cos(meridian)])
-    force = (
-        pressure
-        * v.reference_area
-        / v.mass
-        * np.concatenate([[-s.axial], -s.normal_slope * alpha * windward])
-    )
+    force = pressure * v.reference_area / v.mass * np.concatenate([[-s.axial], -s.normal_slope * alpha * windward])
     d = v.reference_length
     moment = (
         s.static_slope * alpha * np.exp(-1j * meridian)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from brv_hypo.constants import CONFIDENCE_BLOCKS, CONFIDENCE_SIZE, CONFIDENCE_TIE
 from brv_hypo.ranking.compare import confidence_p_values, confidence_set
-from brv_hypo.ranking.disagreement import prediction_disagrees
 from brv_hypo.ranking.result import Verdict
+from brv_hypo.ranking.summary import prediction_disagrees
 from tests.chains import compared_nominal
 
 NAMES = ("none", "lag", "damping")

@@ -9,8 +9,8 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.disagreement import criteria_disagree, prediction_disagrees, stepwise_differences
 from brv_hypo.ranking.result import StepwiseDifference, Verdict
+from brv_hypo.ranking.summary import criteria_disagree, prediction_disagrees, stepwise_differences
 from brv_hypo.regression import search
 from brv_hypo.report import tables
 from brv_hypo.subset import best_columns, stepwise_columns
@@ -71,9 +71,7 @@ def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken():
     rng = np.random.default_rng(0)
     n = 200
     hidden, part = rng.standard_normal((2, n))
-    X = np.column_stack(
-        [np.ones(n), part + 0.5 * hidden, 0.5 * hidden - part, hidden + 0.7 * rng.standard_normal(n)]
-    )
+    X = np.column_stack([np.ones(n), part + 0.5 * hidden, 0.5 * hidden - part, hidden + 0.7 * rng.standard_normal(n)])
     y = hidden + 0.01 * rng.standard_normal(n)
 
     def best(n_best, method=best_columns):
@@ -97,9 +95,7 @@ def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken():
 
 
 def test_a_difference_reads_as_a_sentence():
-    difference = StepwiseDifference(
-        mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2
-    )
+    difference = StepwiseDifference(mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2)
     (told,) = tables.stepwise_texts(SimpleNamespace(stepwise=(difference,)))
     assert told == (
         "lag, 2 terms: stepwise search (Efroymson) would choose a, c instead of a, b, with a residual sum of squares "

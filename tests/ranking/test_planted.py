@@ -28,10 +28,7 @@ def test_what_is_planted_ranks_before_none_by_regression() -> None:
 
 @pytest.mark.parametrize(
     ("vehicle", "mechanism"),
-    [
-        pytest.param(*pair, marks=pytest.mark.thorough if pair == THOROUGH else pytest.mark.slow)
-        for pair in PLANTED
-    ],
+    [pytest.param(*pair, marks=pytest.mark.thorough if pair == THOROUGH else pytest.mark.slow) for pair in PLANTED],
 )
 def test_the_planted_mechanism_ranks_first(vehicle: str, mechanism: str) -> None:
     seed = 4000 + 10 * VEHICLES.index(vehicle) + MECHANISMS.index(mechanism)

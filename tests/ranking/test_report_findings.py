@@ -38,11 +38,7 @@ def histories() -> tuple[FloatArray, FloatArray, FloatArray]:
     alpha = 1.0 + 0.18 * np.cos(6.5 * time + 4.7)
     reynolds = np.exp(0.28 * time)
     mach = 1.0 - 0.034 * (time / 3.0) ** 2
-    return (
-        alpha * 0.0143 / alpha.mean() - 0.0143,
-        reynolds * 1.939 / reynolds.mean() - 1.939,
-        mach - mach.mean(),
-    )
+    return (alpha * 0.0143 / alpha.mean() - 0.0143, reynolds * 1.939 / reynolds.mean() - 1.939, mach - mach.mean())
 
 
 def test_table_4_2_order_of_entry() -> None:

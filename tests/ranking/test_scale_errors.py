@@ -15,9 +15,7 @@ from brv_hypo.regression.fit import likeliest
 from brv_hypo.simulation import load_config
 from tests.flights import flown
 
-PLANTED = pytest.mark.parametrize(
-    "planted", ["bodyfixed", pytest.param("damping", marks=pytest.mark.thorough)]
-)
+PLANTED = pytest.mark.parametrize("planted", ["bodyfixed", pytest.param("damping", marks=pytest.mark.thorough)])
 
 
 @cache

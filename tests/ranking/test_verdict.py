@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.constants import OTHER_PRIOR, WINNING_PROBABILITY
-from brv_hypo.ranking.adequacy import Misfit
-from brv_hypo.ranking.alternative import Alternative
+from brv_hypo.ranking.adequacy import Alternative, Misfit
 from brv_hypo.ranking.limits import Limit
 from brv_hypo.ranking.result import Verdict
 from brv_hypo.ranking.verdict import OTHER, Contest, Score, Stability, judge, probabilities
@@ -58,9 +57,7 @@ def test_a_clear_leader_wins() -> None:
 
 
 def test_none_may_win_and_tells_what_room_is_left() -> None:
-    verdict = said(
-        [Score("none", -80.0, 1.0, EQUAL), Score("lag", 0.0, 1.1, WORSE)], NOISE, 1.0, [Limit("lag", 0.07)]
-    )
+    verdict = said([Score("none", -80.0, 1.0, EQUAL), Score("lag", 0.0, 1.1, WORSE)], NOISE, 1.0, [Limit("lag", 0.07)])
     assert (verdict.winner, verdict.outcome) == ("none", "named")
     assert "no mechanism has more than 7 % of the moment" in verdict.reason
 

@@ -40,15 +40,9 @@ def test_what_is_lost_without_the_characteristic_term_is_a_share_of_what_is_expl
     ("mechanism", "terms", "share"),
     [("inplane", ("C_malpha",), 0.0), ("inplane", ("C_m0",), 1.0), ("damping", ("C_mq",), 1.0)],
 )
-def test_terms_of_one_kind_are_particular_or_not(
-    mechanism: str, terms: tuple[str, ...], share: float
-) -> None:
+def test_terms_of_one_kind_are_particular_or_not(mechanism: str, terms: tuple[str, ...], share: float) -> None:
     given = problem()
     terms = (
-        terms
-        if mechanism == "inplane"
-        else tuple(t.name for t in find(mechanism).terms(given.frame.motions[0], {}))
+        terms if mechanism == "inplane" else tuple(t.name for t in find(mechanism).terms(given.frame.motions[0], {}))
     )
-    assert (
-        particular_share(given, fit_hypothesis(given, "none", ()), fit_of(given, mechanism, *terms)) == share
-    )
+    assert particular_share(given, fit_hypothesis(given, "none", ()), fit_of(given, mechanism, *terms)) == share

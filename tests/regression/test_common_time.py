@@ -65,11 +65,7 @@ def test_common_time_is_that_of_the_reference_flight_at_the_same_mach_number(see
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0)])
 def test_the_reference_is_the_flight_of_the_widest_range_wherever_it_stands(order: tuple[int, ...]) -> None:
-    records = [
-        (OTHER_TIME, mach(first_time(OTHER_TIME))),
-        (TIME, mach(TIME)),
-        (TIME + 20.0, mach(TIME) * 0.99),
-    ]
+    records = [(OTHER_TIME, mach(first_time(OTHER_TIME))), (TIME, mach(TIME)), (TIME + 20.0, mach(TIME) * 0.99)]
     found = common_time([records[k] for k in order])
     assert isinstance(found, CommonTime)
     assert found.reference == order.index(1)
@@ -127,11 +123,7 @@ def moment(time: FloatArray) -> FloatArray:
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    kind=st.sampled_from(["constant", "jump", "ramp"]),
-    start=st.floats(1.0, 6.5),
-    length=st.floats(0.2, 6.0),
-)
+@given(kind=st.sampled_from(["constant", "jump", "ramp"]), start=st.floats(1.0, 6.5), length=st.floats(0.2, 6.0))
 def test_columns_are_integrals_of_courses_in_common_time(kind: str, start: float, length: float) -> None:
     """Wherever the knots lie; a ramp is straight in common time, and bent in the flight's own."""
     time_basis = TimeBasis("constant") if kind == "constant" else TimeBasis(kind, start, start + length)  # type: ignore[arg-type]

@@ -55,9 +55,7 @@ def test_two_ramps_that_meet_become_one_knot() -> None:
     """A ramp less the same a little later is a jump: their sizes grow beyond bound as the knots meet."""
     best = fitted("inplane")
     first = best.selected[0]
-    ramps = tuple(
-        first.at(first.theta, TimeBasis("ramp", first.time_basis.start + late)) for late in (-5e-4, 5e-4)
-    )
+    ramps = tuple(first.at(first.theta, TimeBasis("ramp", first.time_basis.start + late)) for late in (-5e-4, 5e-4))
     columns = (*problem().baseline, *best.selected[1:], *ramps)
     met = settled(replace(problem(), refine=False), best, columns, columns)
     found = plainer(problem(), met)

@@ -18,8 +18,7 @@ def test_the_planted_moment_is_the_sum_of_the_columns_tested(name: str, time_bas
     mechanism, motion = find(name), sample_motion(uniform_time())
     theta = theta_grid(mechanism)[0]
     columns = {
-        column.term: column.at(theta, time_basis)
-        for column in candidates(mechanism, motion, np.array([0.7]), [theta])
+        column.term: column.at(theta, time_basis) for column in candidates(mechanism, motion, np.array([0.7]), [theta])
     }
     coefficients = {term: np.asarray(0.1 * (k + 1.0)) for k, term in enumerate(columns)}
     planted = Planted(mechanism, dict(theta), coefficients, time_basis).contribution(motion)

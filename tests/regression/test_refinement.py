@@ -11,13 +11,7 @@ import pytest
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import TimeBasis
 from brv_hypo.regression import own_static_moment
-from brv_hypo.regression.fit import (
-    HypothesisFit,
-    fit_hypothesis,
-    renewed,
-    scanned_finely,
-    settled,
-)
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, renewed, scanned_finely, settled
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import SETTLED, nonlinear_parameters

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.motion.signals import differentiate
-from brv_hypo.regression.residual_moments import residual_moments
+from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import start_model
 from brv_hypo.residuals.linearisation import see

@@ -79,9 +79,7 @@ def test_its_size_is_the_same_at_all_times_and_its_direction_turns(rate: float) 
     assert np.abs(body) == pytest.approx(np.ones(motion.time.size))
     turned = np.unwrap(np.angle(body))
     assert np.diff(turned) == pytest.approx(-rate * np.diff(motion.time), abs=1e-9)
-    assert across.in_plane + 1j * across.out_of_plane == pytest.approx(
-        1j * (along.in_plane + 1j * along.out_of_plane)
-    )
+    assert across.in_plane + 1j * across.out_of_plane == pytest.approx(1j * (along.in_plane + 1j * along.out_of_plane))
 
 
 def test_nothing_is_left_where_it_can_turn_by_no_half_turn() -> None:

@@ -24,9 +24,7 @@ from tests.ranking.pulse import problem
         (("bodyfixed", "magnus"), {"body-fixed", "side moment"}),
     ],
 )
-def test_a_shape_that_a_listed_mechanism_has_is_not_something_else(
-    listed: tuple[str, ...], gone: set[str]
-) -> None:
+def test_a_shape_that_a_listed_mechanism_has_is_not_something_else(listed: tuple[str, ...], gone: set[str]) -> None:
     found = unlisted_moment(problem(), [find(name) for name in listed], OUTSIDE)
     assert found is not None
     assert set(SHAPES) - set(found.shapes) == gone

@@ -25,11 +25,7 @@ SEGMENT = WeakSegment(TIME, np.zeros(401, complex), np.ones(401, complex), 0, sl
 
 
 @settings(max_examples=40)
-@given(
-    kind=st.sampled_from(["constant", "jump", "ramp"]),
-    start=st.floats(1.0, 6.5),
-    length=st.floats(0.2, 6.0),
-)
+@given(kind=st.sampled_from(["constant", "jump", "ramp"]), start=st.floats(1.0, 6.5), length=st.floats(0.2, 6.0))
 def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float, length: float) -> None:
     """The knot need not be a sample, nor lie inside the segment."""
     time_basis = TimeBasis("constant") if kind == "constant" else TimeBasis(kind, start, start + length)  # type: ignore[arg-type]
@@ -39,9 +35,7 @@ def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float,
     for index in (57, 230, 400):
         inside = [t for t in corners if t < TIME[index]] or None
         parts = [
-            quad(lambda t, part=part: part(moment(t)) * time_basis(np.array(t)), 2.0, TIME[index], points=inside)[
-                0
-            ]
+            quad(lambda t, part=part: part(moment(t)) * time_basis(np.array(t)), 2.0, TIME[index], points=inside)[0]
             for part in (np.real, np.imag)
         ]
         assert column[index] == pytest.approx(complex(*parts), abs=2e-7)
@@ -49,10 +43,7 @@ def test_columns_are_integrals_for_any_time_of_the_knot(kind: str, start: float,
 
 @pytest.mark.parametrize(
     "config",
-    [
-        "research_cone",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("blunt_capsule", "sounding_rocket")),
-    ],
+    ["research_cone", *(pytest.param(name, marks=pytest.mark.slow) for name in ("blunt_capsule", "sounding_rocket"))],
 )
 def test_derolled_rates_are_integrals_of_the_true_moments(config: str) -> None:
     """The white residual is the gyros' own noise: 0.02 deg/s, within what chance allows."""

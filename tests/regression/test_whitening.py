@@ -7,13 +7,7 @@ from scipy.signal import lfilter
 from brv_hypo.arrays import ComplexArray
 from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.regression.frame import whiten
-from brv_hypo.regression.whitening import (
-    effective_samples,
-    fit_noise,
-    lasting_autocovariance,
-    lasting_noise,
-    white,
-)
+from brv_hypo.regression.whitening import effective_samples, fit_noise, lasting_autocovariance, lasting_noise, white
 
 
 def coloured(rng: np.random.Generator, n: int, feedback: float) -> ComplexArray:
@@ -84,9 +78,7 @@ def test_what_acts_for_some_of_the_time_is_no_colour(frequency: float) -> None:
 @pytest.mark.parametrize("feedback", [0.0, 0.6])
 def test_what_lasts_is_estimated_without_bias(feedback: float) -> None:
     rng = np.random.default_rng(9)
-    found = np.mean(
-        [lasting_autocovariance([coloured(rng, 1000, feedback)], 3) for _ in range(100)], axis=0
-    )
+    found = np.mean([lasting_autocovariance([coloured(rng, 1000, feedback)], 3) for _ in range(100)], axis=0)
     expected = feedback ** np.arange(4) / (1.0 - feedback**2)
     np.testing.assert_allclose(found, expected, atol=0.03 * expected[0])
 

@@ -72,10 +72,7 @@ PRINT = """<script>(async () => {
 
 CHART = '<div class="chart"'
 
-pytestmark = [
-    pytest.mark.skipif(BROWSER is None, reason="no chromium is installed"),
-    pytest.mark.thorough,
-]
+pytestmark = [pytest.mark.skipif(BROWSER is None, reason="no chromium is installed"), pytest.mark.thorough]
 
 
 @pytest.fixture

@@ -34,9 +34,7 @@ def test_names_of_dots_that_lie_on_each_other_stand_in_one_label() -> None:
     comparison = compared_nominal()
     row = comparison.ranking[0]
     cps = {"a": (2, 1.0), "b": (3, 9e3), "c": (3, 1e4), "d": (3, 1.1e4), "e": (4, 1e4)}
-    rows = tuple(
-        row.model_copy(update={"mechanism": name, "n_terms": n, "cp": cp}) for name, (n, cp) in cps.items()
-    )
+    rows = tuple(row.model_copy(update={"mechanism": name, "n_terms": n, "cp": cp}) for name, (n, cp) in cps.items())
     charts = comparison_charts(comparison.model_copy(update={"ranking": rows}))
     (dots,) = next(chart for chart in charts if chart.name == "cp").panels[0].layers
     assert isinstance(dots, Line)
@@ -67,10 +65,7 @@ def test_terms_are_counted_in_whole_numbers() -> None:
 def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> None:
     loud, quiet = np.linspace(1e-3, 1.0, 200), np.full(200, 1e-4)
     models = [Drawn("model", (WAVE, WAVE), "first")]
-    for drawn in (
-        moment_chart(SETTING, TIME, (WAVE, WAVE), loud, models),
-        residual_chart(SETTING, TIME, loud, models),
-    ):
+    for drawn in (moment_chart(SETTING, TIME, (WAVE, WAVE), loud, models), residual_chart(SETTING, TIME, loud, models)):
         for panel in drawn.panels:
             low, high = panel.range
             assert low < -1.0 < 1.0 < high  # thousandths: all of the moments

@@ -103,7 +103,5 @@ def test_warnings_follow_the_conclusion() -> None:
 )
 def test_a_step_says_why_it_added_nothing(named_in, refused, words) -> None:
     errors = Errors(fit=1e-8, held_out=2e-8)
-    step = Step.model_construct(
-        added=None, named_in=named_in, refused=refused, error_before=errors, error_after=errors
-    )
+    step = Step.model_construct(added=None, named_in=named_in, refused=refused, error_before=errors, error_after=errors)
     assert outcome_text(step).startswith(words)

@@ -92,9 +92,7 @@ def result() -> Trace:
     assert flight.mach is not None
     slope = load_config("research_cone").aerodynamics.C_malpha
     ends = (float(flight.mach.min()), float(flight.mach.max()))
-    table = AeroTable(
-        mach=ends, slope=((1.03 * slope,), (0.97 * slope,)), std_error=((0.05 * abs(slope),),) * 2
-    )
+    table = AeroTable(mach=ends, slope=((1.03 * slope,), (0.97 * slope,)), std_error=((0.05 * abs(slope),),) * 2)
     return trace(flight, ONE_EFFECT.model_copy(update={"aero": table}))
 
 

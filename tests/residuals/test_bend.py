@@ -15,14 +15,7 @@ from brv_hypo.mechanisms.yaml_mechanism import Factor, YamlMechanism, YamlTerm
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
-from brv_hypo.residuals.baseline import (
-    has_schedule,
-    is_bend,
-    start_model,
-    starting_columns,
-    tolerated,
-    with_priors,
-)
+from brv_hypo.residuals.baseline import has_schedule, is_bend, start_model, starting_columns, tolerated, with_priors
 from brv_hypo.residuals.linearisation import Model, see
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.saved import model_text, read_model

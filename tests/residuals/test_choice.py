@@ -12,7 +12,7 @@ import pytest
 from brv_hypo.constants import CONFOUNDED_NEAR, LOOP_SHARED
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.ranking import alternative
+from brv_hypo.ranking import adequacy
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
@@ -44,10 +44,7 @@ def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried
 
 
 def chosen(
-    found: list[Candidate],
-    accepted: str,
-    monkeypatch: pytest.MonkeyPatch,
-    description: Candidate | None = None,
+    found: list[Candidate], accepted: str, monkeypatch: pytest.MonkeyPatch, description: Candidate | None = None
 ) -> Choice:
     """The choice where the held-out part agrees with `accepted` alone."""
     any_state: Any = None
@@ -77,9 +74,7 @@ def test_what_predicts_the_same_as_a_refused_one_is_passed_over(monkeypatch: pyt
     assert [one.candidate.name for one in chosen(found, "none", monkeypatch).tried] == ["lag", "trim"]
 
 
-def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 40.0, ACROSS)]
     result = chosen(found, "trim", monkeypatch)
     assert result.taken is None
@@ -122,7 +117,7 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
     particular: float, ahead: float, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(alternative, "particular_share", lambda problem, null, fit: particular)
+    monkeypatch.setattr(adequacy, "particular_share", lambda problem, null, fit: particular)
     named = candidate("inplane", 100.0)
     result = chosen([named], "none", monkeypatch, candidate("discovered_1", 100.0 - ahead))
     assert result.ranked[0].name == first

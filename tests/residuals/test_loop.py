@@ -110,9 +110,7 @@ def test_opportunity_needs_stiffness_that_changes_with_the_mach_number() -> None
     assert result.unexplained is not None
 
 
-def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     traced: list[Flight] = []
     result = traced_trim()
 

@@ -14,7 +14,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_of
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.regression.residual_moments import ResidualMoments, residual_moments
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals import Prediction, Trace, predict
 from brv_hypo.residuals.band import error_at, lasting, model_error
 from brv_hypo.residuals.baseline import start_model

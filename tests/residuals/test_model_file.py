@@ -25,9 +25,7 @@ def declared() -> MechanismFile:
     """More terms than a search may choose."""
     low, high = 15.0, 21.0
     places = np.linspace(low, high, TERMS)
-    hats = (
-        Factor(of="mach", function="bump", at=float(place), width=float(places[1] - places[0])) for place in places
-    )
+    hats = (Factor(of="mach", function="bump", at=float(place), width=float(places[1] - places[0])) for place in places)
     terms = tuple(
         YamlTerm(name=f"hat {k}", axis="out_of_plane", units="1/rad", factors=(hat, Factor(of="alpha")))
         for k, hat in enumerate(hats)
@@ -66,9 +64,7 @@ def path(result: Trace, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.thorough
-def test_nothing_that_was_declared_is_cut_or_left_out_of_the_file(
-    beside_the_declared: Trace, tmp_path: Path
-) -> None:
+def test_nothing_that_was_declared_is_cut_or_left_out_of_the_file(beside_the_declared: Trace, tmp_path: Path) -> None:
     assert len([term for term in beside_the_declared.model.terms if term.mechanism == "declared"]) == TERMS
     model = beside_the_declared.model.definition
     (tmp_path / "model.yaml").write_text(model_text(model), encoding="utf-8")
@@ -154,9 +150,7 @@ def test_all_that_was_described_is_written() -> None:
     always = trace(nominal().flight, ONE_EFFECT).model.definition.model_dump()
     columns = [*always["columns"], *({"mechanism": f.name, "term": "a", "units": "1"} for f in files)]
     start = SavedModel.model_validate({**always, "columns": columns, "covariance": (), "files": files})
-    settings = TraceConfig(
-        start=start, effects=("gyro_scale",), discover=False, max_steps=1, maximum_likelihood=False
-    )
+    settings = TraceConfig(start=start, effects=("gyro_scale",), discover=False, max_steps=1, maximum_likelihood=False)
     found = trace(nominal().flight, settings).discovered
     assert found is not None
     assert [term.name for term in found.terms] == ["discovered_1: a", "discovered_2: a"]

@@ -36,9 +36,7 @@ def traced_errors() -> Trace:
     return trace(flight_with_errors(), QUICK)
 
 
-ANY_TRACE = pytest.mark.parametrize(
-    "made", [traced_trim, pytest.param(traced_errors, marks=pytest.mark.thorough)]
-)
+ANY_TRACE = pytest.mark.parametrize("made", [traced_trim, pytest.param(traced_errors, marks=pytest.mark.thorough)])
 
 
 @pytest.fixture
@@ -120,10 +118,7 @@ def test_after_the_limit_the_residual_is_that_of_the_final_model() -> None:
     [
         pytest.param(lambda: trimmed().flight, traced_trim, ONE_EFFECT, id="one effect"),
         pytest.param(
-            flight_with_errors,
-            traced_errors,
-            QUICK.model_copy(update={"maximum_likelihood": False}),
-            id="two effects",
+            flight_with_errors, traced_errors, QUICK.model_copy(update={"maximum_likelihood": False}), id="two effects"
         ),
     ],
 )
@@ -152,10 +147,7 @@ def test_a_described_mechanism_survives_in_the_model(flight: Flight) -> None:
     [
         ({"columns": [{"mechanism": "magnos", "term": "a", "units": "1"}]}, "did you mean magnus"),
         ({"columns": [], "record": [{"effect": "magnus", "component": "p", "value": 1.0}]}, "is a mechanism"),
-        (
-            {"columns": [], "record": [{"effect": "gyro_bias", "component": "w", "value": 1.0}]},
-            "which has p, q",
-        ),
+        ({"columns": [], "record": [{"effect": "gyro_bias", "component": "w", "value": 1.0}]}, "which has p, q"),
         (
             {
                 "columns": [],

@@ -126,9 +126,7 @@ def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> 
     assert all(region.ratio > 0.0 and region.mach is not None for region in predicted.regions)
 
 
-def test_a_file_of_a_trace_is_a_model(
-    traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path
-) -> None:
+def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     path.write_text(traced.model_dump_json(by_alias=True), encoding="utf-8")
     again = predict(sister, path, ("trim",))
@@ -189,9 +187,7 @@ def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
     assert "--refit" not in predicted.reason
 
 
-def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(
-    predicted: Prediction, held: Prediction
-) -> None:
+def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted: Prediction, held: Prediction) -> None:
     """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
     assert held.error.frozen > 2.0 * predicted.error.frozen
     assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason

@@ -16,14 +16,7 @@ from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.motion.measurement import BENT
 from brv_hypo.residuals import TraceConfig
-from brv_hypo.residuals.baseline import (
-    has_schedule,
-    scheduled,
-    start_model,
-    starting_columns,
-    static_moment,
-    tolerated,
-)
+from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns, static_moment, tolerated
 from brv_hypo.residuals.choice import comes_first, follows_mach, is_schedule
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.linearisation import see

@@ -16,7 +16,7 @@ from brv_hypo.residuals.candidates_at_step import bare_look, look
 from brv_hypo.residuals.fitted_model import State, settled_state, state_of
 from brv_hypo.residuals.linearisation import see
 from brv_hypo.residuals.problem import linearised_at, problem_of
-from brv_hypo.residuals.sizes import whole_fit
+from brv_hypo.residuals.static_slope import whole_fit
 from tests.chains import TRIM, traced_trim
 from tests.flights import nominal
 from tests.ranking.pulse import fitted, pulse

@@ -8,20 +8,12 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.simulation import load_config, simulate, simulate_batch
 
-SHORT = load_config("research_cone", plant=("sticking",)).model_dump(exclude={"plantable"}) | {
-    "duration": 1.0
-}
+SHORT = load_config("research_cone", plant=("sticking",)).model_dump(exclude={"plantable"}) | {"duration": 1.0}
 CONE = load_config(
     {
         **SHORT,
         "mechanisms": [
-            {
-                "mechanism": "sticking",
-                "theta": {"delay": 0.1},
-                "terms": {"eps": 0.5},
-                "start": 0.2,
-                "stop": 0.8,
-            }
+            {"mechanism": "sticking", "theta": {"delay": 0.1}, "terms": {"eps": 0.5}, "start": 0.2, "stop": 0.8}
         ],
     }
 )
@@ -44,9 +36,7 @@ def test_a_flight_of_a_batch_is_that_flight_alone() -> None:
         assert flight.truth.parameters == alone.truth.parameters
         for name in ("q", "az", "velocity"):
             # Nodes are set by all flights' regions, so that the truncation error differs a little.
-            np.testing.assert_allclose(
-                flight.record.channels[name], alone.record.channels[name], rtol=1e-6, atol=1e-6
-            )
+            np.testing.assert_allclose(flight.record.channels[name], alone.record.channels[name], rtol=1e-6, atol=1e-6)
         assert flight.truth.planted_share == pytest.approx(alone.truth.planted_share, rel=1e-4)
 
 
@@ -88,8 +78,7 @@ def test_progress_runs_from_start_to_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [("start.altitude", 100.0, "expected 0 to"), ("aerodynamics.C_mq", 1e9, "diverges")],
+    ("path", "value", "message"), [("start.altitude", 100.0, "expected 0 to"), ("aerodynamics.C_mq", 1e9, "diverges")]
 )
 def test_what_is_no_flight_is_refused(path: str, value: float, message: str) -> None:
     with pytest.raises(UnanswerableError, match=message):

@@ -22,9 +22,7 @@ def test_every_configuration_that_comes_along_loads() -> None:
         assert load_config(name).samples > 500
 
 
-@pytest.mark.parametrize(
-    "name", [VEHICLES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in VEHICLES[1:])]
-)
+@pytest.mark.parametrize("name", [VEHICLES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in VEHICLES[1:])])
 def test_nominal_flights_plant_nothing_and_oscillate_off_the_circle(name: str) -> None:
     truth = flown(name).truth
     assert truth.planted == ()

@@ -115,9 +115,7 @@ def test_free_fall_conserves_energy_and_angular_momentum() -> None:
     energy = 0.5 * np.sum(velocity**2, axis=1) - 9.8 * EARTH_RADIUS**2 / radius
     np.testing.assert_allclose(energy, energy[0], rtol=1e-12)
     spin, rotational = momentum(config, trajectory)
-    np.testing.assert_allclose(
-        spin, spin[:, :1] * np.ones(spin.shape[1]), atol=1e-7 * np.linalg.norm(spin[:, 0])
-    )
+    np.testing.assert_allclose(spin, spin[:, :1] * np.ones(spin.shape[1]), atol=1e-7 * np.linalg.norm(spin[:, 0]))
     np.testing.assert_allclose(rotational, rotational[0], rtol=1e-8)
 
 
@@ -138,18 +136,10 @@ def test_a_fall_from_rest_is_timed_right() -> None:
 PLANTS = {
     "nothing": (),
     "sticking": (
-        {
-            "mechanism": "sticking",
-            "theta": {"delay": 0.0803},
-            "terms": {"eps": 0.3},
-            "start": 0.5013,
-            "stop": 1.1007,
-        },
+        {"mechanism": "sticking", "theta": {"delay": 0.0803}, "terms": {"eps": 0.3}, "start": 0.5013, "stop": 1.1007},
     ),
     "lag from the start": ({"mechanism": "lag", "theta": {"delay": 0.03}, "terms": {"lag fraction": 0.5}},),
-    "jump off the grid": (
-        {"mechanism": "inplane", "terms": {"C_m0": 3e-4, "C_malpha": 0.02}, "start": 0.7117},
-    ),
+    "jump off the grid": ({"mechanism": "inplane", "terms": {"C_m0": 3e-4, "C_malpha": 0.02}, "start": 0.7117},),
     "jump that sticks": (
         {"mechanism": "inplane", "terms": {"C_m0": 3e-4}, "start": 0.7117},
         {"mechanism": "sticking", "theta": {"delay": 0.1}, "terms": {"eps": 0.3}},
@@ -184,11 +174,7 @@ def test_wind_step_turns_the_air_velocity_at_once() -> None:
     config = body(
         duration=1.0,
         start=still,
-        environment={
-            "constant_density": 0.0,
-            "gravity": 0.0,
-            "wind_step": {"time": 0.4, "velocity": [0.0, 70.0, 0.0]},
-        },
+        environment={"constant_density": 0.0, "gravity": 0.0, "wind_step": {"time": 0.4, "velocity": [0.0, 70.0, 0.0]}},
     )
     equations = system((config,))
     trajectory = flown((config,), equations, lambda fraction: None)

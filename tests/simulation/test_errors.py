@@ -60,9 +60,7 @@ def test_draws_add_to_what_is_stated_and_follow_the_seed() -> None:
     assert found == again
     assert found["accel_bias"] != other["accel_bias"]
     assert found["wind_step"] == {"y": 3.0}
-    assert found["gyro_bias"]["q"] == pytest.approx(
-        1.0 + drawn(plain, 5).instruments.errors["gyro_bias"]["q"]
-    )
+    assert found["gyro_bias"]["q"] == pytest.approx(1.0 + drawn(plain, 5).instruments.errors["gyro_bias"]["q"])
 
 
 def test_draws_leave_the_noise_as_it_is_and_no_draw_is_perfect() -> None:
@@ -71,9 +69,7 @@ def test_draws_leave_the_noise_as_it_is_and_no_draw_is_perfect() -> None:
     errors = {"gyro_bias": {"q": 0.01}}
     erring = fly({"gyro": {"noise": 1e-3}, "errors": errors}).record
     np.testing.assert_allclose(
-        erring.channels["q"] - 0.01 - perfect.channels["q"],
-        quiet.channels["q"] - perfect.channels["q"],
-        atol=1e-12,
+        erring.channels["q"] - 0.01 - perfect.channels["q"], quiet.channels["q"] - perfect.channels["q"], atol=1e-12
     )
     assert perfect.instruments == of_grade()
 
@@ -153,9 +149,7 @@ def test_a_batch_flies_each_flight_in_its_own_wind() -> None:
     for flight in together:
         alone = simulate(config, seed=flight.seed)
         for name in ("q", "az", "velocity"):
-            np.testing.assert_allclose(
-                flight.record.channels[name], alone.record.channels[name], rtol=1e-9, atol=1e-9
-            )
+            np.testing.assert_allclose(flight.record.channels[name], alone.record.channels[name], rtol=1e-9, atol=1e-9)
 
 
 def test_an_effect_of_the_record_is_planted_as_the_effect_itself_says() -> None:

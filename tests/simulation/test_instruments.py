@@ -28,9 +28,7 @@ CLEAN = channels({})
 def test_accelerometer_off_the_cg_feels_the_acceleration_of_its_place() -> None:
     """Against the second derivative of the place in the frame, less gravity, turned into the body."""
     place = [0.3, -0.2, 0.15]
-    config = load_config(
-        {**CONE, "instruments": {}, "vehicle": CONE["vehicle"] | {"accelerometer_position": place}}
-    )
+    config = load_config({**CONE, "instruments": {}, "vehicle": CONE["vehicle"] | {"accelerometer_position": place}})
     equations = system((config,))
     trajectory = flown((config,), equations, lambda fraction: None)
     turn = matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[..., 0]
@@ -147,9 +145,7 @@ def test_spikes_stand_out_where_they_were_put() -> None:
 
 
 def test_gaps_are_missing_samples_and_load_bridged_or_cut() -> None:
-    instruments = {
-        "gaps": [{"start": 0.3, "duration": 0.015, "channels": ["q"]}, {"start": 0.6, "duration": 0.2}]
-    }
+    instruments = {"gaps": [{"start": 0.3, "duration": 0.015, "channels": ["q"]}, {"start": 0.6, "duration": 0.2}]}
     flight = simulate(load_config({**CONE, "duration": 1.0, "instruments": instruments}), seed=1)
     missing = np.isnan(flight.record.channels["q"])
     time = flight.record.time

@@ -19,26 +19,10 @@ from tests.flights import SAMPLE_RATE_HZ, STEP_S
 
 CONE = load_config("research_cone").model_copy(update={"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S})
 PLANTED: dict[str, dict[str, Any]] = {
-    "damping": {
-        "mechanism": "damping",
-        "options": {"form": "complete"},
-        "terms": {"C_damping": 40.0},
-        "start": 0.5,
-    },
-    "inplane": {
-        "mechanism": "inplane",
-        "terms": {"C_m0": 1e-4, "C_malpha": 0.01},
-        "kind": "ramp",
-        "start": 0.3,
-    },
+    "damping": {"mechanism": "damping", "options": {"form": "complete"}, "terms": {"C_damping": 40.0}, "start": 0.5},
+    "inplane": {"mechanism": "inplane", "terms": {"C_m0": 1e-4, "C_malpha": 0.01}, "kind": "ramp", "start": 0.3},
     "bodyfixed": {"mechanism": "bodyfixed", "terms": {"C_b cos(phi_b)": 2e-4, "C_b sin(phi_b)": 3e-4}},
-    "lag": {
-        "mechanism": "lag",
-        "theta": {"delay": 0.02},
-        "terms": {"lag fraction": 0.7},
-        "start": 0.4,
-        "stop": 1.1,
-    },
+    "lag": {"mechanism": "lag", "theta": {"delay": 0.02}, "terms": {"lag fraction": 0.7}, "start": 0.4, "stop": 1.1},
     "sticking": {
         "mechanism": "sticking",
         "options": {"form": "complete"},
@@ -96,9 +80,7 @@ def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
     entry = config.mechanisms[0]
     mechanism = find(entry.mechanism, entry.options)
     time_basis = TimeBasis(
-        entry.kind,
-        -np.inf if entry.start is None else entry.start,
-        np.inf if entry.stop is None else entry.stop,
+        entry.kind, -np.inf if entry.start is None else entry.start, np.inf if entry.stop is None else entry.stop
     )(motion.time)
     terms = {term.name: term for term in mechanism.terms(motion, entry.theta)}
     in_plane = sum(value * time_basis * terms[key].in_plane for key, value in entry.terms.items())

@@ -24,9 +24,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.ranking import CompareConfig, compare
 from brv_hypo.simulation import config_names, load_config, simulate
 
-COMPARED = CompareConfig(
-    mechanisms=("damping", "inplane", "bodyfixed", "lag", "sticking"), maximum_likelihood="quick"
-)
+COMPARED = CompareConfig(mechanisms=("damping", "inplane", "bodyfixed", "lag", "sticking"), maximum_likelihood="quick")
 MOST_SECONDS, MOST_MB = 10.0, 1024.0
 _MB_PER_UNIT = 1 / 1024 if sys.platform == "linux" else 1 / 1024**2  # of what the system states of memory
 

@@ -23,14 +23,7 @@ from brv_hypo.simulation import SimulationConfig, load_config, simulate_batch
 from brv_hypo.study.faults import planted_faults
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
-PLANTED: tuple[tuple[str, ...], ...] = (
-    (),
-    ("lag",),
-    ("bodyfixed",),
-    ("sticking",),
-    ("damping",),
-    ("inplane",),
-)
+PLANTED: tuple[tuple[str, ...], ...] = ((), ("lag",), ("bodyfixed",), ("sticking",), ("damping",), ("inplane",))
 ALPHA, ROLL_RATE, GYRO_NOISE = (0.4, 1.5), (0.5, 1.6), (0.5, 5.0)
 """Factors on the configuration's start and noise, drawn evenly in the logarithm."""
 SIGNAL_OVER_NOISE = 5.0

@@ -37,10 +37,7 @@ def test_the_main_study_plants_every_mechanism_in_every_vehicle():
         ("vehicles: [research_cone]\nplanted: [none]\ndraws: {size: [2, 1]}", "the lower end comes first"),
         ("vehicles: [research_cone]\nplanted: [none]\ndraws: {size: [0, 1]}", "greater than 0"),
         ("vehicles: [research_cone]\nplanted: [none]\nflight: 3", "is 'flights' meant"),
-        (
-            "vehicles: [research_cone]\nplanted: [none]\ndraws: {instruments: {grade: tactica}}",
-            "is 'tactical' meant",
-        ),
+        ("vehicles: [research_cone]\nplanted: [none]\ndraws: {instruments: {grade: tactica}}", "is 'tactical' meant"),
     ],
 )
 def test_bad_studies_are_refused(tmp_path, text, message):

@@ -77,27 +77,20 @@ def test_delay_knots_and_fraction_are_those_of_the_leading_term():
 
 
 def test_one_knot_does_not_serve_for_onset_and_end():
-    found = {
-        item.name: item for item in estimates([STICKING], hypothesis([], [derived("sticking knot", 3.0)]))
-    }
+    found = {item.name: item for item in estimates([STICKING], hypothesis([], [derived("sticking knot", 3.0)]))}
     assert found["onset"].value == 3.0
     assert found["end"].value is None
     assert found["end"].sigmas is None
 
 
 def test_a_change_far_from_the_onset_is_no_estimate_of_it():
-    found = {
-        item.name: item for item in estimates([STICKING], hypothesis([term("jump in eps", 0.6, 3.5)], []))
-    }
+    found = {item.name: item for item in estimates([STICKING], hypothesis([term("jump in eps", 0.6, 3.5)], []))}
     assert found["eps"].value is None
 
 
 def test_an_angle_is_taken_on_the_branch_next_to_the_truth():
     planted = PlantedConfig(
-        mechanism="bodyfixed",
-        terms={"C_b cos(phi_b)": -1.0e-3, "C_b sin(phi_b)": 1.0e-5},
-        start=2.0,
-        stop=4.0,
+        mechanism="bodyfixed", terms={"C_b cos(phi_b)": -1.0e-3, "C_b sin(phi_b)": 1.0e-5}, start=2.0, stop=4.0
     )
     fitted = hypothesis([], [derived("phi_b", -3.13, 2.0, "rad"), derived("C_b", 1e-3, 2.0, "1")])
     found = {item.name: item for item in estimates([planted], fitted)}

@@ -180,11 +180,7 @@ def test_the_table_has_a_row_for_each_flight():
     )
     rows = list(csv.DictReader(results_csv([outcome("lag", "sticking"), failed]).splitlines()))
     assert [row["status"] for row in rows] == ["compared", "not compared"]
-    assert (rows[0]["first"], rows[0]["probability_sticking"], rows[0]["vehicle"]) == (
-        "sticking",
-        "1.0",
-        "cone",
-    )
+    assert (rows[0]["first"], rows[0]["probability_sticking"], rows[0]["vehicle"]) == ("sticking", "1.0", "cone")
     assert (rows[1]["reason"], rows[1]["probability_sticking"]) == ("too short", "")
 
 
@@ -220,9 +216,7 @@ def small(tmp_path_factory):
 def commanded(small):
     """The command's outcome and its folder."""
     folder = small.parent / "out"
-    return CliRunner().invoke(
-        app, ["study", str(small), "-o", str(folder), "--jobs", "1", "--json", "-"]
-    ), folder
+    return CliRunner().invoke(app, ["study", str(small), "-o", str(folder), "--jobs", "1", "--json", "-"]), folder
 
 
 @pytest.mark.thorough

@@ -55,11 +55,7 @@ def test_confusion_counts_what_ranked_first_and_what_won():
 
 
 def test_a_false_alarm_is_a_named_mechanism_where_nothing_was_planted():
-    flights = [
-        outcome("none", "lag", winner="lag"),
-        outcome("none", "lag"),
-        outcome("none", "none", winner="none"),
-    ]
+    flights = [outcome("none", "lag", winner="lag"), outcome("none", "lag"), outcome("none", "none", winner="none")]
     found = false_alarms([*flights, outcome("lag", "sticking", winner="sticking")])
     assert (found.count, found.total) == (1, 3)
 
@@ -79,9 +75,7 @@ def drawn_from(temperature: float, flights: int, seed: int) -> list:
     found = []
     for _ in range(flights):
         information = dict(zip(names, random.uniform(0.0, 12.0 * temperature, 3), strict=True))
-        chances = probabilities(
-            {name: value * TEMPERATURE / temperature for name, value in information.items()}
-        )
+        chances = probabilities({name: value * TEMPERATURE / temperature for name, value in information.items()})
         planted = str(random.choice(names, p=list(chances.values())))
         first = max(chances, key=lambda name: chances[name])
         found.append(outcome(planted, first, probability=chances, information=information))
@@ -200,9 +194,7 @@ def test_the_summary_sets_weak_effects_and_failures_apart():
     lost = outcome("lag", "none", effect=0.3, repeat=1).model_copy(
         update={"information": {"none": -12.0, "lag": -10.0}}
     )
-    failed = outcome("lag", "lag", repeat=2).model_copy(
-        update={"status": "not simulated", "reason": "it diverges"}
-    )
+    failed = outcome("lag", "lag", repeat=2).model_copy(update={"status": "not simulated", "reason": "it diverges"})
     weak = outcome("lag", "none", effect=0.01)
     found = summarise(study, [outcome("none", "none", winner="none"), weak, lost, failed])
     assert (found.flights, found.compared) == (4, 3)

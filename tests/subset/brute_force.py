@@ -46,8 +46,7 @@ def representatives(X: Array, forced: Sequence[int], named: set[int]) -> list[in
             continue
         unit = rest / np.linalg.norm(rest)
         twin = any(
-            abs(abs(unit @ other) - 1.0) < 1e-12 and not ({i, j} & named)
-            for i, other in zip(kept, lefts, strict=True)
+            abs(abs(unit @ other) - 1.0) < 1e-12 and not ({i, j} & named) for i, other in zip(kept, lefts, strict=True)
         )
         if not twin:
             kept.append(j)

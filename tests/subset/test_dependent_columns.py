@@ -54,10 +54,7 @@ def test_a_winner_next_to_dependence_is_refused_with_the_reason(distance: float,
     assert "refused together" in refusal.reason
     assert all(np.abs(subset.coefficients).max() < 1e3 for subset in result.subsets)
     allowed = [
-        subset
-        for size in range(1, 5)
-        for subset in combinations(range(1, 8), size)
-        if not {2, 3, 6} <= set(subset)
+        subset for size in range(1, 5) for subset in combinations(range(1, 8), size) if not {2, 3, 6} <= set(subset)
     ]
     expected = enumerate_subsets(X, y, (0,), range(1, 8), 4, lambda s: tuple(sorted(s)) in allowed)
     for subset in result.subsets:

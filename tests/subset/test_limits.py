@@ -20,9 +20,7 @@ def splines() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("kernel", ["numba-schur", pytest.param("numpy", marks=pytest.mark.thorough)])
-def test_time_limit_returns_the_best_so_far_and_a_true_gap(
-    splines: tuple[np.ndarray, np.ndarray], kernel: str
-) -> None:
+def test_time_limit_returns_the_best_so_far_and_a_true_gap(splines: tuple[np.ndarray, np.ndarray], kernel: str) -> None:
     best_subsets_by(kernel, *splines, 2)
     cut = best_subsets_by(kernel, *splines, 12, time_limit_s=0.02)
     exact = best_subsets_by("numba-schur", *splines, 12)

@@ -83,13 +83,10 @@ def test_every_size_agrees_with_r_leaps(name: str, kernel: str) -> None:
 
 @pytest.mark.shared
 @pytest.mark.parametrize(
-    ("key", "name"),
-    [("hald_cement", "hald_cement"), ("detroit", "detroit"), ("prostate", "prostate_standardised")],
+    ("key", "name"), [("hald_cement", "hald_cement"), ("detroit", "detroit"), ("prostate", "prostate_standardised")]
 )
 def test_five_best_agree_with_complete_enumeration(key: str, name: str) -> None:
-    reference: dict[str, Any] = json.loads(
-        shared_file("data/best_subset/exhaustive_results.json").read_text()
-    )
+    reference: dict[str, Any] = json.loads(shared_file("data/best_subset/exhaustive_results.json").read_text())
     entry = next(v for k, v in reference.items() if k.startswith(key))
     data = load(name)
     result = best_subsets(data.X, data.y, max_terms=len(data.names), n_best=4)
@@ -117,8 +114,7 @@ def test_detroit_best_three_where_forward_selection_is_trapped() -> None:
 
 
 @pytest.mark.parametrize(
-    ("columns", "rss"),
-    [((4,), 883.87), ((1, 2), 57.90), ((1, 2, 4), 47.97), ((1, 2, 3, 4), 47.86)],
+    ("columns", "rss"), [((4,), 883.87), ((1, 2), 57.90), ((1, 2, 4), 47.97), ((1, 2, 3, 4), 47.86)]
 )
 def test_hald_as_printed_by_draper_and_smith(columns: tuple[int, ...], rss: float) -> None:
     X, y = np.column_stack([np.ones(13), HALD[:, :4]]), HALD[:, 4]

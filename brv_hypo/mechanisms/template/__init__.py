@@ -19,6 +19,7 @@ from brv_hypo.io.atomic import whole_folder
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
+
 def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
     """A plugin package for the mechanism `name`, written whole or not at all to a new directory in `parent`.
 

@@ -18,13 +18,7 @@ from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.measurement import MeasurementModel, force_measurement, moment_measurement
 from brv_hypo.motion.method import WindHistory
-from brv_hypo.motion.responses import (
-    Perturbation,
-    corrected,
-    effect_responses,
-    no_responses,
-    nonzero_responses,
-)
+from brv_hypo.motion.responses import Perturbation, corrected, effect_responses, no_responses, nonzero_responses
 from brv_hypo.motion.signals import rms, with_smooth_air
 from brv_hypo.motion.smoother import RandomWalkSmoother, SmoothedMotion, StartingPoint
 
@@ -49,9 +43,7 @@ MOTION_LINEARISATIONS = 6
 MOTION_MOVED = 0.1
 
 
-def joint(
-    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
-) -> WindHistory:
+def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory:
     """The default method; see the module's description.
 
     The errors of the record are linearised about the motion that is found without them. The air data are freed of noise
@@ -189,9 +181,7 @@ def _with_moment(
 
 def _with_anomalies(moment: MeasurementModel) -> MeasurementModel:
     """The measurement with a share of its rms as noise."""
-    return replace(
-        moment, sigma=moment.sigma + MOMENT_ANOMALY * rms(moment.observed[np.isfinite(moment.sigma)])
-    )
+    return replace(moment, sigma=moment.sigma + MOMENT_ANOMALY * rms(moment.observed[np.isfinite(moment.sigma)]))
 
 
 def _choose_slope(

@@ -18,17 +18,14 @@ from brv_hypo.motion.signals import Derivative, differentiate
 POLAR_DOUBTFUL = 0.1  # relative, or rad: instants whose meridian or precession is known no better are passed over
 
 
-def polar(
-    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
-) -> WindHistory:
+def polar(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory:
     """Start from the best-conditioned instant, then the attitude about a fixed velocity as in method 2.
 
-    The meridian is where the transverse force points away from (A.11). The transverse rate then is (q + i
-    r) exp(i phi_w) = alpha_rate + i alpha psi_c_rate (A.15 to A.17 as one complex equation), with
-    psi_c_rate = p - phi_w_rate (A.16), whose imaginary part gives alpha without the square root of A.18.
-    The rate at which the force itself turns the velocity, which A.15 leaves out, is taken off first. From
-    there on the velocity is propagated as in method 1. One instant cannot tell gravity: where it is wanted,
-    it comes from the nose's mean, as in method 1.
+    The meridian is where the transverse force points away from (A.11). The transverse rate then is (q + i r) exp(i
+    phi_w) = alpha_rate + i alpha psi_c_rate (A.15 to A.17 as one complex equation), with psi_c_rate = p - phi_w_rate
+    (A.16), whose imaginary part gives alpha without the square root of A.18. The rate at which the force itself turns
+    the velocity, which A.15 leaves out, is taken off first. From there on the velocity is propagated as in method 1.
+    One instant cannot tell gravity: where it is wanted, it comes from the nose's mean, as in method 1.
     """
     spin = np.exp(1j * record.roll)
     flight = record.flight
@@ -71,8 +68,7 @@ def _polar_angles(record: InertialRecord, force: Derivative) -> tuple[FloatArray
     meridian_error = record.accel_sigma * force.value_gain / size
     precession_error = record.accel_sigma * force.rate_gain / size
     sigma = np.hypot(
-        np.hypot(record.gyro_sigma, alpha * precession_error) / np.abs(precession_rate),
-        alpha * meridian_error,
+        np.hypot(record.gyro_sigma, alpha * precession_error) / np.abs(precession_rate), alpha * meridian_error
     )
     doubtful = (precession_error > POLAR_DOUBTFUL * np.abs(precession_rate)) | (meridian_error > POLAR_DOUBTFUL)
     return np.abs(alpha), meridian, np.where(doubtful | (alpha < 0.0), np.inf, sigma)

@@ -10,9 +10,7 @@ from brv_hypo.motion.method import WindHistory, from_nose
 from brv_hypo.motion.responses import Perturbation
 
 
-def rates(
-    record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]
-) -> WindHistory:
+def rates(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory:
     """Eq. 3.2 (erratum E4), started from the mean direction of the nose.
 
     The velocity keeps its direction, as the report has it, or turns by gravity alone (`config.gravity`).

@@ -15,9 +15,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.harness.fuzz", description=__doc__)
     parser.add_argument("--inputs", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--save", type=Path, help="folder for the inputs that fail, made as small as they could be"
-    )
+    parser.add_argument("--save", type=Path, help="folder for the inputs that fail, made as small as they could be")
     options = parser.parse_args()
     tried: Counter[str] = Counter()
     failures = []
@@ -26,10 +24,7 @@ def main() -> int:
         failure = failure_of(case, options.save)
         if failure is not None:
             failures.append(failure)
-            print(
-                f"{case.target.label} {failure.input.seeds} {failure.operations}: {failure.problem}",
-                flush=True,
-            )
+            print(f"{case.target.label} {failure.input.seeds} {failure.operations}: {failure.problem}", flush=True)
     print(f"{sum(tried.values())} inputs, {len(failures)} failed; {dict(tried)}")
     return 1 if failures else 0
 

@@ -21,35 +21,8 @@ NASTY: tuple[Any, ...] = (
     *([], {}, [[]], {"": {}}, [1, 2, 3], {"units": "m"}, ["lag", 7], "9" * 5000, "2001-99-99", "s**9**9**9"),
 )
 TEXTS = (
-    *(
-        "&a [*a]",
-        "!!python/object:os.system",
-        "*missing",
-        "[" * 500,
-        "{" * 500,
-        "<<: *a",
-        "'",
-        '"',
-        "\x00",
-        "\x9b",
-    ),
-    *(
-        "9" * 5000,
-        "1e400",
-        ".inf",
-        ".nan",
-        "\t",
-        "- - -",
-        ": : :",
-        "#",
-        "\u2028",
-        "---",
-        "...",
-        "|",
-        ">",
-        "%",
-        "nan",
-    ),
+    *("&a [*a]", "!!python/object:os.system", "*missing", "[" * 500, "{" * 500, "<<: *a", "'", '"', "\x00", "\x9b"),
+    *("9" * 5000, "1e400", ".inf", ".nan", "\t", "- - -", ": : :", "#", "\u2028", "---", "...", "|", ">", "%", "nan"),
 )
 SIZES = (0, 1, 3, 15, 16, 1 << 20, 1 << 32, 10**12)
 
@@ -134,9 +107,7 @@ def _attribute(group: Any, name: str, draw: random.Random) -> None:
     key = draw.choice(("units", "format", "format_version", "title", "planet", "history", "grade", "x"))
     value = draw.choice(NASTY)
     if isinstance(value, dict | list) or value is None:
-        value = draw.choice(
-            (np.arange(5.0), h5py.Empty("f8"), np.array(["a", "b"], dtype=h5py.string_dtype()))
-        )
+        value = draw.choice((np.arange(5.0), h5py.Empty("f8"), np.array(["a", "b"], dtype=h5py.string_dtype())))
     item.attrs[key] = value
 
 
@@ -153,14 +124,10 @@ def _dataset(group: Any, name: str, draw: random.Random) -> None:
     units = group[name].attrs.get("units", "s") if name in group else "s"
     if name in group:
         del group[name]
-    kind = draw.choice(
-        ("f8", "f4", "i8", "u1", "S8", "c16", "?", [("a", "f8")], h5py.string_dtype(), ">f8", "V5")
-    )
+    kind = draw.choice(("f8", "f4", "i8", "u1", "S8", "c16", "?", [("a", "f8")], h5py.string_dtype(), ">f8", "V5"))
     size = draw.choice(SIZES)
     shape = draw.choice(((size,), (size, 2), (), (1,), (3,), (400,), (2, 2, 2)))
-    made = group.create_dataset(
-        name, shape=shape, dtype=kind, chunks=True if 0 not in shape and shape else None
-    )
+    made = group.create_dataset(name, shape=shape, dtype=kind, chunks=True if 0 not in shape and shape else None)
     made.attrs["units"] = draw.choice((units, units, "m", "", "\x1b[2J", "s^^s"))
 
 
@@ -168,13 +135,7 @@ def _link(group: Any, name: str, draw: random.Random) -> None:
     if name in group:
         del group[name]
     group[name] = draw.choice(
-        (
-            h5py.SoftLink("/q"),
-            h5py.SoftLink("/nowhere"),
-            h5py.ExternalLink("/dev/zero", "/q"),
-            group.file["/"],
-            group,
-        )
+        (h5py.SoftLink("/q"), h5py.SoftLink("/nowhere"), h5py.ExternalLink("/dev/zero", "/q"), group.file["/"], group)
     )
 
 

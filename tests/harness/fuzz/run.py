@@ -50,9 +50,7 @@ def inputs(count: int, seed: int) -> Iterator[Input]:
     weights = [target.weight for target in TARGETS]
     for _ in range(count):
         operations = draw.choice(OPERATIONS)
-        yield Input(
-            draw.choices(TARGETS, weights)[0], tuple(draw.randrange(2**32) for _ in range(operations))
-        )
+        yield Input(draw.choices(TARGETS, weights)[0], tuple(draw.randrange(2**32) for _ in range(operations)))
 
 
 def failure_of(case: Input, save: Path | None = None) -> Failure | None:

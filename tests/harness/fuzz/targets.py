@@ -24,11 +24,7 @@ MECHANISM = {
     "source": "a test",
     "terms": [
         {"name": "along", "axis": "body_y", "turn": {"of": "time", "rate": 5.0}},
-        {
-            "name": "bump",
-            "axis": "in_plane",
-            "factors": [{"of": "alpha", "function": "bump", "at": 0.1, "width": 0.1}],
-        },
+        {"name": "bump", "axis": "in_plane", "factors": [{"of": "alpha", "function": "bump", "at": 0.1, "width": 0.1}]},
     ],
 }
 MODEL = {
@@ -40,18 +36,8 @@ COMPARISON = {
     "verdict": {"winner": None},
     "ranking": [{"mechanism": "lag", "ml": {"instrument": [{"name": "gyro_bias"}]}}],
 }
-SETTINGS = {
-    "mechanisms": ["lag", "damping"],
-    "knot_count": 7,
-    "max_terms": 3,
-    "options": {"lag": {"delays": [0.1]}},
-}
-STUDY = {
-    "vehicles": ["research_cone"],
-    "planted": ["none", "lag"],
-    "flights": 2,
-    "draws": {"size": [0.2, 1.0]},
-}
+SETTINGS = {"mechanisms": ["lag", "damping"], "knot_count": 7, "max_terms": 3, "options": {"lag": {"delays": [0.1]}}}
+STUDY = {"vehicles": ["research_cone"], "planted": ["none", "lag"], "flights": 2, "draws": {"size": [0.2, 1.0]}}
 SAMPLES = 120
 TOLERANCES = {"grade": "tactical", "gyro_bias": 0.1, "wind": [1.0, 2.0, 3.0], "accel_bias": "0.01 m/s^2"}
 
@@ -113,33 +99,15 @@ def _imported(data: str, mapping: str = "good.yaml") -> tuple[str, ...]:
 
 TARGETS = (
     Target("record", "in.h5", _record, OF_RECORDS, ("inspect", "in.h5"), 16),
-    Target(
-        "record json",
-        "in.h5",
-        _record,
-        OF_RECORDS,
-        ("inspect", "in.h5", "--json", "-"),
-    ),
-    Target(
-        "motion",
-        "in.h5",
-        _record,
-        OF_RECORDS,
-        ("reconstruct", "in.h5", "-o", "out.h5"),
-        2,
-    ),
+    Target("record json", "in.h5", _record, OF_RECORDS, ("inspect", "in.h5", "--json", "-")),
+    Target("motion", "in.h5", _record, OF_RECORDS, ("reconstruct", "in.h5", "-o", "out.h5"), 2),
     Target("csv", "in.csv", write_csv, OF_TABLES, _imported("in.csv")),
     Target("parquet", "in.parquet", _parquet, RAW, _imported("in.parquet")),
     Target("mat", "in.mat", _mat, RAW, _imported("in.mat")),
     Target("map", "in.yaml", _yaml(good_map()), OF_TREES, _imported("good.csv", "in.yaml")),
     Target("settings", "in.yaml", _yaml(SETTINGS), OF_TREES, ("compare", "none.h5", "--config", "in.yaml")),
     Target(
-        "tolerances",
-        "in.yaml",
-        _yaml(TOLERANCES),
-        OF_TREES,
-        ("reconstruct", "good.h5", "--instruments", "in.yaml"),
-        2,
+        "tolerances", "in.yaml", _yaml(TOLERANCES), OF_TREES, ("reconstruct", "good.h5", "--instruments", "in.yaml"), 2
     ),
     Target("mechanism", "in.yaml", _yaml(MECHANISM), OF_TREES, ("mechanisms", "check", "in.yaml"), 2),
     Target("model", "in.json", _json(MODEL), OF_TREES, ("trace", "none.h5", "--model", "in.json")),

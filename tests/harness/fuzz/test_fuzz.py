@@ -26,8 +26,7 @@ def a_reader_soon_given_up(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
-    "batch",
-    [pytest.param(k, marks=MARKS[k] if k < len(MARKS) else pytest.mark.slow) for k in range(BATCHES)],
+    "batch", [pytest.param(k, marks=MARKS[k] if k < len(MARKS) else pytest.mark.slow) for k in range(BATCHES)]
 )
 def test_mutated_inputs_end_as_the_contract_says(batch):
     failures = [failure for case in inputs(OF_A_BATCH, seed=1000 + batch) if (failure := failure_of(case))]

@@ -60,9 +60,7 @@ class _Account:
         )
 
 
-def ask(
-    laws: Mapping[str, Law], flights: int, number: int, mechanisms: Collection[str] = PLANTS
-) -> Iterable[_Account]:
+def ask(laws: Mapping[str, Law], flights: int, number: int, mechanisms: Collection[str] = PLANTS) -> Iterable[_Account]:
     """Every law on those of so many drawn flights to which one of these mechanisms is fitted.
 
     The laws share what they compare with.
@@ -71,11 +69,7 @@ def ask(
 
     # One run for each flight: a run of many would try again, with small changes, what it has tried.
     @settings(
-        max_examples=1,
-        phases=(Phase.generate,),
-        suppress_health_check=list(HealthCheck),
-        database=None,
-        deadline=None,
+        max_examples=1, phases=(Phase.generate,), suppress_health_check=list(HealthCheck), database=None, deadline=None
     )
     @given(case=cases(), data=st.data())
     def draw(case: Case, data: st.DataObject) -> None:

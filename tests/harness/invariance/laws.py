@@ -21,15 +21,7 @@ from brv_hypo.ranking import CompareConfig, Comparison
 from brv_hypo.ranking.result import TermEstimate
 from tests.flight.records import ACCEPTED, UNITS
 from tests.harness.invariance.chain import Case, Change, Distance, compared, distance, flight, original
-from tests.harness.invariance.changes import (
-    NAMES,
-    SI_UNITS,
-    mirrored,
-    rolled,
-    shifted,
-    with_isotropic_errors,
-    written,
-)
+from tests.harness.invariance.changes import NAMES, SI_UNITS, mirrored, rolled, shifted, with_isotropic_errors, written
 from tests.harness.last_digit import flight_last_digit_off
 
 NOTHING = Distance(0.0, 0.0)
@@ -58,8 +50,7 @@ def any_units(data: st.DataObject, case: Case) -> Found:
     others = data.draw(st.fixed_dictionaries(choices))
     with tempfile.TemporaryDirectory() as folder:
         plain, told = (
-            written(flight(case), units, Path(folder, f"{k}.h5"))
-            for k, units in enumerate((SI_UNITS, others))
+            written(flight(case), units, Path(folder, f"{k}.h5")) for k, units in enumerate((SI_UNITS, others))
         )
     return distance(compared([plain], case), compared([told], case)), _rounding(case)
 
@@ -117,8 +108,7 @@ class Told(Mechanism):
         off = 1.0 + self.parts * np.cos(3.0 * motion.time)
         copies = (Term("copy", off * terms[0].in_plane, off * terms[0].out_of_plane),) if self.parts else ()
         return tuple(
-            Term(term.name, self.size * term.in_plane, self.size * term.out_of_plane)
-            for term in (*terms, *copies)
+            Term(term.name, self.size * term.in_plane, self.size * term.out_of_plane) for term in (*terms, *copies)
         )
 
 
@@ -140,10 +130,7 @@ def any_scale_of_columns(data: st.DataObject, case: Case) -> Found:
     size = 10.0 ** data.draw(st.integers(-8, 8))
     case = replace(case, planted="damping", mechanism="damping")
     after = _told(Told(size=size), case)
-    rows = [
-        row.model_copy(update={"terms": tuple(_times(term, size) for term in row.terms)})
-        for row in after.ranking
-    ]
+    rows = [row.model_copy(update={"terms": tuple(_times(term, size) for term in row.terms)}) for row in after.ranking]
     return distance(_told(Told(), case), after.model_copy(update={"ranking": tuple(rows)})), SUMMED
 
 

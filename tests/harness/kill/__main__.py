@@ -39,11 +39,7 @@ def main() -> int:
 
 
 def _described(plan: Plan) -> str:
-    when = (
-        f"{plan.after * 1e3:.1f} ms into writing"
-        if plan.share is None
-        else f"at {plan.share:.2f} of its time"
-    )
+    when = f"{plan.after * 1e3:.1f} ms into writing" if plan.share is None else f"at {plan.share:.2f} of its time"
     place = "" if plan.room is None else f", disk for {plan.room:.2f} of the outputs"
     return f"{plan.command.label}, {when}{', old outputs' if plan.old else ''}{place}"
 

@@ -83,11 +83,7 @@ def _package(path: Path) -> None:
 
 def _study(path: Path) -> None:
     """Every file that is there is whole; of the flights none stands twice."""
-    checks = {
-        "results.csv": _rows,
-        "summary.json": _json("study"),
-        "report.html": _page,
-    }
+    checks = {"results.csv": _rows, "summary.json": _json("study"), "report.html": _page}
     for name, check in checks.items():
         if (path / name).exists():
             check(path / name)
@@ -162,16 +158,9 @@ COMMANDS = (
     Command("docs", ("docs", "-o", "out.html"), {"out.html": _page}),
     Command("mechanisms", ("mechanisms", "--json", "out.json"), {"out.json": _json("mechanisms")}),
     Command(
-        "mechanisms check",
-        ("mechanisms", "check", "lag", "--json", "out.json"),
-        {"out.json": _json("conformance")},
+        "mechanisms check", ("mechanisms", "check", "lag", "--json", "out.json"), {"out.json": _json("conformance")}
     ),
-    Command(
-        "mechanisms new",
-        ("mechanisms", "new", "ablation"),
-        {"brv-hypo-ablation": _package},
-        replaces=False,
-    ),
+    Command("mechanisms new", ("mechanisms", "new", "ablation"), {"brv-hypo-ablation": _package}, replaces=False),
     Command(
         "study",
         ("study", "{inputs}/study.yaml", "-o", "out", "--jobs", "1"),

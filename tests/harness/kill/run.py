@@ -149,9 +149,7 @@ def _has_begun(command: Command, folder: Path) -> bool:
 def _state(plan: Plan, ended: victim.Ended) -> str:
     if ended.killed:
         return "killed" if plan.share is not None else "killed while writing"
-    assert ended.code == 0 or (ended.code == 2 and plan.room is not None), (
-        f"ended with {ended.code}: {ended.messages}"
-    )
+    assert ended.code == 0 or (ended.code == 2 and plan.room is not None), f"ended with {ended.code}: {ended.messages}"
     if ended.code == 2:
         assert len(ended.messages.splitlines()) == 1, f"said {ended.messages}"
     return "refused" if ended.code == 2 else "done before"

@@ -75,9 +75,7 @@ def flights(
         variations |= {"mechanisms.0.start": 2.0 + shift, "mechanisms.0.stop": _stop(case) + shift}
     if delay is not None:
         variations["mechanisms.0.theta.delay"] = np.full(count, delay)
-    variations |= {
-        f"instruments.{path}": np.full(count, value) for path, value in (instruments or {}).items()
-    }
+    variations |= {f"instruments.{path}": np.full(count, value) for path, value in (instruments or {}).items()}
     seeds = [seed + 1 + i for i in range(count)]
     config = load_config("research_cone", plant=plant)
     if tolerances > 0.0:
@@ -133,9 +131,7 @@ def coloured(simulated: SimulatedFlight, coefficient: float) -> Flight:
             "accelerometer": quiet.accelerometer.model_copy(update={"noise": 0.0}),
         }
     )
-    (clean,) = simulate_batch(
-        simulated.config.model_copy(update={"instruments": silent}), seeds=[simulated.seed]
-    )
+    (clean,) = simulate_batch(simulated.config.model_copy(update={"instruments": silent}), seeds=[simulated.seed])
     draws = np.random.default_rng(simulated.seed)
     flight = clean.flight
 
@@ -153,18 +149,14 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
     """The true model's columns, regressed; delays start `delay_error` s off."""
     config = simulated.config
     reconstruction = reconstruct(flight)
-    static = StaticMoment(
-        start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=1
-    )
+    static = StaticMoment(start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=1)
     tolerated = {mechanism.name for mechanism, _ in tolerated_mechanisms(flight)}
     planted = [item for item in config.mechanisms if item.mechanism not in tolerated]
     mechanisms = {item.mechanism: find(item.mechanism, item.options) for item in planted}
     frame = build_frame([reconstruction], [static, PitchDamping(), *mechanisms.values()])
     always = TimeBasis("constant")
     aerodynamics = config.aerodynamics
-    columns = [
-        Regressor(static.name, term.name, (), always, term.units) for term in static.terms(frame.motions[0], {})
-    ]
+    columns = [Regressor(static.name, term.name, (), always, term.units) for term in static.terms(frame.motions[0], {})]
     columns.append(Regressor(PitchDamping.name, "C_mq", (), always, "1/rad"))
     coefficients = [aerodynamics.C_m0, aerodynamics.C_malpha, 0.0, aerodynamics.C_mq]
     moved: dict[str, float] = {}
@@ -224,9 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=40)
     parser.add_argument("--case", choices=CASES, action="append", help="mechanism; all by default")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--colour", type=float, default=0.0, help="AR(1) coefficient of the instruments' noise"
-    )
+    parser.add_argument("--colour", type=float, default=0.0, help="AR(1) coefficient of the instruments' noise")
     parser.add_argument("--delay-error", type=float, default=0.0, help="how far off delays start, s")
     parser.add_argument("--delay", type=float, default=None, help="planted delay, s; the mechanism's own by default")
     parser.add_argument(
@@ -256,11 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"pooled over parameters: {_coverage(pooled):.1f} % of {len(pooled)} within 1.96 sigma")
 
 
-def _report(
-    case: str,
-    planned: Iterator[tuple[SimulatedFlight, Flight]],
-    delay_error: float,
-) -> list[float]:
+def _report(case: str, planned: Iterator[tuple[SimulatedFlight, Flight]], delay_error: float) -> list[float]:
     """Print one case's table; errors over standard errors of every parameter of every flight."""
     scaled: dict[str, list[float]] = {}
     plain: dict[str, list[float]] = {}

@@ -127,11 +127,7 @@ class Body:
         body_z = cosine * windward + sine * across
         coning = start.coning * self.frequency * math.sin(start.alpha)
         nutation = start.nutation * self.frequency * start.alpha
-        turn = [
-            start.roll_rate,
-            coning * sine - nutation * cosine,
-            coning * cosine + nutation * sine,
-        ]
+        turn = [start.roll_rate, coning * sine - nutation * cosine, coning * cosine + nutation * sine]
         velocity = craft.speed * along + self.winds(time)[0]
         quaternion = _quaternion(np.stack([nose, body_y, body_z], axis=1))
         return np.concatenate([[0.0, 0.0, -craft.altitude], velocity, quaternion, turn])
@@ -171,9 +167,7 @@ class Body:
         ax, ay, az = fx / vehicle.mass, fy / vehicle.mass, fz / vehicle.mass
         ud, vd, wd = (
             a + m[0][k] * gx + m[1][k] * gy + m[2][k] * gz - turn
-            for k, (a, turn) in enumerate(
-                ((ax, q * w - r * v), (ay, r * u - p * w), (az, p * v - q * u)),
-            )
+            for k, (a, turn) in enumerate(((ax, q * w - r * v), (ay, r * u - p * w), (az, p * v - q * u)))
         )
         reduced = vehicle.reference_length / (2.0 * speed)
         slope = self.static_slope(speed)
@@ -317,9 +311,7 @@ class Body:
         if running is None:
             return
         value = running.alpha * cmath.exp(1j * running.meridian)
-        rate = (running.alpha_rate + 1j * running.alpha * running.meridian_rate) * cmath.exp(
-            1j * running.meridian
-        )
+        rate = (running.alpha_rate + 1j * running.alpha * running.meridian_rate) * cmath.exp(1j * running.meridian)
         self.anchor = (time, value, rate)
 
 

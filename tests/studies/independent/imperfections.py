@@ -171,10 +171,7 @@ class Imperfections:
         share = time / self.duration
         size, frequency, angle = self.slosh
         swing = size * math.sin(frequency * time)
-        return (
-            self.cg_drift[0] * share + swing * math.cos(angle),
-            self.cg_drift[1] * share + swing * math.sin(angle),
-        )
+        return (self.cg_drift[0] * share + swing * math.cos(angle), self.cg_drift[1] * share + swing * math.sin(angle))
 
     # ---- The moment ----
 

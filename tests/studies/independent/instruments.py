@@ -84,10 +84,7 @@ def no_errors() -> Errors:
 
 
 def draw_errors(
-    grade: str,
-    factor: float | Mapping[str, float],
-    rng: np.random.Generator,
-    fixed: Mapping[str, Any] | None = None,
+    grade: str, factor: float | Mapping[str, float], rng: np.random.Generator, fixed: Mapping[str, Any] | None = None
 ) -> Errors:
     """N(0, factor * tolerance) each; `factor` may be a mapping by key (1 elsewhere), `fixed` sets values."""
     place = GRADES.index(grade)
@@ -152,9 +149,7 @@ def rotation(angles: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(size) / size * cross + (1.0 - np.cos(size)) / size**2 * cross @ cross
 
 
-def sensed_rates(
-    rates_at: Callable[[np.ndarray], np.ndarray], time: np.ndarray, errors: Errors
-) -> np.ndarray:
+def sensed_rates(rates_at: Callable[[np.ndarray], np.ndarray], time: np.ndarray, errors: Errors) -> np.ndarray:
     """Gyros (n, 3) without noise; `rates_at` gives the true rates (n, 3) at any times."""
     return rates_at(time - errors.time_skew) @ gyro_matrix(errors).T + errors.gyro_bias
 

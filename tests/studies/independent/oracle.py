@@ -227,9 +227,7 @@ def best_rival(ground: Ground, target: np.ndarray, name: str) -> Rival:
     return best
 
 
-def _least(
-    ground: Ground, target: np.ndarray, name: str, knots: np.ndarray, delays: Sequence[float | None]
-) -> Rival:
+def _least(ground: Ground, target: np.ndarray, name: str, knots: np.ndarray, delays: Sequence[float | None]) -> Rival:
     found = []
     for place, delay in enumerate(delays):
         # A lag has no size but its delay; one down to the next shorter of the grid is the same column, less of it.
@@ -257,22 +255,13 @@ def _least_at(
     right = np.zeros((count, size + 1))
     right[:, 1:] = (columns.T @ target).reshape(count, size).cumsum(axis=1)
     starts, stops = np.triu_indices(size + 1, 1)
-    gram = (
-        sums[..., stops, stops]
-        - sums[..., starts, stops]
-        - sums[..., stops, starts]
-        + sums[..., starts, starts]
-    )
+    gram = sums[..., stops, stops] - sums[..., starts, stops] - sums[..., stops, starts] + sums[..., starts, starts]
     gram = gram.transpose(2, 0, 1)
     side = (right[:, stops] - right[:, starts]).T
     values = np.einsum("nij,nj->ni", np.linalg.pinv(gram, rcond=_LEAST_PIVOT, hermitian=True), side)
     if sizes is not None:
         values = np.clip(values, *sizes)
-    left = (
-        target @ target
-        - 2.0 * np.sum(values * side, axis=1)
-        + np.einsum("ni,nij,nj->n", values, gram, values)
-    )
+    left = target @ target - 2.0 * np.sum(values * side, axis=1) + np.einsum("ni,nij,nj->n", values, gram, values)
     place = int(np.argmin(left))
     return Rival(
         max(float(left[place]), 0.0),

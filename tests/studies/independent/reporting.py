@@ -11,10 +11,7 @@ Outcome = TypeVar("Outcome")
 
 
 def fly_and_report(
-    runs: Iterable[Any],
-    jobs: int,
-    line: Callable[[Outcome], str],
-    report: Callable[[Sequence[Outcome]], Iterable[str]],
+    runs: Iterable[Any], jobs: int, line: Callable[[Outcome], str], report: Callable[[Sequence[Outcome]], Iterable[str]]
 ) -> None:
     """Print what delayed calls come to; one that says in words why nothing came of it is not counted."""
     outcomes: list[Outcome] = []

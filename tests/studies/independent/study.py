@@ -175,15 +175,12 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     parted = [o for o in listed if o.parted_by >= PARTED]
     yield _count(f"parted by 2 ln L >= {PARTED:g}: the truth wins", [o.winner == o.truth for o in parted])
     seen = [o for o in listed if o.f_ratio >= DETECTED]
-    yield _count(
-        "above the detection limit: winner or in `equivalent`", [o.truth in o.equivalent for o in seen]
-    )
+    yield _count("above the detection limit: winner or in `equivalent`", [o.truth in o.equivalent for o in seen])
     yield _count("above the detection limit: 'none adequate'", [o.outcome == "none adequate" for o in seen])
     yield _count("planted: the limit covers the share", [o.share <= o.limit for o in listed])
     tried = [o for o in listed if LIMITS_TRIED[0] <= o.f_ratio <= LIMITS_TRIED[1]]
     yield _count(
-        "between one and three detection limits: the limit covers the share",
-        [o.share <= o.limit for o in tried],
+        "between one and three detection limits: the limit covers the share", [o.share <= o.limit for o in tried]
     )
     over = [o.limit / _known_limit(o) for o in seen if np.isfinite(o.limit)]  # a record refused has none
     yield (
@@ -195,9 +192,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
         "outside the list, above the detection limit, not reproduced: 'none adequate' or undecided",
         [o.winner is None for o in apart],
     )
-    yield _count(
-        "outside the list, all: a mechanism is named", [o.winner not in (None, "none") for o in other]
-    )
+    yield _count("outside the list, all: a mechanism is named", [o.winner not in (None, "none") for o in other])
     yield f"expected calibration error, above the detection limit: {_calibration_error([*seen, *apart]):.3f}"
     for said in ("named", "undecided", "none adequate"):
         shares = [o.stability for o in outcomes if o.outcome == said]
@@ -266,14 +261,7 @@ def main() -> None:
     given = parser.parse_args()
     runs = (
         delayed(fly)(
-            given.seed + k,
-            k,
-            given.grade,
-            given.factor,
-            given.unlisted,
-            given.coloured,
-            given.per_cycle,
-            given.drawn,
+            given.seed + k, k, given.grade, given.factor, given.unlisted, given.coloured, given.per_cycle, given.drawn
         )
         for k in range(given.flights)
     )

@@ -55,9 +55,7 @@ def _convention(made: Made) -> tuple[np.ndarray, np.ndarray]:
     alpha, phi, slope = true.alpha, true.meridian, true.static_slope
     zero = np.zeros_like(alpha)
     if made.truth == "damping":
-        return planted.amplitude * true.alpha_rate * CONE.vehicle.reference_length / (
-            2.0 * true.velocity
-        ), zero
+        return planted.amplitude * true.alpha_rate * CONE.vehicle.reference_length / (2.0 * true.velocity), zero
     if made.truth == "inplane":
         return planted.amplitude * (planted.values["offset"] + planted.values["slope"] * alpha), zero
     if made.truth == "bodyfixed":
@@ -150,17 +148,14 @@ def test_tolerances_are_those_that_the_record_states(grade: str) -> None:
 @pytest.mark.parametrize("key", sorted(TOLERANCES))
 def test_errors_have_the_stated_sizes(key: str) -> None:
     drawn = [
-        np.ravel(getattr(draw_errors("tactical", {key: 2.0}, np.random.default_rng(seed)), key))
-        for seed in range(600)
+        np.ravel(getattr(draw_errors("tactical", {key: 2.0}, np.random.default_rng(seed)), key)) for seed in range(600)
     ]
     found = np.sqrt(np.mean(np.concatenate(drawn) ** 2))
     assert found == pytest.approx(2.0 * TOLERANCES[key][1], rel=0.12)
 
 
 def test_errors_can_be_set() -> None:
-    errors = draw_errors(
-        "tactical", 0.0, np.random.default_rng(0), {"time_skew": 2e-3, "gyro_scale": [0, 1e-3, 0]}
-    )
+    errors = draw_errors("tactical", 0.0, np.random.default_rng(0), {"time_skew": 2e-3, "gyro_scale": [0, 1e-3, 0]})
     assert errors.time_skew == 2e-3
     np.testing.assert_array_equal(errors.gyro_scale, [0.0, 1e-3, 0.0])
     assert not np.any(errors.wind)
@@ -292,9 +287,7 @@ def test_unknown_truth_is_refused() -> None:
 
 @pytest.mark.thorough
 def test_command_writes_flights_that_load(tmp_path: Path) -> None:
-    main(
-        ["--seed", "4", "--flights", "2", "-o", str(tmp_path), "--truth", "rotating", "--grade", "industrial"]
-    )
+    main(["--seed", "4", "--flights", "2", "-o", str(tmp_path), "--truth", "rotating", "--grade", "industrial"])
     paths = sorted(tmp_path.glob("*.h5"))
     assert len(paths) == 2
     for path in paths:

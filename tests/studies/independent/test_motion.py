@@ -21,12 +21,7 @@ from tests.studies.independent.vehicles import CAPSULE, CONE, CRAFTS, SLENDER, C
 # U.S. Standard Atmosphere 1976, Table I: altitude m, density kg/m^3, temperature K.
 @pytest.mark.parametrize(
     ("altitude", "density", "temperature"),
-    [
-        (0.0, 1.2250, 288.15),
-        (20000.0, 8.8910e-2, 216.65),
-        (40000.0, 3.9957e-3, 250.35),
-        (70000.0, 8.2829e-5, 219.59),
-    ],
+    [(0.0, 1.2250, 288.15), (20000.0, 8.8910e-2, 216.65), (40000.0, 3.9957e-3, 250.35), (70000.0, 8.2829e-5, 219.59)],
 )
 def test_air_is_the_standard_atmosphere(altitude: float, density: float, temperature: float) -> None:
     found = atmosphere(altitude)
@@ -75,17 +70,13 @@ def test_free_body_keeps_energy_and_angular_momentum(craft: Craft) -> None:
     np.testing.assert_allclose(energy, energy[0], rtol=1e-7)
     matrices = np.array([dynamics._matrix(state[6:10].tolist()) for state in states])
     momentum = np.einsum("nij,nj->ni", matrices, spin)
-    np.testing.assert_allclose(
-        momentum, momentum[:1].repeat(31, axis=0), atol=1e-6 * np.linalg.norm(momentum[0])
-    )
+    np.testing.assert_allclose(momentum, momentum[:1].repeat(31, axis=0), atol=1e-6 * np.linalg.norm(momentum[0]))
     fall = 0.5 * np.sum(states[:, 3:6] ** 2, axis=1) - GRAVITY * states[:, 2]
     np.testing.assert_allclose(fall, fall[0], rtol=1e-9)
 
 
 @pytest.mark.parametrize("scenario", other.SCENARIOS, ids=lambda scenario: scenario.name)
-def test_derivative_is_that_of_another_simulation(
-    scenario: other.Scenario, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_derivative_is_that_of_another_simulation(scenario: other.Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
     def exponential(altitude: float) -> tuple[float, float]:
         return scenario.density * np.exp(-altitude / scenario.scale_height), 250.0
 
@@ -154,10 +145,7 @@ def test_offset_centre_of_gravity_turns_the_body_by_the_axial_force() -> None:
 def test_tilted_axis_of_inertia_couples_roll_into_the_transverse_rates() -> None:
     tilt = np.array([1e-3, -2e-3])
     start = replace(draw_start(CONE, np.random.default_rng(1)), coning=0.0, nutation=0.0)
-    bodies = [
-        Body(CONE, start, replace(no_errors(), principal_axis=axis), Planted(), PAD)
-        for axis in (0 * tilt, tilt)
-    ]
+    bodies = [Body(CONE, start, replace(no_errors(), principal_axis=axis), Planted(), PAD) for axis in (0 * tilt, tilt)]
     looks = [body.look(0.0, body.first_state(0.0)) for body in bodies]
     change = looks[1].rates_change - looks[0].rates_change
     # J = I + (Ix - I) a a', a the axis of inertia: -(omega x J omega) / I for a spin about x.

@@ -35,15 +35,9 @@ def test_side_moments_are_not_named_sticking(seed: int, truth: str) -> None:
 
 @pytest.mark.parametrize(
     ("seed", "truth", "grade", "colour"),
-    [
-        (68144, "magnus", "industrial", 0.0),
-        (69174, "vortex", "laboratory", 0.0),
-        (69069, "magnus", "laboratory", 0.61),
-    ],
+    [(68144, "magnus", "industrial", 0.0), (69174, "vortex", "laboratory", 0.0), (69069, "magnus", "laboratory", 0.61)],
 )
-def test_a_side_moment_instead_of_sticking_is_found_to_be_one(
-    seed: int, truth: str, grade: str, colour: float
-) -> None:
+def test_a_side_moment_instead_of_sticking_is_found_to_be_one(seed: int, truth: str, grade: str, colour: float) -> None:
     """Steps and delays of sticking follow it; a moment along the crossflow's normal follows it better."""
     verdict = said(draw_flight(seed, truth=truth, grade=grade, noise=Noise(colour=colour)))
     assert verdict.outcome == "none adequate"
@@ -145,9 +139,7 @@ def test_a_bend_of_large_angles_that_changes_with_the_speed_is_no_mechanism() ->
         (64083, "sticking", "laboratory"),
     ],
 )
-def test_the_limit_of_what_is_plainly_seen_holds_it_and_little_more(
-    seed: int, truth: str, grade: str
-) -> None:
+def test_the_limit_of_what_is_plainly_seen_holds_it_and_little_more(seed: int, truth: str, grade: str) -> None:
     """A short lag's fraction and delay make up for one another, and the measured moment holds errors of the axes."""
     made = draw_flight(seed, truth=truth, grade=grade)
     whole = np.sqrt(np.mean(np.abs(made.true.moment) ** 2))

@@ -33,9 +33,7 @@ class Timing:
     target: float | None = None
 
 
-def time_problem(
-    name: str, problem: ModelProblem, samples: int, repeats: int, target: float | None = None
-) -> Timing:
+def time_problem(name: str, problem: ModelProblem, samples: int, repeats: int, target: float | None = None) -> Timing:
     """Median time of fitting one simulated record of the problem."""
     segment = problem.simulate(samples, seed=0)
     start = problem.start(_START)
@@ -62,9 +60,7 @@ def run(repeats: int = 9) -> list[Timing]:
     timings = [
         time_problem("short period, 2 states, 8 parameters", short_period(), 1252, repeats, target=0.1),
         time_problem("spinning body, 4 states, 10 parameters", spinning_body(), 1080, repeats, target=0.5),
-        time_problem(
-            "late moment, 2 states, a delay of 10 samples", lagging_body(), 1080, repeats, target=0.5
-        ),
+        time_problem("late moment, 2 states, a delay of 10 samples", lagging_body(), 1080, repeats, target=0.5),
     ]
     for samples in (1000, 3000, 10_000, 30_000):
         fewer = max(1, repeats * 1000 // samples)
@@ -87,9 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"{'problem':46}{'samples':>8}{'wall, s':>9}{'best, s':>9}{'cpu, s':>9}{'steps':>7}  status")
     for t in timings:
         times = "".join(f"{value:9.3f}" for value in (t.wall, t.best, t.processor))
-        target = (
-            "" if t.target is None else f", target {t.target:g} s {'met' if t.wall < t.target else 'MISSED'}"
-        )
+        target = "" if t.target is None else f", target {t.target:g} s {'met' if t.wall < t.target else 'MISSED'}"
         print(f"{t.name:46}{t.samples:8}{times}{t.iterations:7}  {t.status}{target}")
     print(f"processor time per iteration grows as samples^{growth_exponent(timings[-4:]):.2f}")
 

@@ -69,9 +69,7 @@ def trapped(severity: float, starts: int, seed: int, samples: int = 480) -> tupl
     x = flown.trajectory(t, rng)
     segment = flown.measure(t, x, rng, 0.0)
     reference = fit(model.dynamics, model.outputs, [replace(segment, x0=x)], model.truth)
-    ends = [
-        fit(model.dynamics, model.outputs, [segment], scattered(model.truth, 0.5, rng)) for _ in range(starts)
-    ]
+    ends = [fit(model.dynamics, model.outputs, [segment], scattered(model.truth, 0.5, rng)) for _ in range(starts)]
     first = [end.starting_points[0] for end in ends]
     likelihoods = np.array([end.log_likelihood for end in ends])
     best = max(float(np.nanmax(likelihoods)), reference.log_likelihood)
@@ -133,10 +131,7 @@ def record_kinds() -> tuple[Kind, ...]:
 def stiff_kinds() -> tuple[Kind, ...]:
     """From slow for the samples to far too fast."""
     return (
-        *(
-            Kind(f"oscillator, {w:g} rad/s", oscillator(w), 150, _as_it_is, 0.02)
-            for w in (5.0, 20.0, 40.0, 60.0)
-        ),
+        *(Kind(f"oscillator, {w:g} rad/s", oscillator(w), 150, _as_it_is, 0.02) for w in (5.0, 20.0, 40.0, 60.0)),
         *(Kind(f"kinetics, {k:g} 1/s", kinetics(k), 100, _as_it_is) for k in (10.0, 40.0, 100.0)),
     )
 

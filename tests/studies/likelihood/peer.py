@@ -60,9 +60,7 @@ def compare(samples: int, seed: int | np.random.SeedSequence) -> Comparison:
     segment = problem.simulate(samples, seed)
     start = problem.start(_OFF)
     began = time.process_time()
-    found = fit(
-        problem.dynamics, problem.outputs, [segment], start, _NOISE_OFF * _DRIVE, estimate_process_noise=True
-    )
+    found = fit(problem.dynamics, problem.outputs, [segment], start, _NOISE_OFF * _DRIVE, estimate_process_noise=True)
     middle = time.process_time()
     peer = _fitted_by_peer(segment, start, _NOISE_OFF * problem.noise)
     ended = time.process_time()

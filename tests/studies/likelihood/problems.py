@@ -158,15 +158,11 @@ def short_period() -> ModelProblem:
         "M_alpha": -6.0, "M_q": -1.5, "M_delta": -8.0,
         "alpha_bias": 0.01, "q_bias": -0.02,
     }  # fmt: skip
-    return ModelProblem(
-        dynamics, outputs, truth, _elevator, np.array([0.02, 0.0]), np.array([0.002, 0.005]), rate=25.0
-    )
+    return ModelProblem(dynamics, outputs, truth, _elevator, np.array([0.02, 0.0]), np.array([0.002, 0.005]), rate=25.0)
 
 
 def spinning_body(
-    pitch_damping: float = -0.3,
-    limit: float = np.inf,
-    x0: tuple[float, ...] = (0.0, 0.1, 0.15, 0.05),
+    pitch_damping: float = -0.3, limit: float = np.inf, x0: tuple[float, ...] = (0.0, 0.1, 0.15, 0.05)
 ) -> ModelProblem:
     """A spinning axisymmetric body with gyros and accelerometers: 10 parameters.
 
@@ -221,9 +217,7 @@ def lagging_body() -> ModelProblem:
     def dynamics(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
         angle, rate = x
         late = delayed["delay"].x[0]
-        return np.array(
-            [rate, theta["stiffness"] * angle + theta["late"] * late + theta["damping"] * rate + u[0]]
-        )
+        return np.array([rate, theta["stiffness"] * angle + theta["late"] * late + theta["damping"] * rate + u[0]])
 
     def outputs(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:
         return np.array([x[0], x[1]])
@@ -374,15 +368,7 @@ def kinetics(speed: float) -> ModelProblem:
     truth = {"k1": speed, "k2": 1.0, "k3": 2.0 * speed}
     start = np.array([1.0, 0.0, 0.0])
     return ModelProblem(
-        dynamics,
-        outputs,
-        truth,
-        _nothing,
-        start,
-        np.full(3, 0.005),
-        rate=20.0,
-        guess=start,
-        substeps=_FAST_SUBSTEPS,
+        dynamics, outputs, truth, _nothing, start, np.full(3, 0.005), rate=20.0, guess=start, substeps=_FAST_SUBSTEPS
     )
 
 

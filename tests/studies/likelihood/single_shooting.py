@@ -143,9 +143,7 @@ class _Shooter:
         normal = information / np.outer(norm, norm)
         cost = float(right @ right)
         for damping in _DAMPING:
-            step = (
-                np.linalg.lstsq(normal + damping * np.eye(norm.size), gradient / norm, rcond=1e-14)[0] / norm
-            )
+            step = np.linalg.lstsq(normal + damping * np.eye(norm.size), gradient / norm, rcond=1e-14)[0] / norm
             trial = self._residual(unknown + step)
             if np.all(np.isfinite(trial)):
                 with np.errstate(over="ignore"):
@@ -159,9 +157,7 @@ class _Shooter:
 
     def _values(self, unknown: FloatArray) -> tuple[dict[str, float], FloatArray]:
         p = len(self.names)
-        return self.theta | dict(zip(self.names, unknown[:p].tolist(), strict=True)), unknown[p:].reshape(
-            self.shape
-        )
+        return self.theta | dict(zip(self.names, unknown[:p].tolist(), strict=True)), unknown[p:].reshape(self.shape)
 
     def _residual(self, unknown: FloatArray) -> FloatArray:
         """Measured minus predicted output, (n_outputs, all samples), 0 in gaps."""
@@ -215,8 +211,7 @@ class _Shooter:
             noise_covariance=covariance,
             iterations=iterations,
             states=tuple(
-                _integrate(self.dynamics, r, s, theta)[:, r.samples]
-                for r, s in zip(self.records, x0, strict=True)
+                _integrate(self.dynamics, r, s, theta)[:, r.samples] for r, s in zip(self.records, x0, strict=True)
             ),
         )
 
@@ -237,9 +232,7 @@ def _record(segment: Segment, number: int, substeps: int) -> _Record:
     return _Record(fine, Interpolator(t).stencil(fine).apply(u), grid.y, slice(0, None, substeps), u, t)
 
 
-def _integrate(
-    dynamics: Function, record: _Record, start: FloatArray, theta: Mapping[str, float]
-) -> FloatArray:
+def _integrate(dynamics: Function, record: _Record, start: FloatArray, theta: Mapping[str, float]) -> FloatArray:
     """States after each Runge-Kutta step, (n_states, steps + 1)."""
     t, u = record.t, record.u
     steps = (t.size - 1) // 2

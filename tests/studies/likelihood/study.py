@@ -29,13 +29,7 @@ from tests.studies.likelihood.hard_study import (
     print_stiff,
     print_trapped,
 )
-from tests.studies.likelihood.problems import (
-    ModelProblem,
-    growing_body,
-    lagging_body,
-    short_period,
-    spinning_body,
-)
+from tests.studies.likelihood.problems import ModelProblem, growing_body, lagging_body, short_period, spinning_body
 from tests.studies.likelihood.single_shooting import fit_single_shooting
 
 _NINETY_FIVE = 1.959964
@@ -92,13 +86,7 @@ class FilterStudy:
     converged: BoolArray
 
 
-def coverage(
-    problem: ModelProblem,
-    samples: int,
-    trials: int,
-    seed: int,
-    correlation: float = 0.0,
-) -> Coverage:
+def coverage(problem: ModelProblem, samples: int, trials: int, seed: int, correlation: float = 0.0) -> Coverage:
     """Coverage over records that differ in their noise, started at 0.8 of the truth."""
     names = tuple(problem.truth)
     truth = np.array(list(problem.truth.values()))
@@ -146,9 +134,7 @@ def hard_motion(trials: int, seed: int, samples: int = 75, shooting: bool = True
         iterations.append(float(result.iterations))
         if shooting:
             known = replace(segment, x0=problem.x0)
-            shot = fit_single_shooting(
-                problem.dynamics, problem.outputs, [known], start, substeps=1, max_iterations=50
-            )
+            shot = fit_single_shooting(problem.dynamics, problem.outputs, [known], start, substeps=1, max_iterations=50)
             theirs.append(_same(shot.status == "converged", shot.nllf, reference))
     return HardMotion(growth_in_two_seconds(problem), np.array(ours), np.array(iterations), np.array(theirs))
 
@@ -182,9 +168,7 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
     theta, process, measurement, iterations, seconds, converged = [], [], [], [], [], []
     for segment in _records(problem, samples, trials, seed, 0.0):
         began = time.perf_counter()
-        result = fit(
-            problem.dynamics, problem.outputs, [segment], start, 2.0 * drive, estimate_process_noise=True
-        )
+        result = fit(problem.dynamics, problem.outputs, [segment], start, 2.0 * drive, estimate_process_noise=True)
         seconds.append(time.perf_counter() - began)
         converged.append(result.converged)
         iterations.append(result.iterations)
@@ -195,9 +179,7 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
     return FilterStudy(*map(np.array, (theta, process, measurement, iterations, seconds, converged)))
 
 
-def _records(
-    problem: ModelProblem, samples: int, trials: int, seed: int, correlation: float
-) -> Iterator[Segment]:
+def _records(problem: ModelProblem, samples: int, trials: int, seed: int, correlation: float) -> Iterator[Segment]:
     """Records with fresh noise; the motion is simulated once unless process noise drives it."""
     t = np.arange(samples) / problem.rate
     x = problem.trajectory(t, np.random.default_rng(seed))
@@ -212,17 +194,10 @@ def _same(converged: bool, nllf: float, reference: FitResult) -> bool:
 
 
 def _print_coverage(trials: int, seed: int, echo: Callable[[str], None]) -> None:
-    for name, problem, samples in (
-        ("short period", short_period(), 1252),
-        ("spinning body", spinning_body(), 1080),
-    ):
+    for name, problem, samples in (("short period", short_period(), 1252), ("spinning body", spinning_body(), 1080)):
         for correlation in (0.0, 0.8):
             found = coverage(problem, samples, trials, seed, correlation)
-            kind = (
-                "white noise"
-                if correlation == 0
-                else f"noise correlated {correlation:g} from sample to sample"
-            )
+            kind = "white noise" if correlation == 0 else f"noise correlated {correlation:g} from sample to sample"
             echo(f"{name}, {samples} samples, {trials} trials, {kind}: {found.converged:.1%} converged")
             echo(_shares("  95 % intervals cover", found.white))
             echo(_shares("  corrected for colour", found.coloured))
@@ -254,9 +229,7 @@ def _print_delay(trials: int, seed: int, echo: Callable[[str], None]) -> None:
     for start in (0.1, 0.3):
         found = delay(trials, seed, start)
         within = np.abs(found.score) <= 2
-        echo(
-            f"delay of 0.2 s started at {start:g} s, {trials} trials: {found.converged.mean():.1%} converged"
-        )
+        echo(f"delay of 0.2 s started at {start:g} s, {trials} trials: {found.converged.mean():.1%} converged")
         echo(f"  within 2 sigma: {within.mean():.1%}; rms error {np.sqrt(np.mean(found.error**2)):.4f} s")
 
 

@@ -162,11 +162,7 @@ def _aerodynamic(effect: str, draw: np.random.Generator, here: Look) -> dict[str
     if not mechanism.terms_enter_together:
         return {"mechanism": effect, "terms": {names[0]: float(draw.choice([-1.0, 1.0]))}, "kind": "constant"}
     angle = float(draw.uniform(0.0, 2.0 * np.pi))
-    return {
-        "mechanism": effect,
-        "terms": {names[0]: np.cos(angle), names[1]: np.sin(angle)},
-        "kind": "constant",
-    }
+    return {"mechanism": effect, "terms": {names[0]: np.cos(angle), names[1]: np.sin(angle)}, "kind": "constant"}
 
 
 def _unnamed_file(effect: str, here: Look) -> str:
@@ -179,9 +175,7 @@ def _unnamed_file(effect: str, here: Look) -> str:
             YamlTerm(name="b", axis="body_z", turn=Turn(of="time", rate=5.0)),
         ),
         "third_harmonic": tuple(
-            YamlTerm(
-                name=name, axis="in_plane", factors=(Factor(of="windward_meridian", function=wave, rate=3.0),)
-            )
+            YamlTerm(name=name, axis="in_plane", factors=(Factor(of="windward_meridian", function=wave, rate=3.0),))
             for name, wave in zip(("a", "b"), WAVES, strict=True)
         ),
         "mach_step": tuple(
@@ -238,9 +232,7 @@ def free_part(problem: Problem, column: FloatArray) -> FloatArray:
     return np.asarray(column - basis @ (basis.T @ column), dtype=float)
 
 
-def _plant_record(
-    data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator
-) -> Size:
+def _plant_record(data: dict[str, Any], effect: str, here: Look, times: float, draw: np.random.Generator) -> Size:
     """Plant an error of one component of an instrument, or a step of the wind."""
     limits = {}
     for name, (_, planted) in here.components.items():

@@ -67,9 +67,7 @@ def standing_on(flight: Flight, found: SavedModel) -> Ground:
     return Ground(flight, found, state, here)
 
 
-def planted(
-    base: Ground, effect: str, times: float, seed: int, onset: float | None = None
-) -> tuple[Flight, str]:
+def planted(base: Ground, effect: str, times: float, seed: int, onset: float | None = None) -> tuple[Flight, str]:
     """The record with the effect at `times` its detection limit, in a random direction of its terms; its size.
 
     A moment that may change in time begins at `onset` (s), where one is given. One that the vehicle could not bear is
@@ -117,9 +115,7 @@ def limits_there(
     names = [term.name for term in item.terms(base.state.seen.reconstructions[0].motion, {})]
     own = tuple(Regressor(item.name, name, (), _course(onset), "1") for name in names)
     settings = TraceConfig(maximum_likelihood=False)
-    both = replace(
-        model, mechanisms={**model.mechanisms, item.name: item}, columns=(*model.columns, *own)
-    )
+    both = replace(model, mechanisms={**model.mechanisms, item.name: item}, columns=(*model.columns, *own))
     with threadpool_limits(limits=1, user_api="blas"):
         problem = settled_state((flight,), both, settings).problem
         problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
@@ -131,9 +127,7 @@ def limits_there(
         return there, there * float(free @ left) / float(free @ free)
 
 
-def _with_error(
-    base: Ground, effect: RecordEffect, times: float, draw: np.random.Generator
-) -> tuple[Flight, str]:
+def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.random.Generator) -> tuple[Flight, str]:
     """The record with an error of one component of an instrument, of those that have errors so large."""
     settings = TraceConfig(discover=False, maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
@@ -157,9 +151,7 @@ def _with_error(
     return effect.perturb(base.flight, component.name, value), told
 
 
-def _limit(
-    here: Look, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None
-) -> float:
+def _limit(here: Look, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None) -> float:
     """Detection limit along a direction of the terms, as a multiple of it.
 
     A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective

@@ -151,9 +151,7 @@ def table(outcomes: Sequence[Outcome]) -> str:
     of the noise; ratio: mean of the one over the other; second: the held-out error of another flight fell with what
     was discovered.
     """
-    lines = [
-        "effect                      flights  first  alike  named  added  found    any  noise  ratio second"
-    ]
+    lines = ["effect                      flights  first  alike  named  added  found    any  noise  ratio second"]
     seen = [o for o in outcomes if all(times >= 1.0 for times in o.times)]
     for name in dict.fromkeys("+".join(o.effects) or "none" for o in seen):
         own = [o for o in seen if ("+".join(o.effects) or "none") == name]
@@ -175,17 +173,11 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m tests.studies.loop.study", description=__doc__.split("\n")[0]
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("trace_study.jsonl"), help="results, appended to"
-    )
+    parser = argparse.ArgumentParser(prog="python -m tests.studies.loop.study", description=__doc__.split("\n")[0])
+    parser.add_argument("-o", "--output", type=Path, default=Path("trace_study.jsonl"), help="results, appended to")
     parser.add_argument("--flights", type=int, default=21, help="flights for each effect")
     parser.add_argument("--short", action="store_true", help="three flights for each effect, one a vehicle")
-    parser.add_argument(
-        "--effects", default=None, help="comma-separated; a plus joins two; none plants nothing"
-    )
+    parser.add_argument("--effects", default=None, help="comma-separated; a plus joins two; none plants nothing")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
     return parser.parse_args(arguments)

@@ -58,10 +58,7 @@ def test_a_wind_step_has_a_time() -> None:
 
 
 def test_the_report_counts_what_holds_the_region() -> None:
-    others = [
-        (Variant("a"), traced({"trim": None, "lag": None})),
-        (Variant("b"), traced({})),
-    ]
+    others = [(Variant("a"), traced({"trim": None, "lag": None})), (Variant("b"), traced({}))]
     assert list(report(traced({"trim": None}), others)) == [
         "trim persists in 1 of 2, not in b",
         "a: found there alone: lag",
@@ -78,7 +75,6 @@ def test_seven_variants_change_one_thing_each() -> None:
             variant.blocks is not None,
             changed.samples < flight.samples,
             changed.vehicle != flight.vehicle,
-            changed.samples == flight.samples
-            and not np.array_equal(changed.dynamic_pressure, flight.dynamic_pressure),
+            changed.samples == flight.samples and not np.array_equal(changed.dynamic_pressure, flight.dynamic_pressure),
         ]
         assert sum(told) == 1, variant.name

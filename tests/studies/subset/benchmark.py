@@ -133,9 +133,7 @@ class _Allowed:
         return min(self.limit_s, case.target * ours) if self.to_target else self.limit_s
 
 
-def _print_curve(
-    only: str, shares: Sequence[float], repeats: int, limit_s: float, allowed: _Allowed
-) -> None:
+def _print_curve(only: str, shares: Sequence[float], repeats: int, limit_s: float, allowed: _Allowed) -> None:
     """One row for each problem and R^2; a limit that struck is shown as such, with the gap that was proved."""
     print(CURVE_ROW.format("problem", "k", "R^2", "here [s]", "nodes", "leaps [s]", "ratio", "verdict"))
     for case in CURVES:

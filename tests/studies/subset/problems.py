@@ -128,9 +128,7 @@ _TABLE_4_1_POWERS = (
 def _angle_of_attack(t: Times) -> FloatArray:
     """Total angle of attack [rad] of a precessing body through transition."""
     s = t - TABLE_5_5_KNOTS[0]
-    return np.asarray(
-        0.0042 + 0.0021 * np.sin(2 * np.pi * (1.9 * s + 0.11 * s**2)) + 0.0007 * np.sin(31.0 * s)
-    )
+    return np.asarray(0.0042 + 0.0021 * np.sin(2 * np.pi * (1.9 * s + 0.11 * s**2)) + 0.0007 * np.sin(31.0 * s))
 
 
 def _windward_meridian(t: Times) -> FloatArray:
