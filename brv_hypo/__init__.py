@@ -3,13 +3,17 @@
 load_flight(path)              flight record -> Flight                     brv_hypo.flight
 reconstruct(flight)            wind-relative motion and moments            brv_hypo.model
 compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.ranking
-trace(flight, config)          what is left over, traced to its effect     brv_hypo.residuals
+trace(flight, config)          the residual, traced to its effect          brv_hypo.residuals
 predict(flight, model, refit)  a model of other flights on this one        brv_hypo.residuals
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
 best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, .likelihood
 write_report, write_figures    any result as a page, as PNG and SVG        brv_hypo.report.write
 Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
 brv-hypo --help                the command line                            brv_hypo.cli
+
+Where things are: mechanisms and effects in `plugins`; methods of reconstruction in motion/methods; import formats in
+importing/formats.py; tolerances of instrument grades in flight/tolerances.py; what decides a fault of a record in
+thresholds.py, a verdict or a finding in constants.py; errors with their exit codes in errors.py.
 """
 
 from __future__ import annotations

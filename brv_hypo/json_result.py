@@ -1,4 +1,4 @@
-"""Results that survive JSON: what is not a number is written as null, and comes back."""
+"""Result base classes: fields that are not a number are null in JSON, and come back as NaN."""
 
 from __future__ import annotations
 

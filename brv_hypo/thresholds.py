@@ -1,4 +1,4 @@
-"""What decides a fault of a flight record: every threshold with its unit, what it decides, and what set it.
+"""Thresholds that decide whether a flight record is faulty (spike, stuck, clipped, gap): value, unit, source.
 
 A threshold is a plain number where it is used; its entry in `THRESHOLDS` says the rest, and `source` names the paper,
 the study (`python -m ...`) or the test file of this repository that set it or holds with it. "Judgement" stands where

@@ -1,6 +1,4 @@
-"""`brv-hypo compare`, `trace`, `predict` and `study`: competing mechanisms ranked, the residual traced to its effects,
-a model of other flights on this one, many simulated flights.
-"""
+"""Commands `compare`, `trace`, `predict` and `study`."""
 
 from __future__ import annotations
 

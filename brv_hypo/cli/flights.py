@@ -1,6 +1,4 @@
-"""Flight records on the command line: `inspect`, `import`, `reconstruct`, and `simulate` and `demo`, whose
-mechanism is known.
-"""
+"""Commands `inspect`, `import`, `reconstruct`, `simulate` and `demo`."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from brv_hypo.cli import analyses, flights, plugins
-from brv_hypo.cli.signals import listen
+from brv_hypo.cli.exits import listen
 
 app = typer.Typer(
     name="brv-hypo",

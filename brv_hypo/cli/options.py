@@ -1,5 +1,4 @@
-"""The options that commands share, declared once, and what a shell completes: topics, mechanisms,
-configurations, grades.
+"""Options that several commands share, declared once, and their shell completion.
 
 Typer evaluates the aliases at start-up, so this module imports nothing heavy: completions import what they
 need when a shell calls them.

@@ -1,4 +1,4 @@
-"""What is installed, files to start from, and the manual: `brv-hypo mechanisms`, `config` and `docs`."""
+"""Commands `mechanisms`, `config` and `docs`: what is installed, files to start from, the manual."""
 
 from __future__ import annotations
 

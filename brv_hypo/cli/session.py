@@ -1,4 +1,4 @@
-"""Where a command's results go: the terminal, JSON, an HTML report, files; and what makes a function a command.
+"""What a command does with its result (terminal, JSON, report, files); `in_session` makes a function a command.
 
 Outputs are claimed before any work starts, so that a long run never ends in a refusal, and are written whole
 or not at all. With `--json -` standard output holds JSON and nothing else.
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from brv_hypo.cli import options
-from brv_hypo.cli.signals import guarded
+from brv_hypo.cli.exits import guarded
 from brv_hypo.errors import UsageError
 from brv_hypo.io.atomic import check_target, write_whole
 from brv_hypo.io.text import printable

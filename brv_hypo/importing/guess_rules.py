@@ -25,7 +25,7 @@ from brv_hypo.errors import BrvHypoError
 from brv_hypo.flight.inspection import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, to_si
-from brv_hypo.importing.tables import column_names, read_columns
+from brv_hypo.importing.formats import column_names, read_columns
 
 MAGNETOMETER = ("mx", "my", "mz")  # no channels of format 1: they tell the roll rate
 

@@ -59,8 +59,8 @@ from brv_hypo.flight.record import (
 )
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import Dimension, to_si
+from brv_hypo.importing.formats import Columns, found_file, nearest, read_columns
 from brv_hypo.importing.rocket_log import ascent, clock_offset, decimated, needed_rate, take_out_biases
-from brv_hypo.importing.tables import Columns, found_file, nearest, read_columns
 from brv_hypo.io.text import naming, one_line
 
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown

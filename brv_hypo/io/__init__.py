@@ -3,7 +3,7 @@
 text.py             text of foreign origin without control codes; the one wording of a refused dataset
 reading.py          regular files only, and text within a budget
 mappings.py         YAML and JSON within budgets of size, depth and expansion
-atomic.py           files written whole or not at all; lines appended whole or not at all
+atomic.py           files written whole or not at all
 sandbox.py          readers of binary files, run in a process of their own within limits
 hdf5.py             HDF5 as a plain tree of datasets with units
 tables.py           columns of Parquet and MATLAB files

@@ -1,4 +1,4 @@
-"""From where the search ended to the result: errors, likelihood, innovations, and what cannot be trusted.
+"""`assess`: the result of a fit: standard errors, likelihood, innovations and warnings at the end of a search.
 
 The discretisation's effect on the estimate is part of it. An interval's error is the difference of two quadratures of
 the slope, Simpson's with the midpoint of the collocation's cubic and Boole's on a quartic, whose points come from one

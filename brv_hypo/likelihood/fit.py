@@ -1,4 +1,4 @@
-"""The entrance: `fit`."""
+"""`fit`: maximum likelihood of a dynamic model from start values and segments; the entrance of this package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reconstruction with the errors that the record's tolerances allow."""
+"""`reconstruct` as users call it: `motion.pipeline.reconstruct` with the errors that the tolerances allow."""
 
 from __future__ import annotations
 

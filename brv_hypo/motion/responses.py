@@ -1,4 +1,4 @@
-"""Sensitivity of attitude, velocity, forces and moments to the errors that a record may have.
+"""`Perturbation`: one error of a record with its size; the linear response of motion and moments to it.
 
 `Perturbation` is one component of an error with its 1-sigma size, `perturbed` the inertial record under it.
 `effect_responses` linearises each by a central difference about a noise-free flight: smoothed rates, speed and

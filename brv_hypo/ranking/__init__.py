@@ -1,15 +1,15 @@
 """From reconstructed flights to ranked hypotheses with a verdict.
 
 compare.py   entrance: one readable `compare`; C_p, PRESS, AIC and BIC; the model confidence set of held-out blocks
-config.py    what a comparison may be told; what decides a verdict stands in brv_hypo/constants.py
+config.py    settings of a comparison; what decides a verdict stands in brv_hypo/constants.py
 preparation.py   from reconstructed flights to the problem that all hypotheses share
-fitting.py   every hypothesis fitted; disagreement.py where the criteria put different hypotheses first
-adequacy.py  whether only noise is left; alternative.py what may be there instead
-stability.py whether a repetition ends the same: without blocks, within tolerances, other knots, other methods
+fitting.py   every hypothesis fitted
+adequacy.py  whether only noise is left, and which moments outside the list may be there instead
+stability.py whether a repetition gives the same outcome: without blocks, within tolerances, other knots, other methods
 limits.py    how large each mechanism may be; intervals.py net values between knots
-verdict.py   a winner, or the credible set
-likelihood.py    these, by maximum likelihood
-summary.py   gathers the result; result.py is its shape
+verdict.py   probabilities, and the winner or the credible set
+maximum_likelihood.py    the credible hypotheses on the measurements themselves
+summary.py   gathers the result, and says where criteria disagree; histories.py for its charts; result.py its shape
 """
 
 from brv_hypo.ranking.compare import compare

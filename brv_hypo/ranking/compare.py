@@ -44,8 +44,8 @@ from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.limits import limits
+from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.stability import repetitions, stability

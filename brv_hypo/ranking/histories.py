@@ -1,5 +1,4 @@
-"""Histories of a comparison for charts: coefficients over time with their uncertainty (Figures 4.10 to 4.14 of the
-report), and the in-plane moment of models of several sizes (Figures 5.12 to 5.15).
+"""Data of a comparison's charts: coefficients over time with uncertainty, in-plane moments by size of model.
 
 Coefficients come from the likelihood where it converged, else from the regression: a coefficient is f(x)' theta, its
 variance f' M^-1 f, at the estimated motion. Where the curves of two sizes differ by much, the smaller model cannot be

@@ -1,4 +1,4 @@
-"""A comparison as its result holds it: rows of the ranking, terms with their errors, where criteria disagree."""
+"""The result of a comparison, gathered: rows of the ranking, terms with errors, sentences where criteria disagree."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.ranking.histories import drawn
 from brv_hypo.ranking.intervals import Interval, intervals
-from brv_hypo.ranking.likelihood import Likelihoods
+from brv_hypo.ranking.maximum_likelihood import Likelihoods
 from brv_hypo.ranking.result import (
     BaselineSummary,
     Comparison,

@@ -1,4 +1,4 @@
-"""The verdict: a winner, all that stand, or that nothing on the list explains the flight."""
+"""The verdict: probabilities of the hypotheses, the credible set, and the sentence that says so. Entrance: `judge`."""
 
 from __future__ import annotations
 

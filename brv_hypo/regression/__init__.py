@@ -7,10 +7,11 @@ frame.py       the frame of all flights
 channels.py    rates and specific force, on parts of a record
 propagated_motion.py  the motion to linearise about, and how noise lets its attitude wander
 response.py    what a change of the record does to the residual
-nuisance.py    what is fitted along in every hypothesis
-problem.py     data, noise and what is projected out; noise.py settles the noise
+nuisance.py    the nuisance effects that are fitted in every hypothesis
+problem.py     data, noise and what is projected out; noise.py estimates the noise; linear.py, uncertainty.py: solutions
 reduced.py     nuisances and baseline projected out once, for search and refinement
 fit.py         best subset of a hypothesis's columns (search.py); refinement.py moves delays and knots
 unlisted.py    shapes of a moment that no listed mechanism has, and one that turns in the body
+moment_model.py, own_static_moment.py, free_moment.py  the moment of a model, self-consistent, or a smooth one
 held_out.py    prediction error on held-out blocks
 """

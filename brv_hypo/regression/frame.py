@@ -1,4 +1,4 @@
-"""`RateFrame`: the one least-squares frame that every hypothesis is regressed in, pitch and yaw together.
+"""`RateFrame`: the rates of all flights as one whitened least-squares problem, shared by every hypothesis.
 
 It holds the flights' derolled rates, turns columns into integrated rate histories, and whitens both. The constant of
 integration of every segment is projected out, so that segments, flights and held-out blocks need no other bookkeeping.

@@ -1,4 +1,4 @@
-"""A fit that stands: knots and delays where their steps end, and the static moment that goes with it.
+"""A fit repeated until its static moment C_mw and what lags behind it agree. Entrance: `converged`.
 
 What lags or sticks follows the static moment C_mw of Eq. 5.1, which the fit itself finds: a fixed point.
 """

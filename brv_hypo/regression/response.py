@@ -1,4 +1,4 @@
-"""How the residual answers to a change of the record, or of where the motion starts.
+"""`LinearisedFlight`: how rates and specific force change when the record, or the start of the motion, changes.
 
 The motion is propagated from the reconstruction's start: attitude from the gyros, velocity from forces, gravity and
 wind. What the reconstruction estimates (direction of the velocity at the start, gravity, the random walk of the gyros'

@@ -1,4 +1,4 @@
-"""The columns on offer, and the best subsets of them."""
+"""The candidate columns of one hypothesis, and their best subsets on the grid of knots and delays."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""A moment that no mechanism on the list has, acting *instead of* a listed one: `unlisted_moment` of ordinary shapes,
-`turning_moment` that turns in the body at a constant rate, which a body-fixed moment follows only in many steps.
+"""`UnlistedMoment`: a smooth or slowly turning moment that no listed mechanism has, tried in a mechanism's place.
 
 `particular_share`: what a fit says of its mechanisms in particular, beyond changes of the coefficients that many
 things bring.

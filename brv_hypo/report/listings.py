@@ -1,6 +1,4 @@
-"""What commands show that is no document, as blocks and as data for JSON: an inspected record, the installed
-mechanisms and their conformance, a simulated flight.
-"""
+"""Terminal listings that are no document: inspected record, mechanisms, conformance, simulation; also as JSON."""
 
 from __future__ import annotations
 

@@ -1,23 +1,23 @@
-"""What a model leaves over, traced to the effect that it lacks.
+"""The residual of a model, traced to the effect that the model lacks.
 
-trace, TraceConfig   loop.py, config.py: the entrance, and what it may be told
-Trace                result.py: steps, findings and hints, model, what is left; summary.py gathers it
+trace, TraceConfig   trace_loop.py, config.py: the entrance, and its settings; how often repetitions name an effect
+Trace                result.py: steps, findings and hints, model, the residual; summary.py gathers it
 predict, Prediction  predict.py, prediction.py: a model found elsewhere, its coefficients frozen, on another flight;
-                     band.py: how far the moments may lie from it
+                     band.py: its prediction interval; local_change.py: where a flight differs
 find.py              tests of the residual: whiteness, size, where, at what frequency, along with what
 baseline.py          what a trace starts from: constant slope, its schedule by Mach number, or a table
 linearisation.py     flights as a model reads them: reconstruction, parts that are fitted and held out
-problem.py           the regression of one step; left_out.py: its errors on stretches left out
-candidates_at_step.py  one look: the model and every candidate (candidates.py, discover.py) on the fitted part
-choice.py            which candidate is added, by judge.py: errors on the held-out part; step_report.py tells it
-repetition.py        whether an effect keeps its name
-fitted_model.py      a model with its coefficients and errors; saved.py, restore.py: as data and back
+problem.py           the regression of one step
+candidates_at_step.py  the model and every candidate (candidates.py; discover.py, dictionary.py) on the fitted part
+choice.py            which candidate is added, by judge.py: errors on the held-out part; step_report.py reports it
+fitted_model.py      a model with its coefficients and errors; saved.py, restore.py: as data and back;
+                     static_slope.py: its coefficients and slope
 """
 
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.predict import predict
 from brv_hypo.residuals.prediction import Prediction
 from brv_hypo.residuals.result import Trace
+from brv_hypo.residuals.trace_loop import trace
 
 __all__ = ["Prediction", "Trace", "TraceConfig", "predict", "trace"]

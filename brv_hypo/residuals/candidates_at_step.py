@@ -1,4 +1,4 @@
-"""One analysis of the flights: the reconstruction, the model as it stands, and every candidate beside it.
+"""`Look`: at one step of a trace, the fitted model and every candidate tried beside it.
 
 Where two effects act at once, a third may explain more than either alone: candidates that lead are judged by what they
 explain together with the best effect beside them, on the fitted part (`looked_ahead`).

@@ -1,4 +1,4 @@
-"""Where, when and how a model fails: tests of its residual."""
+"""`find`: tests of a residual: whiteness, size, where it is largest, its frequency, what it correlates with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judgement on the held-out part: it took no part in the fit, nor in the choice of the effect."""
+"""Errors on the held-out part without an effect and with it: what confirms or contradicts the chosen effect."""
 
 from __future__ import annotations
 

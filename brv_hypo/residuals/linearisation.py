@@ -1,4 +1,4 @@
-"""Flights as a model reads them: what the model takes out of each record taken out, and reconstructed."""
+"""`Seen`: flights without the record errors of a model, reconstructed again and ready to be regressed."""
 
 from __future__ import annotations
 

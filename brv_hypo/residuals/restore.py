@@ -1,4 +1,4 @@
-"""Models to data and back: `saved`, `restored`."""
+"""A saved model from a fitted one, and a fitted one from it, for other flights: `saved`, `restored`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A traced model as data, from which another trace can start, and as a file.
+"""The file of a saved model: `SavedModel`, its schema, read and written as YAML.
 
 The file holds what is declared, found and described, with values, errors and covariance: YAML that a person can read
 and edit (`trace --write-model`), or the JSON of a trace, which holds the same.

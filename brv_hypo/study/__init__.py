@@ -1,7 +1,7 @@
 """How often is the planted mechanism found? Many simulated flights, each compared, and the statistics of it.
 
 config       what a study flies: the schema of configs/studies/*.yaml
-faults       faults of the record, injected in sound ones
+planted_faults  faults of the record, injected in sound ones
 draws        the flights of a study, each drawn from its own seed
 trial        one flight: simulated, compared, noted as an `Outcome`
 store        outcomes on disk, from which an interrupted study goes on

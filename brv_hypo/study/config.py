@@ -12,7 +12,7 @@ from brv_hypo.io.text import meant
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import read_settings
 from brv_hypo.simulation.config import NotNegative, Positive, Section, TolerancesConfig, config_path
-from brv_hypo.study.faults import planted_faults
+from brv_hypo.study.planted_faults import planted_faults
 
 NONE = "none"
 HOME = "studies"

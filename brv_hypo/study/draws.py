@@ -13,7 +13,7 @@ from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import PlantedConfig, Section
 from brv_hypo.study.config import NONE, FaultDraws, StudyConfig
-from brv_hypo.study.faults import fault_called, planted_faults
+from brv_hypo.study.planted_faults import fault_called, planted_faults
 
 FAULTS = 1  # number of the stream that faults are drawn from
 

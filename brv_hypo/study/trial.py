@@ -25,7 +25,7 @@ from brv_hypo.simulation import Truth, simulate
 from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.config import NONE, StudyConfig
 from brv_hypo.study.draws import Draw, corrupted, flight_config
-from brv_hypo.study.faults import fault_called
+from brv_hypo.study.planted_faults import fault_called
 
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
 

@@ -1,4 +1,4 @@
-"""The compiled search of subproblems: serially at first, on several threads once a search has proved long.
+"""The compiled tree search, called: serially at first, on several threads once a search has proved long.
 
 `CompiledSearch` builds the working arrays of one subproblem, runs the kernel on and reads out what is left;
 `search_compiled` is the entrance. Imported only when the compiled kernel is wanted: importing numba costs more than

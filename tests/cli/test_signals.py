@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from brv_hypo.cli import signals
-from brv_hypo.cli.signals import guarded
+from brv_hypo.cli import exits
+from brv_hypo.cli.exits import guarded
 
 STUDY = """
 title: long
@@ -99,7 +99,7 @@ def test_a_simulation_ends_at_once_and_leaves_no_file(tmp_path, number, delay):
 
 STUCK = """
 import brv_hypo.cli.main as main, time, typer
-from brv_hypo.cli.signals import guarded
+from brv_hypo.cli.exits import guarded
 
 def command():
     print("begun", flush=True)
@@ -139,7 +139,7 @@ def test_what_a_library_makes_of_a_signal_is_the_signal(monkeypatch, capsys):
     def command():
         raise ImportError("initialization failed")
 
-    monkeypatch.setattr(signals, "_code", CODES[signal.SIGTERM][0])
+    monkeypatch.setattr(exits, "_code", CODES[signal.SIGTERM][0])
     with pytest.raises(typer.Exit) as ended_with:
         guarded(command)()
     assert ended_with.value.exit_code == 143

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.likelihood import identify_standing
+from brv_hypo.ranking.maximum_likelihood import identify_standing
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.uncertainty import with_design
 from tests.chains import prepared

@@ -9,7 +9,7 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.residuals import Trace, TraceConfig, loop, trace
+from brv_hypo.residuals import Trace, TraceConfig, trace, trace_loop
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from tests.chains import traced_trim
@@ -118,7 +118,7 @@ def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(monkey
         traced.extend(flights)
         return result
 
-    monkeypatch.setattr(loop, "_trace", begun)
+    monkeypatch.setattr(trace_loop, "_trace", begun)
     trace(finer(nominal().flight, 24_001), TraceConfig())
     assert traced[0].samples < 6_000
     assert "means of" in traced[0].notes[-1]
@@ -127,7 +127,7 @@ def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(monkey
 def test_a_record_that_contradicts_itself_is_traced_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A rate gyro with the wrong sign; the trial is of the record as it is, whatever the trace makes of it."""
     result = traced_trim()
-    monkeypatch.setattr(loop, "_trace", lambda *_: result)
+    monkeypatch.setattr(trace_loop, "_trace", lambda *_: result)
     flight = nominal().flight
     assert trace(flight).record.sound
     wrong = trace(replace(flight, q=-flight.q)).record

@@ -14,8 +14,8 @@ from brv_hypo.residuals.baseline import start_model, starting_columns
 from brv_hypo.residuals.candidates_at_step import generic_name
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.linearisation import Model, see
-from brv_hypo.residuals.loop import unneeded, without
 from brv_hypo.residuals.result import Errors, Residual, Step, lasting_steps
+from brv_hypo.residuals.trace_loop import unneeded, without
 from tests.ranking.pulse import fitted, pulse
 
 CONFIG = TraceConfig(maximum_likelihood=False)

@@ -31,11 +31,11 @@ from brv_hypo.residuals.baseline import is_bend
 from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State, settled_state
-from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import SavedModel, read_structure
+from brv_hypo.residuals.trace_loop import trace
 from tests.studies.loop.planting import DETECTED, free_length, free_part
 from tests.studies.loop.planting_on_record import with_moment
 

@@ -22,8 +22,8 @@ from pydantic import TypeAdapter
 from brv_hypo.errors import BrvHypoError
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, mechanism_text
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.result import Step
+from brv_hypo.residuals.trace_loop import trace
 from brv_hypo.simulation import simulate
 from brv_hypo.simulation.config import SimulationConfig
 from tests.studies.loop.planting import EFFECTS, UNNAMED, Case, another_flight, planted

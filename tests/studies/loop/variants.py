@@ -15,8 +15,8 @@ from pathlib import Path
 from brv_hypo.flight.format import load_for_analysis
 from brv_hypo.flight.record import Flight
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.loop import trace
 from brv_hypo.residuals.result import Step, Trace
+from brv_hypo.residuals.trace_loop import trace
 
 # Share of the record that a later start and an earlier stop leave out, and by which a finding's time may move.
 _PART = 1.0 / 16.0

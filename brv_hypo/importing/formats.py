@@ -1,4 +1,4 @@
-"""Columns of foreign tables by name: csv, parquet and mat, and what an entry point adds.
+"""Import formats (csv, parquet, mat): `FORMATS`, the reader of each by file ending. A new format is one entry.
 
 `FORMATS` holds the reader of each format by the ending of its files: a function of the path, the names of the columns
 to read and the delimiter of the map, which returns a `ColumnTable`. A package adds a format by an entry point in the

@@ -1,5 +1,6 @@
-"""Faults that a record may have, injected in sound ones: for studies, and for counting what the data
-compatibility check names. `planted_faults` lists them.
+"""Faults injected in sound records, for studies: each with the kind and the channels that a report has to name.
+
+`planted_faults` lists them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`trace`: find the residual, trace it to an effect, add that effect, and again, until nothing is left to explain.
+"""`trace`, the residual loop: find the residual, add the effect that explains it, repeat until nothing is left.
 
 In the end, effects that the model took in before it held what they stood for are left out (`unneeded`), and the final
 model is refined by maximum likelihood on the measurements themselves (`maximum_likelihood`).

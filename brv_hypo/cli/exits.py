@@ -1,5 +1,4 @@
-"""How a command ends: SIGINT and SIGTERM, refusals and faults, each with one readable message and the contract's
-exit code.
+"""Exit codes and messages of a command that ends in a refusal, a fault of the program, SIGINT or SIGTERM.
 
 After a signal the command unwinds and its workers end; if it does not within the grace period, the process
 ends all the same. `listen` handles the signals, `guarded` wraps a command.
