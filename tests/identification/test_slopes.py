@@ -54,7 +54,9 @@ def agree(function: Function, other: Function, points: Points, theta: dict[str, 
     assert not [name for name, wrong in zip(theta, apart, strict=True) if wrong]
 
 
-@pytest.mark.parametrize("case", ["bodyfixed", "damping", "sticking"])
+@pytest.mark.parametrize(
+    "case", ["bodyfixed", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("damping", "sticking"))]
+)
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_slopes_are_those_of_differences(case: str, seed: int) -> None:

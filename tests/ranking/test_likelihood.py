@@ -15,6 +15,7 @@ from tests.studies.independent.study import drawn_flight
 QUICK = CompareConfig(mechanisms=("damping",), maximum_likelihood="quick")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [400004, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (400005, 400013))])
 def test_errors_of_the_record_are_told_whole(seed: int) -> None:
     """Whatever a linearisation took out of the record before is part of them: it was 60 standard errors once."""

@@ -61,6 +61,7 @@ def model_of(flight: Flight, aero: AeroTable | None = None, held: tuple[str, ...
     return with_priors(replace(model, columns=starting_columns(model, seen.frame)), seen)
 
 
+@pytest.mark.thorough
 def test_a_vehicle_whose_moment_bends_needs_no_effect() -> None:
     found = traced(*OTHERS)
     assert found.added == ()

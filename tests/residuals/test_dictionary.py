@@ -79,7 +79,7 @@ def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
     assert found.candidate.fit.searched == len(dictionary.entries)
 
 
-@pytest.mark.parametrize("at", [2.0, 4.0])
+@pytest.mark.parametrize("at", [2.0, pytest.param(4.0, marks=pytest.mark.thorough)])
 def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) -> None:
     given = prepared()
     motion = given.frame.motions[0]
@@ -92,7 +92,9 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
     assert places == pytest.approx([float(np.interp(at, motion.time, motion.mach))], abs=0.01)
 
 
-@pytest.mark.parametrize(("rate", "start", "stop"), [(8.0, 1.0, 2.0), (-3.0, 3.0, 4.5)])
+@pytest.mark.parametrize(
+    ("rate", "start", "stop"), [(8.0, 1.0, 2.0), pytest.param(-3.0, 3.0, 4.5, marks=pytest.mark.thorough)]
+)
 def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float, start: float, stop: float) -> None:
     """As constants throughout, entries of other rates and harmonics explain more."""
     term = TURNING.model_copy(update={"turn": Turn(of="time", rate=rate)})
@@ -105,7 +107,7 @@ def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float,
     assert times == pytest.approx([start, stop], abs=0.05)
 
 
-@pytest.mark.parametrize(("slow", "late"), [(2.0, 2.6), (2.2, 2.4)])
+@pytest.mark.parametrize(("slow", "late"), [(2.0, 2.6), pytest.param(2.2, 2.4, marks=pytest.mark.thorough)])
 def test_a_turn_too_slow_over_a_part_of_its_time_is_left_for_the_right_one(slow: float, late: float) -> None:
     """The rate at these times, and the times at that rate, stay away from what was planted."""
     given = with_moment(prepared(), TURNING, TimeBasis("jump", 1.2, 4.2), 300.0)

@@ -227,6 +227,7 @@ def test_the_page_draws_the_band(predicted: Prediction) -> None:
     assert "95 % prediction interval" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
 
 
+@pytest.mark.thorough
 def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flight, held: Prediction) -> None:
     assert held.record.sound
     turned = predict(replace(sister, q=-sister.q), traced.model.definition)

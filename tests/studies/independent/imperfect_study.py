@@ -19,7 +19,7 @@ from scipy.stats import beta
 
 from brv_hypo import compare
 from brv_hypo.ranking import CompareConfig
-from tests.studies.independent.flights import make_flight
+from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfections import KINDS
 from tests.studies.independent.instruments import GRADES
 from tests.studies.independent.mechanisms import LISTED
@@ -47,25 +47,31 @@ class Outcome:
     chance: float
 
 
-def fly(seed: int, number: int, grade: str, everything: bool) -> Outcome | str:
-    """Draw, compare and note one flight; the reason in words where it cannot be flown."""
+def drawn_flight(seed: int, number: int, grade: str, everything: bool) -> tuple[Made, str]:
+    """The flight of this number and the kind of its imperfection. Raises RuntimeError where none can be flown."""
     rng = np.random.default_rng([seed, _STREAM])
     vehicle = str(rng.choice(sorted(CRAFTS)))
     truth, amplitude = str(rng.choice(LISTED)), float(rng.uniform(*AMPLITUDE))
     if (number // len(KINDS) + number) % EMPTY_EVERY == 0:
         truth = "none"
     kinds, size = (KINDS, HALF) if everything else ((KINDS[number % len(KINDS)],), 1.0)
+    made = make_flight(vehicle, truth, amplitude, seed, grade, imperfect=kinds, imperfect_size=size)
+    return made, "all" if everything else kinds[0]
+
+
+def fly(seed: int, number: int, grade: str, everything: bool) -> Outcome | str:
+    """Draw, compare and note one flight; the reason in words where it cannot be flown."""
     try:
-        made = make_flight(vehicle, truth, amplitude, seed, grade, imperfect=kinds, imperfect_size=size)
+        made, kind = drawn_flight(seed, number, grade, everything)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     verdict = compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
     leads = max(verdict.probability, key=verdict.probability.__getitem__, default="record fault")
     return Outcome(
         seed=seed,
-        kind="all" if everything else kinds[0],
-        vehicle=vehicle,
-        truth=truth,
+        kind=kind,
+        vehicle=made.vehicle,
+        truth=made.truth,
         share=made.true.share,
         outcome=verdict.outcome,
         winner=verdict.winner,
