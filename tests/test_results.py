@@ -210,7 +210,7 @@ class TestPlot:
         flight = planted("research_cone", "bodyfixed").flight
         won = brv_hypo.compare(flight, CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood="none"))
         labels = [line.get_label() for line in won.plot("moments").axes[0].get_lines()]
-        assert [label for label in labels if label in ("none", "bodyfixed")] == ["none", "bodyfixed"]
+        assert [label for label in labels if label in ("baseline only", "bodyfixed")] == ["baseline only", "bodyfixed"]
 
     def test_an_unknown_chart_is_refused_with_those_there_are(self, compared) -> None:
         with pytest.raises(UsageError, match=r"got chart 'momenst', expected one .* moments, residuals.*[a-z]\.$"):

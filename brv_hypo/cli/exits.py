@@ -62,7 +62,8 @@ def end_workers() -> None:
     if executor is None:
         return
     for worker in list((executor._processes or {}).values()):
-        worker.kill()
+        if worker.pid is not None and worker.is_alive():
+            os.kill(worker.pid, signal.SIGKILL)  # loky's workers have no kill() of their own
 
 
 def _handle(number: int, frame: FrameType | None) -> None:

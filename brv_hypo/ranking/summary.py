@@ -80,9 +80,10 @@ def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
     leader = max(likely, key=lambda name: verdict.probability[name], default=None)
     if leader is None or leader in verdict.confidence_set:
         return ()
+    kept = verdict.confidence_set
     return (
         f"{hypothesis(leader)} is the most probable, but is not in the model confidence set (95 %): "
-        f"{_joined([*map(hypothesis, verdict.confidence_set)])} predict held-out blocks better",
+        f"{_joined([*map(hypothesis, kept)])} {'predicts' if len(kept) == 1 else 'predict'} held-out blocks better",
     )
 
 

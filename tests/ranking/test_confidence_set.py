@@ -78,4 +78,4 @@ def test_a_leader_that_is_dropped_is_told(kept: tuple[str, ...], said: bool) -> 
     )
     told = prediction_disagrees(verdict)
     assert bool(told) == said
-    assert not told or told[0].endswith("(95 %) holds none, not lag")
+    assert not told or told[0].endswith("(95 %): baseline only predicts held-out blocks better")
