@@ -60,8 +60,8 @@ FREE_ROWS_PER_COLUMN = 12
 ERRORS_REACH = 1e-3  # probability of errors under their tolerances, down to which they are taken out as they are
 
 # ---- Regression: search and refinement of knots, delays and terms ----
-# Bound the time; held by `tests.studies.independent.study` (how often the truth wins where the oracle parts it from
-# rivals).
+# Bound the time; held by `tests.studies.independent.study` (how often the truth wins where the ideal-observer
+# bound separates it from rivals).
 
 COMPARED_KNOTS = 11  # where coefficients may change, if a user sets none
 COMPARED_TERMS = 6  # columns that a hypothesis may add, if a user says nothing else

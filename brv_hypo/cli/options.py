@@ -1,4 +1,4 @@
-"""Options that several commands share, declared once, and their shell completion.
+"""Options that several commands share and their shell completion; options of one command stand beside it.
 
 Typer evaluates the aliases at start-up, so this module imports nothing heavy: completions import what they
 need when a shell calls them.

@@ -1,4 +1,4 @@
-"""Covariance of the estimated parameters, white and coloured; directions that the data do not determine.
+"""Covariance and standard errors of the estimates, white and coloured; directions that the data do not determine.
 
 White residuals: the inverse of the information, with near-null directions by name. Coloured residuals (Morelli and
 Klein, J. Aircraft 34, 1997):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, AliasChoices, BaseModel, ConfigDict, Field
 
 from brv_hypo.io.text import meant
 from brv_hypo.motion.methods import method_names
@@ -31,7 +31,7 @@ class ReconstructionConfig(BaseModel):
     """The report's "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), or "polar" (Appendix A)."""
     gravity: bool = True
     """Whether gravity turns the velocity; the report neglects it."""
-    measurements: Measurements = "auto"
+    measurements: Measurements = Field(default="auto", validation_alias=AliasChoices("measurements", "ties"))
     """What measures the attitude to the wind in the joint method: the normal force, the static moment, both, or the
     force alone unless that is too little ("auto")."""
     gravity_magnitude: float | None = Field(default=None, gt=0.0, description="m/s^2; from planet and altitude if None")

@@ -3,8 +3,8 @@
 trace, TraceConfig   trace_loop.py, config.py: the entrance, and its settings; how often repetitions name an effect
 Trace                result.py: steps, findings and hints, model, the residual; summary.py gathers it
 predict, Prediction  predict.py, prediction.py: a model found elsewhere, its coefficients frozen, on another flight;
-                     band.py: its prediction interval; local_change.py: where a flight differs
-find.py              tests of the residual: whiteness, size, where, at what frequency, along with what
+                     prediction_interval.py; local_change.py: where a flight differs
+diagnostics.py       tests of the residual: whiteness, size, where, at what frequency, along with what
 baseline.py          what a trace starts from: constant slope, its schedule by Mach number, or a table
 linearisation.py     flights as a model reads them: reconstruction, parts that are fitted and held out
 problem.py           the regression of one step

@@ -21,12 +21,12 @@ from brv_hypo.constants import (
 from brv_hypo.ranking.adequacy import is_particular
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.residuals.band import lasting
 from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.judge import Agreement, Prediction, agreement, force_errors, moment_errors, ratio, residuals_of
+from brv_hypo.residuals.prediction_interval import lasting
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
 
 

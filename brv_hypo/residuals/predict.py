@@ -37,7 +37,6 @@ from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
-from brv_hypo.residuals.band import band_of, error_at, lasting, predictive_sigma
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
@@ -45,6 +44,7 @@ from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_mom
 from brv_hypo.residuals.local_change import find_local_change, rest_of
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.prediction_in_words import Shares, reason
+from brv_hypo.residuals.prediction_interval import band_of, error_at, lasting, predictive_sigma
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.result import Trace

@@ -19,14 +19,14 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
-from brv_hypo.residuals.band import lasting, model_error, pair
 from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
 from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery, filed
-from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.prediction_interval import lasting, model_error, pair
 from brv_hypo.residuals.restore import Found, saved
 from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace, lasting_steps
 from brv_hypo.residuals.static_slope import (

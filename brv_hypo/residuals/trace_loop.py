@@ -57,8 +57,8 @@ from brv_hypo.residuals.candidates import Candidate, adjusted, fitted_again, loo
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
 from brv_hypo.residuals.choice import Choice, Tried, choose, comes_first, follows_mach, is_schedule, told_once
 from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery, discover
-from brv_hypo.residuals.find import find
 from brv_hypo.residuals.fitted_model import State, first_state, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.linearisation import Model, Seen, see
 from brv_hypo.residuals.problem import increments, with_efficiency

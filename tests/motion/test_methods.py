@@ -56,3 +56,7 @@ def test_an_unknown_method_is_refused_with_the_likeliest() -> None:
         settings_of(ReconstructionConfig, {"method": "velocty"})
     with pytest.raises(UsageError, match="known are joint, polar, rates, velocity"):
         settings_of(ReconstructionConfig, {"method": "spiral"})
+
+
+def test_the_earlier_name_of_a_setting_is_read() -> None:
+    assert ReconstructionConfig.model_validate({"ties": "both"}).measurements == "both"

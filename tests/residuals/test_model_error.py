@@ -16,10 +16,10 @@ from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, 
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals import Prediction, Trace, predict
-from brv_hypo.residuals.band import error_at, lasting, model_error
 from brv_hypo.residuals.baseline import start_model
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.linearisation import Seen, see
+from brv_hypo.residuals.prediction_interval import error_at, lasting, model_error
 from brv_hypo.residuals.saved import ModelError, SavedColumn, SavedModel
 from tests.chains import traced_trim, trimmed
 from tests.flights import nominal
