@@ -34,7 +34,14 @@ def test_errors_of_many_tolerances_are_not_asked_of_the_record(seed: int, share:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("seed", "truth"), [(238, "none"), (276, "none"), (278, "damping"), (279, "bodyfixed")])
+@pytest.mark.parametrize(
+    ("seed", "truth"),
+    [
+        (238, "none"),
+        (278, "damping"),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in ((276, "none"), (279, "bodyfixed"))),
+    ],
+)
 def test_the_walk_that_such_noise_makes_is_no_mechanism(seed: int, truth: str) -> None:
     verdict = compare(flight(seed, truth).flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
     assert verdict.winner in (None, truth)

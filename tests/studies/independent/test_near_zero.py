@@ -13,7 +13,7 @@ from tests.studies.independent.near_zero import make_through_zero
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("truth", ["damping", "none"])
-@pytest.mark.parametrize("vehicle", ["cone", "slender"])
+@pytest.mark.parametrize("vehicle", ["cone", pytest.param("slender", marks=pytest.mark.slow)])
 def test_through_zero(vehicle: str, truth: str) -> None:
     """Strong damping is named, and nothing is where nothing is: there none may be as large as the moment."""
     made = make_through_zero(vehicle, truth, seed=48000)

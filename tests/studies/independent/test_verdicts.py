@@ -21,13 +21,15 @@ def said(made: Made) -> Verdict:
     return compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
 
 
-@pytest.mark.parametrize("seed", [46203, 46036, 46102])
+@pytest.mark.parametrize(
+    "seed", [46203, pytest.param(46036, marks=pytest.mark.slow), pytest.param(46102, marks=pytest.mark.slow)]
+)
 def test_a_third_harmonic_is_no_mechanism_of_the_list(seed: int) -> None:
     """Many turns within a spline in time: what is smooth in time alone does not see it."""
     assert said(draw_flight(seed, truth="third_harmonic")).outcome == "none adequate"
 
 
-@pytest.mark.parametrize("seed", [46086, 46128])
+@pytest.mark.parametrize("seed", [46086, pytest.param(46128, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("truth", ["vortex"])
 def test_side_moments_are_not_named_sticking(seed: int, truth: str) -> None:
     assert said(draw_flight(seed, truth=truth)).winner is None
@@ -35,7 +37,11 @@ def test_side_moments_are_not_named_sticking(seed: int, truth: str) -> None:
 
 @pytest.mark.parametrize(
     ("seed", "truth", "grade", "colour"),
-    [(68144, "magnus", "industrial", 0.0), (69174, "vortex", "laboratory", 0.0), (69069, "magnus", "laboratory", 0.61)],
+    [
+        (68144, "magnus", "industrial", 0.0),
+        pytest.param(69174, "vortex", "laboratory", 0.0, marks=pytest.mark.slow),
+        pytest.param(69069, "magnus", "laboratory", 0.61, marks=pytest.mark.slow),
+    ],
 )
 def test_a_side_moment_instead_of_sticking_is_found_to_be_one(seed: int, truth: str, grade: str, colour: float) -> None:
     """Steps and delays of sticking follow it; a moment along the crossflow's normal follows it better."""
@@ -52,7 +58,9 @@ def test_a_moment_that_turns_in_the_body_is_not_named_body_fixed() -> None:
     assert "turning in the body at" in verdict.reason
 
 
-@pytest.mark.parametrize(("seed", "grade"), [(68139, "tactical"), (68214, "industrial")])
+@pytest.mark.parametrize(
+    ("seed", "grade"), [(68139, "tactical"), pytest.param(68214, "industrial", marks=pytest.mark.slow)]
+)
 def test_a_stiffness_that_follows_mach_number_is_not_named_asymmetric_flow(seed: int, grade: str) -> None:
     verdict = said(draw_flight(seed, truth="mach_step", grade=grade))
     assert verdict.winner is None
@@ -67,7 +75,10 @@ def test_a_search_that_ended_with_two_knots_off_finds_them() -> None:
 
 @pytest.mark.parametrize(
     ("seed", "truth", "grade", "colour"),
-    [(75265, "damping", "laboratory", 0.8931519243337775), (75602, "inplane", "industrial", 0.5589448519084663)],
+    [
+        (75265, "damping", "laboratory", 0.8931519243337775),
+        pytest.param(75602, "inplane", "industrial", 0.5589448519084663, marks=pytest.mark.slow),
+    ],
 )
 def test_a_moment_that_turns_abruptly_is_no_fault_of_the_record(
     seed: int, truth: str, grade: str, colour: float
@@ -82,13 +93,22 @@ def test_a_damping_that_turns_abruptly_is_named() -> None:
     assert said(made).winner == "damping"
 
 
-@pytest.mark.parametrize("seed", [49002, 49004, 49006])
+@pytest.mark.parametrize(
+    "seed", [49002, pytest.param(49004, marks=pytest.mark.slow), pytest.param(49006, marks=pytest.mark.slow)]
+)
 def test_coloured_noise_is_no_mechanism(seed: int) -> None:
     made = draw_flight(seed, truth="none", grade="tactical", noise=Noise(colour=0.85))
     assert said(made).winner in (None, "none")
 
 
-@pytest.mark.parametrize(("seed", "truth"), [(46612, "none"), (46614, "inplane"), (46620, "inplane")])
+@pytest.mark.parametrize(
+    ("seed", "truth"),
+    [
+        (46612, "none"),
+        pytest.param(46614, "inplane", marks=pytest.mark.slow),
+        pytest.param(46620, "inplane", marks=pytest.mark.slow),
+    ],
+)
 def test_errors_of_poor_instruments_are_not_something_else(seed: int, truth: str) -> None:
     """Errors of several degrees of freedom at once are large: linear only about where they are.
 
@@ -101,7 +121,7 @@ def test_errors_of_poor_instruments_are_not_something_else(seed: int, truth: str
     assert verdict.winner == truth if truth != "none" else verdict.outcome in ("named", "undecided")
 
 
-@pytest.mark.parametrize("truth", ["none", "sticking"])
+@pytest.mark.parametrize("truth", ["none", pytest.param("sticking", marks=pytest.mark.slow)])
 def test_a_transverse_force_that_is_read_along_the_axis_is_no_course_of_the_axial_force(truth: str) -> None:
     """A c.g. off the axis makes such a body spin up and down with its coning: 0.2 % of the torque was 3,000 sigma."""
     verdict = said(draw_flight(162023, truth=truth, grade="industrial"))
@@ -110,7 +130,8 @@ def test_a_transverse_force_that_is_read_along_the_axis_is_no_course_of_the_axia
 
 
 @pytest.mark.parametrize(
-    ("seed", "number", "truth", "drawn"), [(163158, 158, "inplane", False), (132146, 26, "inplane", True)]
+    ("seed", "number", "truth", "drawn"),
+    [(163158, 158, "inplane", False), pytest.param(132146, 26, "inplane", True, marks=pytest.mark.slow)],
 )
 def test_the_motion_is_moved_to_where_the_moments_say(seed: int, number: int, truth: str, drawn: bool) -> None:
     """The forces alone leave alpha a fortieth of itself off, each time anew: no fit about that was ever linear."""
@@ -134,9 +155,9 @@ def test_a_bend_of_large_angles_that_changes_with_the_speed_is_no_mechanism() ->
     ("seed", "truth", "grade"),
     [
         (63178, "lag", "industrial"),
-        (63082, "lag", "industrial"),
-        (64163, "damping", "industrial"),
-        (64083, "sticking", "laboratory"),
+        pytest.param(63082, "lag", "industrial", marks=pytest.mark.slow),
+        pytest.param(64163, "damping", "industrial", marks=pytest.mark.slow),
+        pytest.param(64083, "sticking", "laboratory", marks=pytest.mark.slow),
     ],
 )
 def test_the_limit_of_what_is_plainly_seen_holds_it_and_little_more(seed: int, truth: str, grade: str) -> None:
@@ -155,7 +176,14 @@ def test_a_wind_along_the_track_is_no_damping() -> None:
     assert said(made).winner == "none"
 
 
-@pytest.mark.parametrize(("seed", "truth"), [(345005, "sticking"), (345015, "bodyfixed"), (345028, "lag")])
+@pytest.mark.parametrize(
+    ("seed", "truth"),
+    [
+        (345005, "sticking"),
+        pytest.param(345015, "bodyfixed", marks=pytest.mark.slow),
+        pytest.param(345028, "lag", marks=pytest.mark.slow),
+    ],
+)
 def test_what_is_found_in_linearisations_that_lower_nothing_at_once_is_named(seed: int, truth: str) -> None:
     """Strong effects with industrial instruments, of which something smooth was left: "none adequate"."""
     made = drawn_flight(seed, seed - 345000, "mixed", 1.0, 5, True, True)
@@ -163,7 +191,9 @@ def test_what_is_found_in_linearisations_that_lower_nothing_at_once_is_named(see
     assert said(made).winner == truth
 
 
-@pytest.mark.parametrize("seed", [350002, 350014, 350212])
+@pytest.mark.parametrize(
+    "seed", [350002, pytest.param(350014, marks=pytest.mark.slow), pytest.param(350212, marks=pytest.mark.slow)]
+)
 def test_jumps_between_knots_are_no_ramps(seed: int) -> None:
     """Asymmetric flow that comes and goes: from ramps at the knots of the grid the search led to ramps elsewhere."""
     made = drawn_flight(seed, seed - 350000, "tactical", 1.0, 0)
