@@ -69,6 +69,7 @@ def written(folder, **parts):
     return path
 
 
+@pytest.mark.thorough
 def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo, drifted, tmp_path):
     found = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path), ml="full")
     blocks = [row["ml"] for row in found["ranking"] if row["ml"] is not None]
@@ -93,6 +94,7 @@ def test_its_name_in_the_comparison_asks_for_it(brv_hypo, drifted, tmp_path):
     assert information(unasked) == information(compared(brv_hypo, tmp_path, drifted))
 
 
+@pytest.mark.thorough
 def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, drifted, tmp_path):
     """The kit's sample is of 600 samples: there it is sound."""
     path = written(tmp_path, early="assert flight.samples == 600")

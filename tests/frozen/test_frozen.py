@@ -12,14 +12,19 @@ from tests.frozen.libraries import same_libraries
 DEFAULT = [flight for flight in FLIGHTS.values() if flight.default]
 
 
-def _marks(flight: Frozen) -> list[pytest.MarkDecorator]:
-    return [pytest.mark.shared] if isinstance(flight, Measured) else []
+LONG = {("launch12_early", "compare")}
+"""Results that take longer than all others of their kind: checked with the thorough tests."""
+
+
+def _marks(flight: Frozen, command: str) -> list[pytest.MarkDecorator]:
+    shared = [pytest.mark.shared] if isinstance(flight, Measured) else []
+    return [*shared, pytest.mark.thorough] if (flight.name, command) in LONG else shared
 
 
 @pytest.mark.parametrize(
     ("name", "command"),
     [
-        pytest.param(flight.name, command, marks=_marks(flight), id=f"{flight.name}.{command}")
+        pytest.param(flight.name, command, marks=_marks(flight, command), id=f"{flight.name}.{command}")
         for flight in DEFAULT
         for command in flight.commands
     ],

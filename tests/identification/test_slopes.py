@@ -81,7 +81,12 @@ def test_one_difference_is_enough_by_what_columns_are_affine_in(seed: int) -> No
 
 
 @pytest.mark.parametrize(
-    ("case", "use"), [("bodyfixed", "unused"), ("sticking", "unused"), ("damping", "affine"), ("lag", "other")]
+    ("case", "use"),
+    [
+        ("bodyfixed", "unused"),
+        ("damping", "affine"),
+        *(pytest.param(*each, marks=pytest.mark.thorough) for each in (("sticking", "unused"), ("lag", "other"))),
+    ],
 )
 def test_what_the_columns_make_of_rates(case: str, use: str) -> None:
     assert problem(case).model.moments.rates == use

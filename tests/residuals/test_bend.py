@@ -105,6 +105,7 @@ def test_the_saved_model_predicts_a_sister_by_its_bend(tmp_path_factory: pytest.
     assert without.error.frozen > 2.0 * held.error.frozen
 
 
+@pytest.mark.thorough
 def test_a_structure_estimates_it_anew_and_a_frozen_model_has_it_as_a_column() -> None:
     definition = traced(*OTHERS).model.definition
     flight = bent()
