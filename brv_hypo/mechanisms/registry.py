@@ -30,7 +30,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.reading import check_regular
 from brv_hypo.io.text import meant, one_line
 from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, known_as, unchecked
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, RecordEffect, RecordProcess
 from brv_hypo.mechanisms.hookspecs import ENTRY_POINT_GROUP
 from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
 from brv_hypo.motion.responses import Perturbation, superposed
@@ -193,8 +193,9 @@ def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
 
 
 def record_effects() -> tuple[RecordEffect, ...]:
-    """The installed instrument and environment effects."""
-    return tuple(entry.item for entry in installed().values() if isinstance(entry.item, RecordEffect))
+    """The installed instrument and environment effects but for processes."""
+    items = (entry.item for entry in installed().values())
+    return tuple(item for item in items if isinstance(item, RecordEffect) and not isinstance(item, RecordProcess))
 
 
 def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
@@ -270,6 +271,16 @@ def nuisance_effects() -> tuple[RecordEffect, ...]:
 def nuisance_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
     """The mechanisms whose coefficients the record's tolerances of the vehicle bound."""
     return tuple(item for item in _nuisances() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+
+
+def record_processes() -> tuple[RecordProcess, ...]:
+    """The processes of instruments and air that are part of every hypothesis."""
+    return tuple(item for item in _nuisances() if isinstance(item, RecordProcess))
+
+
+def moment_processes() -> tuple[MomentProcess, ...]:
+    """The processes of the moment that are part of every hypothesis."""
+    return tuple(item for item in _nuisances() if isinstance(item, MomentProcess))
 
 
 def _nuisances() -> list[Item]:

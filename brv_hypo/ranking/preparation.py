@@ -21,7 +21,8 @@ from brv_hypo.constants import (
 )
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, without
+from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, record_processes, without
 from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
@@ -218,12 +219,21 @@ def about(point: LinearisationPoint, records: Sequence[Cleaned], settings: Setti
     return problem.under(settled_noise(replace(problem, frame=frame, baseline=point.columns)))
 
 
+def with_processes(
+    point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig
+) -> Problem:
+    """The problem of records at a linearisation point with the processes of record and air, under white noise."""
+    motions = [each.motion for each in records]
+    return _problem([each.reconstruction for each in records], settings, config, point, motions, record_processes())
+
+
 def _problem(
     reconstructions: Sequence[Reconstruction],
     settings: Settings,
     config: CompareConfig,
     point: LinearisationPoint | None = None,
     motions: Sequence[PropagatedMotion | None] | None = None,
+    processes: Sequence[RecordEffect] = (),
 ) -> Problem:
     """The problem of the flights, linearised about `motions`, or where the reconstruction's errors are taken out."""
     where = motions or [None] * len(reconstructions)
@@ -238,7 +248,7 @@ def _problem(
         frame,
         records,
         baseline_columns(frame),
-        nuisance_effects(),
+        (*nuisance_effects(), *processes),
         (*nuisance_mechanisms(reconstructions[0].flight), *bend),
         knots,
         config.max_terms,

@@ -94,6 +94,8 @@ class RankedHypothesis(NullIsNaN):
     r2: float
     bic: float
     log_likelihood: float
+    log_evidence: float = float("nan")
+    """Over that of the baseline only, processes beside both."""
     n_terms: int
     n_effective: float
     terms: tuple[TermEstimate, ...]
@@ -141,8 +143,36 @@ class Adequacy(NullIsNaN):
     adequate: bool
 
 
+class Explained(NullIsNaN):
+    """Of the mean square that the baseline's fit has as residual: what the leader explains, and what it does not.
+
+    `share` + `unexplained` is 1: what the leader does not explain is due to processes and noise. `interval_95` of the
+    share.
+    """
+
+    share: float
+    unexplained: float
+    interval_95: Interval
+
+
+class ProcessEstimate(NullIsNaN):
+    """A process beside the leader: rms `size` of its course with its standard error, in `units`.
+
+    `share_of_moment`: rms of what it makes of the record over that of the static moment; `tolerance`: one unit of its
+    amplitude, an ordinary size, in `units`.
+    """
+
+    name: str
+    family: str
+    size: float
+    std_error: float
+    units: str
+    share_of_moment: float
+    tolerance: float
+
+
 class MechanismLimit(NullIsNaN):
-    """The largest share of the moment's rms that a mechanism may have, at 95 %."""
+    """The largest share of the moment's rms that a mechanism may have, at 95 %; NaN where nothing is adequate."""
 
     mechanism: str
     share_of_moment_95: float
@@ -180,6 +210,9 @@ class Verdict(NullIsNaN):
     equivalent: tuple[str, ...]
     probability: dict[str, float]
     adequacy: Adequacy | None = None
+    explained: Explained | None = None
+    processes: tuple[ProcessEstimate, ...] = ()
+    """Largest first."""
     limits: tuple[MechanismLimit, ...] = ()
     stability: float | None = None
     confidence_set: tuple[str, ...] = ()

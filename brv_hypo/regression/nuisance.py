@@ -14,7 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import BEYOND_TOLERANCE
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, RecordProcess
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 from brv_hypo.regression.channels import Rows, side_by_side
@@ -182,7 +182,7 @@ def nuisances(
             (effect, component)
             for effect in (*(effect for effect in effects if effect.name not in own), *own.values())
             for component in effect.components(linearised.record.flight)
-            if effect.carried or (effect.name, component.name) in without_prior
+            if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in without_prior
         ]
         changes = linearised.effects((effect, component.name, component.size) for effect, component in wanted)
         for (effect, component), history in zip(wanted, changes, strict=True):

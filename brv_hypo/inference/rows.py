@@ -1,0 +1,215 @@
+"""What was observed and what may explain it, as rows at unit noise.
+
+    y = U b + X c + Z a + e
+
+y   derolled rates and transverse force, whitened
+U   what all flights share: the baseline, and moments within the vehicle's tolerances
+X   terms of a hypothesis, and what its knots and delays move
+Z   of each flight: errors of record and vehicle within their tolerances, and the splines of every process
+e   noise of unit variance
+
+What a flight has without a prior (constants of integration, normal force) is projected out of all of these. Rows of
+different flights have b and c alone in common, so that Z is a block for each flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.mechanisms.contract import MomentProcess
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.held_out import block_of_whitened_row
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import prediction_slopes
+from brv_hypo.thresholds import MOMENT_AMPLITUDE, RECORD_AMPLITUDE
+
+TOLERANCES = "tolerances"
+TIME_BLOCKS = 12  # of a record, each left out in turn
+# Singular values of unit columns that count, of the largest.
+_CUTOFF = 1e-10
+_UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its width
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of Z that share an amplitude."""
+
+    name: str
+    family: str
+    units: str
+    """Of the course that the columns make."""
+    size: float
+    """One unit of the amplitude, in `units`."""
+    prior: tuple[float, float] | None
+    """Centre and 1-sigma of the logarithm of the amplitude; None where the amplitude is 1."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group."""
+
+    rows: IntArray
+    z: FloatArray
+    columns: tuple[slice, ...]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """X of a hypothesis (n, k): its selected terms, then what its knots and delays move."""
+
+    x: FloatArray
+    spread: FloatArray
+    """Prior 1-sigma (k,) of each coefficient, of terms at a mechanism's amplitude of 1."""
+    scaled: BoolArray
+    """Which of them (k,) the mechanism's amplitude multiplies: the terms."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows that all hypotheses have in common."""
+
+    problem: Problem
+    frame: RateFrame
+    y: FloatArray
+    """(n,)"""
+    shared: FloatArray
+    """U (n, columns): orthonormal columns of the baseline, then what the vehicle's tolerances allow."""
+    spread: FloatArray
+    """Prior 1-sigma of the columns of U: infinite of the baseline."""
+    coefficients: FloatArray
+    """What makes the baseline's coefficients of those of U (baseline columns, its rank)."""
+    blocks: tuple[Block, ...]
+    groups: tuple[Group, ...]
+    moment: float
+    """rms of the static moment coefficient at the linearisation point."""
+    own: FloatArray
+    """Orthonormal columns of what is projected out (n, rank)."""
+
+    @property
+    def size(self) -> int:
+        """Rows less what was projected out of them."""
+        return self.y.size - self.own.shape[1]
+
+    def projected(self, rows: FloatArray) -> FloatArray:
+        """Rows (n, columns) with what has no prior projected out."""
+        return np.asarray(rows - self.own @ (self.own.T @ rows))
+
+    def of_moments(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
+        """Columns of moments as rows (n, columns)."""
+        return self.projected(self.problem.raw_design(frame, columns)[: self.y.size])
+
+    def terms(self, fit: HypothesisFit | None) -> Terms:
+        """X of a fitted hypothesis, with the static moment of its own fit; no columns of the baseline only."""
+        if fit is None or not fit.selected:
+            return Terms(np.zeros((self.y.size, 0)), np.zeros(0), np.zeros(0, dtype=bool))
+        frame = self.frame_of(fit)
+        x = self.of_moments(frame, fit.selected)
+        sizes = np.sqrt(np.mean(np.abs(frame.moments(fit.selected)) ** 2, axis=0))
+        spread = self.moment / np.maximum(sizes, 1e-12 * self.moment)
+        if fit.nonlinear:
+            rates = prediction_slopes(fit.nonlinear, fit.columns, fit.values, frame)
+            slopes = np.zeros((self.y.size, rates.shape[1]))
+            slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
+            x = np.concatenate([x, self.projected(slopes)], axis=1)
+            time = frame.coefficient_time
+            whole = float(time.max() - time.min())
+            ranges = [whole if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
+            spread = np.concatenate([spread, _UNIFORM * np.array(ranges)])
+        return Terms(x, spread, np.arange(spread.size) < len(fit.selected))
+
+    def frame_of(self, fit: HypothesisFit) -> RateFrame:
+        """The frame in which C_mw is that of a fit."""
+        return self.frame.with_mechanisms(fit.mechanisms).with_in_plane_moment(fit.columns, fit.values)
+
+    @cached_property
+    def time_blocks(self) -> IntArray:
+        """Which stretch of time each row belongs to (n,), `TIME_BLOCKS` of a flight."""
+        return block_of_whitened_row(self.problem, TIME_BLOCKS)[: self.y.size]
+
+
+def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
+    """The rows of a problem that has the processes of the record among its nuisances, about a fitted hypothesis."""
+    known = problem.frame.with_mechanisms(point.mechanisms)
+    static = np.concatenate([np.ravel(each) for each in known.static_moments(point.columns, point.values)])
+    moment = float(np.sqrt(np.mean(static**2)))
+    frame = known.with_in_plane_moment(point.columns, point.values)
+    top, nuisances = 2 * problem.rows.rates, problem.rows.nuisances
+    items, design = nuisances.items, problem.rows.nuisance_design[:top]
+    levels = design.shape[1] - len(items)
+    drifts, moments = record_processes(), moment_processes()
+    names = {each.name for each in drifts}
+    bounded = [k for k in nuisances.bounded.tolist() if items[k].name not in names]
+    free = sorted(set(range(len(items))) - set(nuisances.bounded.tolist()))
+    own, _ = _orthonormal(design[:, [*range(levels), *(levels + k for k in free)]])
+
+    def less(rows: FloatArray) -> FloatArray:
+        return np.asarray(rows - own @ (own.T @ rows))
+
+    def of_items(chosen: Sequence[int]) -> FloatArray:
+        return design[:, [levels + k for k in chosen]]
+
+    present = np.array([items[k].present for k in bounded])
+    y = less(problem.raw_response[:top] - of_items(bounded) @ present)
+    baseline, coefficients = _orthonormal(less(problem.raw_design(frame, problem.baseline)[:top]))
+    allowed = less(of_items([k for k in bounded if items[k].flight is None]))
+    blocks = []
+    for flight, motion in enumerate(frame.motions):
+        parts = [of_items([k for k in bounded if items[k].flight == flight])]
+        parts += [
+            of_items([k for k, item in enumerate(items) if item.name == each.name and item.flight == flight])
+            for each in drifts
+        ]
+        start, stop = float(motion.time[0]), float(motion.time[-1])
+        mine = [each.model_copy(update={"start": start, "stop": stop}) for each in moments]
+        acting = frame.with_mechanisms(mine)
+        for process in mine:
+            unit = np.sqrt(np.mean(np.abs(np.array(process.shapes(motion))) ** 2))
+            parts.append(moment / max(unit, 1e-300) * _of_process(problem, acting, process, flight)[:top])
+        ends = np.cumsum([part.shape[1] for part in parts])
+        columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
+        rows = _rows_of_flight(problem, flight)
+        blocks.append(Block(rows, less(np.concatenate(parts, axis=1))[rows], columns))
+    groups = (
+        Group(TOLERANCES, TOLERANCES, "1", 1.0, None),
+        *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
+        *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
+    )
+    spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
+    shared = np.concatenate([baseline, allowed], axis=1)
+    return Rows(problem, frame, y, shared, spread, coefficients, tuple(blocks), groups, moment, own)
+
+
+def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flight: int) -> FloatArray:
+    """The splines of a process of one flight as rows."""
+    always = TimeBasis("constant")
+    columns = [
+        Regressor(process.name, term.name, (), always, "1", flight=flight)
+        for term in process.terms(frame.motions[flight], {})
+    ]
+    return problem.raw_design(frame, columns)
+
+
+def _rows_of_flight(problem: Problem, flight: int) -> IntArray:
+    """Which rows are of one flight."""
+    rows = problem.rows
+    flights = problem.frame.flight_of_row[rows.part.rows]
+    starts = np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
+    return np.flatnonzero(np.tile(flights[starts], 4) == flight)
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal columns (n, rank) of the same span, and what makes coefficients of those of these."""
+    if not columns.shape[1]:
+        return columns, np.zeros((0, 0))
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, sizes, right = np.linalg.svd(columns / scale, full_matrices=False)
+    kept = sizes > _CUTOFF * sizes[0]
+    return left[:, kept], (right[kept].T / sizes[kept]) / scale[:, np.newaxis]
