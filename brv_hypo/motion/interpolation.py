@@ -99,7 +99,7 @@ def _kept_grid(time: bytes) -> SplineGrid:
 
 
 def time_splines(time: FloatArray, start: float, stop: float, count: int) -> FloatArray:
-    """Cubic B-splines (..., count) at `time` (...) s: even over [start, stop], their sum one; a constant for a count of 1.
+    """Cubic B-splines (..., count) at `time` (...) s, even over [start, stop]: their sum is one; a constant for one alone.
 
     Outside of the range they are what they are at its ends.
     """
