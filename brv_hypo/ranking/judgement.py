@@ -125,7 +125,7 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     static = rows.of_moments(rows.frame_of(fit), rows.problem.baseline) @ fit.values[: fit.baseline_size]
     whole = float(np.linalg.norm(static))
     found = []
-    for k, group in enumerate(rows.groups[1:], start=1):
+    for k, group in enumerate(rows.groups[1:]):
         coefficients, errors = own.spline_coefficients(k)
         made = float(np.linalg.norm(own.made_by(k)))
         size, error = (_history_rms(part, group.splines) for part in (coefficients, errors))
@@ -137,7 +137,7 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
                 std_error=error,
                 units=group.units,
                 share_of_moment=made / max(whole, 1e-300),
-                tolerance=float(np.exp((group.prior or (0.0, 1.0))[0])) * group.size,
+                tolerance=float(np.exp(group.prior[0])) * group.size,
             )
         )
     return tuple(sorted(found, key=lambda each: -each.share_of_moment))
