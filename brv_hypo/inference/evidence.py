@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
@@ -30,7 +30,7 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.inference.rows import Block, Rows, Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
-_LARGEST, _SMALLEST = np.log(3.0), np.log(1e-5)  # amplitudes
+_LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
 _NOISE = (-1.0, 3.0)  # logarithm of the noise over what the record states: least and most
 _SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
 _ITERATIONS = 80
@@ -54,14 +54,14 @@ class Products(NamedTuple):
     def of(cls, rows: Rows, border: FloatArray, chosen: BoolArray | None = None) -> Products:
         """Of all rows, or of those chosen (n,)."""
         use = np.ones(rows.y.size, dtype=bool) if chosen is None else chosen
-        y, own = rows.y[use], border[use]
+        y_used, own = rows.y[use], border[use]
         blocks = []
         for block in rows.blocks:
             here = use[block.rows]
             z, those = block.z[here], block.rows[here]
             blocks.append((z.T @ z, z.T @ border[those], z.T @ rows.y[those]))
         count = rows.size if chosen is None else int(np.sum(use))
-        return cls(count, float(y @ y), own.T @ own, own.T @ y, tuple(blocks))
+        return cls(count, float(y_used @ y_used), own.T @ own, own.T @ y_used, tuple(blocks))
 
     def less(self, other: Products) -> Products:
         """Of all rows but those of `other`."""
@@ -90,12 +90,13 @@ class Products(NamedTuple):
                 lower=True,
                 check_finite=False,
             )
-            z, border, y = np.split(made, [gram.shape[0] - count, made.shape[1] - 1], axis=1)
+            kept, last = gram.shape[0] - count, made.shape[1] - 1
+            z, border, y = made[:, :kept], made[:, kept:last], made[:, last]
             blocks.append(
-                (gram[count:, count:] - z.T @ z, with_border[count:] - z.T @ border, with_y[count:] - z.T @ y[:, 0])
+                (gram[count:, count:] - z.T @ z, with_border[count:] - z.T @ border, with_y[count:] - z.T @ y)
             )
-            across, right = across - border.T @ border, right - border.T @ y[:, 0]
-            square -= float(y[:, 0] @ y[:, 0])
+            across, right = across - border.T @ border, right - border.T @ y
+            square -= float(y @ y)
             level += float(np.sum(np.log(np.diag(factor))))
         return Products(self.rows, square, across, right, tuple(blocks), level)
 
@@ -231,8 +232,8 @@ def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = ()) -> Ev
 
     small = np.array([0.0, *(_SMALL for _ in groups), *([centre[-1]] if has_terms else [])])
     begun = [small, *(np.append(s, [centre[-1]] if has_terms else []) for s in starts or [centre[: 1 + len(groups)]])]
-    bounds = [_NOISE, *((_SMALLEST, _LARGEST) for _ in centre[1:])]
-    options = {"maxiter": _ITERATIONS, "ftol": _PRECISION}
+    bounds = [_NOISE, *[(_SMALLEST, _LARGEST)] * (centre.size - 1)]
+    options: Any = {"maxiter": _ITERATIONS, "ftol": _PRECISION}
     ends = [minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options) for start in begun]
     best = min(ends, key=lambda end: float(end.fun))
     return Evidence(rows, terms, raw, np.asarray(best.x), -float(best.fun))
