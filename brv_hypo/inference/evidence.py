@@ -37,6 +37,9 @@ _ITERATIONS = 80
 _PRECISION = 1e-6  # relative fall of the cost at which a maximisation ends: some 0.001 nats
 
 
+_Block = tuple[FloatArray, FloatArray, FloatArray]
+
+
 class Products(NamedTuple):
     """Scalar products of rows: what the likelihood needs of the data. `blocks`: Z'Z, Z'[U X] and Z'y of each flight.
 
@@ -47,7 +50,7 @@ class Products(NamedTuple):
     square: float
     across: FloatArray
     right: FloatArray
-    blocks: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    blocks: tuple[_Block, ...]
     level: float = 0.0
 
     @classmethod
@@ -79,7 +82,8 @@ class Products(NamedTuple):
 
     def without_tolerances(self, rows: Rows) -> Products:
         """With the first group of every flight, whose amplitude is 1, eliminated."""
-        across, right, square, level, blocks = self.across, self.right, self.square, self.level, []
+        across, right, square, level = self.across, self.right, self.square, self.level
+        blocks: list[_Block] = []
         for block, (gram, with_border, with_y) in zip(rows.blocks, self.blocks, strict=True):
             count = block.columns[0].stop
             matrix = gram[:count, :count] + np.eye(count)
@@ -255,7 +259,7 @@ def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
     return np.concatenate([rows.spread, np.where(terms.scaled, amplitude, 1.0) * terms.spread])
 
 
-_Parts = list[tuple[FloatArray, FloatArray, FloatArray]]
+_Parts = list[_Block]
 
 
 def _eliminated(products: Products, rows: Rows, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float, _Parts]:

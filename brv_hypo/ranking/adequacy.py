@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, solved
-from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment
+from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment, shape_of
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
@@ -34,8 +35,11 @@ from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.unlisted import (
     RATE,
     UnlistedMoment,
+    left_of,
+    over,
     particular_share,
     plain_columns,
+    shapes_of,
     turning_moment,
     unlisted_moment,
 )
@@ -127,6 +131,8 @@ class Alternative:
 
     words: str
     fit: HypothesisFit
+    specific: tuple[int, ...] = ()
+    """Which of its selected columns are specific to the leader: it is no alternative where they explain most of it."""
 
 
 def alternatives(
@@ -162,21 +168,29 @@ def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> 
 
 
 def _event(problem: Problem, leader: HypothesisFit) -> Alternative | None:
-    """All ordinary coefficients changing when the leader's do, as a nose tip's loss changes stiffness and trim; None
-    where the leader changes at no time, or too often for one event.
+    """The leader with all other ordinary coefficients changing when its own do, as a nose tip's loss changes stiffness
+    and trim; None where the leader changes at no time, or too often for one event.
     """
-    bases = list(dict.fromkeys(c.time_basis for c in leader.selected if c.time_basis.kind == "jump"))
-    if not 0 < len(bases) <= ONE_STRETCH:
+    bases = list(dict.fromkeys(c.time_basis for c in leader.selected if c.time_basis.kind != "constant"))
+    known = shapes_of(leader.mechanisms, problem.frame.motions)
+    shapes = tuple(
+        name
+        for name in ORDINARY
+        if all(left_of(over(problem.frame.motions, partial(shape_of, name)), basis) > OUTSIDE for basis in known)
+    )
+    if not 0 < len(bases) <= ONE_STRETCH or not known or not shapes:
         return None
-    moment = UnlistedMoment(shapes=ORDINARY)
-    frame = problem.frame.with_mechanisms([moment])
+    moment = UnlistedMoment(shapes=shapes)
+    frame = leader.frame.with_mechanisms([moment])
     terms = moment.terms(frame.motions[0], {})
     changing = [Regressor(moment.name, term.name, (), basis, term.units) for basis in bases for term in terms]
-    columns = (*problem.baseline, *changing)
-    fit = solved(Reduced(problem, frame), "event", (moment,), columns, leader.searched)
+    columns = (*leader.columns, *changing)
+    fit = solved(Reduced(problem, frame), "event", (*leader.mechanisms, moment), columns, leader.searched)
+    plain = plain_columns(leader) if any(each.characteristic for each in leader.mechanisms) else ()
+    specific = tuple(k for k, column in enumerate(leader.selected) if column not in plain)
+    words = f"a change of several coefficients at once at {at(frame.common, bases[0].start)}"
     nonlinear = nonlinear_parameters(columns, fit.baseline_size, frame, problem.knots)
-    since = at(frame.common, bases[0].start)
-    return Alternative(f"a change of several coefficients at once at {since}", replace(fit, nonlinear=nonlinear))
+    return Alternative(words, replace(fit, nonlinear=nonlinear), specific)
 
 
 def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:

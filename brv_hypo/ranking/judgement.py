@@ -30,6 +30,7 @@ from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.own_static_moment import converged
 from brv_hypo.regression.problem import Problem
 
+MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
 _HISTORY_POINTS = 200  # of a record at which a process's history is evaluated
 
@@ -97,13 +98,27 @@ def judged(
 
 
 def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:
-    """What outside the list may be there instead of the leader, with its evidence."""
+    """What outside the list may be there instead of the leader, with its evidence.
+
+    What begins when the leader does is the leader beside something, where the leader's specific terms explain most.
+    """
     null = judged.evidences[judged.null]
     known = {id(fit): own for fit, own in zip(judged.fits, judged.evidences, strict=True)}
-    return [
+    found = [
         (each, known.get(id(each.fit)) or maximised(judged.rows, judged.rows.terms(each.fit), [null.at]))
         for each in alternatives(judged.problem, hypotheses, judged.fits)
     ]
+    return [(each, own) for each, own in found if _specific_share(judged, each, own) < MOST_OF_IT]
+
+
+def _specific_share(judged: Judged, alternative: Alternative, own: Evidence) -> float:
+    """The share of what an alternative explains, in squares, that columns specific to the leader make."""
+    first, chosen = own.rows.shared.shape[1], list(alternative.specific)
+    count = int(np.sum(own.terms.scaled))
+    made = judged.evidences[judged.null].without_processes(own.terms.x[:, :count])
+    values = own.solution.border[first : first + count]
+    part, whole = made[:, chosen] @ values[chosen], made @ values
+    return float(part @ part) / max(float(part @ part) + float(np.sum((whole - part) ** 2)), 1e-300)
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisFit:

@@ -112,9 +112,13 @@ class TurningMoment(Mechanism):
     apart: float
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """The rate of turning; each is refined to half-way to its neighbours."""
-        bounds = (min(self.rates) - 0.5 * self.apart, max(self.rates) + 0.5 * self.apart)
-        return (Parameter(RATE, "rad/s", self.rates, bounds, "rate of turning in body axes"),)
+        """The rate of turning; each is refined to half-way to its neighbours, one alone not to a moment at rest."""
+        low, high = min(self.rates) - 0.5 * self.apart, max(self.rates) + 0.5 * self.apart
+        if len(self.rates) == 1:
+            low, high = (
+                (low, min(high, -0.5 * self.apart)) if self.rates[0] < 0.0 else (max(low, 0.5 * self.apart), high)
+            )
+        return (Parameter(RATE, "rad/s", self.rates, (low, high), "rate of turning in body axes"),)
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The two components."""

@@ -102,7 +102,8 @@ def line(found: Outcome) -> str:
     """One flight in a line."""
     return (
         f"{found.seed} {found.kind} {found.vehicle} {found.truth} share {found.share:.3f}: {found.outcome} "
-        f"{found.winner}, {found.leads} leads with {found.chance:.2f}; size {found.amplitude:.2f}, {found.seconds:.1f} s"
+        f"{found.winner}, {found.leads} leads with {found.chance:.2f}; size {found.amplitude:.2f}, "
+        f"{found.seconds:.1f} s"
     )
 
 
@@ -121,7 +122,8 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield count("nothing planted: 'none adequate'", [o.outcome == "none adequate" for o in empty])
     yield count("records refused", [o.outcome == "record fault" for o in outcomes])
     yield f"calibration error {calibration_error(outcomes):.3f}"
-    yield f"CPU seconds: median {np.median([o.seconds for o in outcomes]):.1f}, most {max(o.seconds for o in outcomes):.1f}"
+    seconds = [o.seconds for o in outcomes]
+    yield f"CPU seconds: median {np.median(seconds):.1f}, most {max(seconds):.1f}"
     for kind in dict.fromkeys(o.kind for o in outcomes):
         own = [o for o in planted if o.kind == kind]
         if own:
