@@ -199,11 +199,7 @@ Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
 class Verdict(NullIsNaN):
-    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand.
-
-    `confidence_set`: the hypotheses of the list whose held-out errors cannot be told from the best's, at 95 %;
-    `confidence_p_values` of all.
-    """
+    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand."""
 
     winner: str | None
     outcome: Outcome
@@ -215,8 +211,6 @@ class Verdict(NullIsNaN):
     """Largest first."""
     limits: tuple[MechanismLimit, ...] = ()
     stability: float | None = None
-    confidence_set: tuple[str, ...] = ()
-    confidence_p_values: dict[str, float] = Field(default_factory=dict)
     reason: str
 
 
@@ -339,7 +333,6 @@ class Comparison(HasCharts, Result):
                 "rank": row.rank,
                 "mechanism": row.mechanism,
                 "probability": probability.get(row.mechanism),
-                "confidence_p_value": self.verdict.confidence_p_values.get(row.mechanism),
                 "n_terms": row.n_terms,
                 "f_ratio": row.f_ratio,
                 "cp": row.cp,

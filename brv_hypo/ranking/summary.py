@@ -72,21 +72,6 @@ def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[
     return (f"the criteria put different hypotheses first: {told}",)
 
 
-def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
-    """A sentence where the likeliest hypothesis of the list predicts held-out blocks worse than others by more than
-    chance; else nothing.
-    """
-    likely = [name for name in verdict.confidence_p_values if verdict.probability[name] > 0.0]
-    leader = max(likely, key=lambda name: verdict.probability[name], default=None)
-    if leader is None or leader in verdict.confidence_set:
-        return ()
-    kept = verdict.confidence_set
-    return (
-        f"{hypothesis(leader)} is the most probable, but is not in the model confidence set (95 %): "
-        f"{_joined([*map(hypothesis, kept)])} {'predicts' if len(kept) == 1 else 'predict'} held-out blocks better",
-    )
-
-
 def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[StepwiseDifference, ...]:
     """Where Efroymson's stepwise search misses the best subset on the grid of knots and delays, by size.
 
@@ -173,7 +158,7 @@ def summarise(
         seconds=seconds,
         series=_series(problem, fits),
         warnings=tuple(warnings),
-        disagreements=(*criteria_disagree(ranking, verdict.probability), *prediction_disagrees(verdict)),
+        disagreements=criteria_disagree(ranking, verdict.probability),
         stepwise=stepwise_differences(problem, fits),
     )
 

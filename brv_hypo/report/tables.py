@@ -37,7 +37,6 @@ CONTRADICTED = "The record contradicts itself (see the warnings), and its faults
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
 
-    "pred. error" is the prediction error over that of the baseline only; "MCS p" the p-value in the model confidence
     set; "6+" terms says that more would have entered.
     """
     verdict = comparison.verdict
@@ -50,7 +49,6 @@ def ranking_table(comparison: Comparison) -> Table:
             "C_p": number(row.cp),
             "pred. error": share(row.prediction_ratio),
             "R²": f"{row.r2:.4f}",
-            "MCS p": probability(verdict.confidence_p_values.get(row.mechanism)),
             "prob.": probability(verdict.probability.get(row.mechanism)),
         }
         for row in comparison.ranking
