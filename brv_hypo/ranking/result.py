@@ -292,6 +292,11 @@ class StepwiseDifference(NullIsNaN):
     rss_ratio: float
 
 
+def _percent(share: float) -> str:
+    """Whole; near nothing and near all to hundredths."""
+    return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
+
+
 class Comparison(HasCharts, Result):
     """The ranking of the hypotheses with its verdict.
 
@@ -323,12 +328,22 @@ class Comparison(HasCharts, Result):
         names = ", ".join(map(hypothesis, verdict.equivalent))
         winner = hypothesis(verdict.winner or "")
         told = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
+        explains = f" (explains {_percent(self._explained.share)} %)" if winner and self._explained else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
-        return f"{count}, {len(self.ranking)} hypotheses: {told}"
+        return f"{count}, {len(self.ranking)} hypotheses: {told}{explains}"
 
     def conclusion(self) -> str:
-        """The reason of the verdict."""
-        return self.verdict.reason
+        """The reason of the verdict, and on a line of its own what the leader explains."""
+        if (found := self._explained) is None:
+            return self.verdict.reason
+        share, low, high, rest = map(_percent, (found.share, *found.interval_95, found.unexplained))
+        explains = f"{self.ranking[0].mechanism} explains {share} % ({low} to {high} %) of the residual of the baseline"
+        return f"{self.verdict.reason}\n{explains}; {rest} % is due to processes and noise."
+
+    @property
+    def _explained(self) -> Explained | None:
+        """By the mechanism that leads, if one does."""
+        return self.verdict.explained if self.ranking and self.ranking[0].mechanism != "none" else None
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""
@@ -339,6 +354,7 @@ class Comparison(HasCharts, Result):
                 "rank": row.rank,
                 "mechanism": row.mechanism,
                 "probability": probability.get(row.mechanism),
+                "log_evidence": row.log_evidence,
                 "confidence_p_value": self.verdict.confidence_p_values.get(row.mechanism),
                 "n_terms": row.n_terms,
                 "f_ratio": row.f_ratio,

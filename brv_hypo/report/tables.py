@@ -8,10 +8,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from brv_hypo.io.text import counted, hypothesis
+from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
-from brv_hypo.report.document import Shown, Table
+from brv_hypo.report.document import Block, Shown, Table, Texts
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
@@ -26,6 +27,18 @@ _OF_WHITENED_RATES = {
 }
 """Criteria whose short names stand for another quantity in the ranking."""
 
+LOG_EVIDENCE = (
+    "ln evidence: natural logarithm of the record's probability density under the hypothesis over that under the "
+    "baseline only, with all processes in both; the ranking has this order."
+)
+LEAST_PROCESS = 1e-3
+"""Share of the static moment above which a process is shown."""
+_PROCESSES = (
+    "A process is a smooth change that nobody has modelled; every hypothesis has it, its amplitude estimated, zero "
+    "included. size: rms over the flight; relative: size over an ordinary size (×), or of moments over the static "
+    "moment (%); of moment: rms of what the process makes of the record over that of the static moment."
+)
+
 IN_DOUBT = "Record in doubt"
 """The title of a conclusion on a record that contradicts itself."""
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
@@ -37,8 +50,8 @@ CONTRADICTED = "The record contradicts itself (see the warnings), and its faults
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
 
-    "pred. error" is the prediction error over that of the baseline only; "MCS p" the p-value in the model confidence
-    set; "6+" terms says that more would have entered.
+    "pred. error" is the prediction error over that of the baseline only; "ln evidence" as `LOG_EVIDENCE` says; "MCS p"
+    the p-value in the model confidence set; "6+" terms says that more would have entered.
     """
     verdict = comparison.verdict
     rows = [
@@ -49,7 +62,7 @@ def ranking_table(comparison: Comparison) -> Table:
             "F-ratio": number(row.f_ratio),
             "C_p": number(row.cp),
             "pred. error": share(row.prediction_ratio),
-            "R²": f"{row.r2:.4f}",
+            "ln evidence": number(row.log_evidence),
             "MCS p": probability(verdict.confidence_p_values.get(row.mechanism)),
             "prob.": probability(verdict.probability.get(row.mechanism)),
         }
@@ -57,6 +70,29 @@ def ranking_table(comparison: Comparison) -> Table:
     ]
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
     return Table(rows, words=("mechanism",), marked=credible)
+
+
+def process_blocks(comparison: Comparison) -> list[Block]:
+    """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first."""
+    processes, moments = comparison.verdict.processes, {process.name for process in moment_processes()}
+    rows = [
+        {
+            "process": each.name,
+            "family": each.family,
+            "size": known_to(each.size, each.std_error),
+            "sigma": number(each.std_error, 2),
+            "unit": each.units,
+            "relative": share(ratio) if each.name in moments else f"{number(ratio, 2)} ×",
+            "of moment": share(each.share_of_moment),
+        }
+        for each in processes
+        if each.share_of_moment > LEAST_PROCESS
+        for ratio in (each.size / each.tolerance,)
+    ]
+    beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
+    none = (f"No process makes more than {share(LEAST_PROCESS)} of the static moment.",) if processes else ()
+    table = Table(rows, beside, ("process", "family", "unit"), most=6)
+    return [table, Texts((_PROCESSES,) if rows else none, bullets=False, shown="page" if rows else "always")]
 
 
 def criteria_table(comparison: Comparison) -> Table:
