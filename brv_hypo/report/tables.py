@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from brv_hypo.io.text import counted, hypothesis
-from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
@@ -35,8 +34,8 @@ LEAST_PROCESS = 1e-3
 """Share of the static moment above which a process is shown."""
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled; every hypothesis has it, its amplitude estimated, zero "
-    "included. size: rms over the flight; relative: size over an ordinary size (×), or of moments over the static "
-    "moment (%); of moment: rms of what the process makes of the record over that of the static moment."
+    "included. size: rms over the flight; relative: size over an ordinary size; of moment: rms of what the process "
+    "makes of the record over that of the static moment."
 )
 
 IN_DOUBT = "Record in doubt"
@@ -62,7 +61,7 @@ def ranking_table(comparison: Comparison) -> Table:
             "F-ratio": number(row.f_ratio),
             "C_p": number(row.cp),
             "pred. error": share(row.prediction_ratio),
-            "ln evidence": number(row.log_evidence),
+            "ln evidence": f"{row.log_evidence:.1f}".replace("nan", NOT_A_NUMBER),
             "MCS p": probability(verdict.confidence_p_values.get(row.mechanism)),
             "prob.": probability(verdict.probability.get(row.mechanism)),
         }
@@ -74,7 +73,7 @@ def ranking_table(comparison: Comparison) -> Table:
 
 def process_blocks(comparison: Comparison) -> list[Block]:
     """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first."""
-    processes, moments = comparison.verdict.processes, {process.name for process in moment_processes()}
+    processes = comparison.verdict.processes
     rows = [
         {
             "process": each.name,
@@ -82,12 +81,11 @@ def process_blocks(comparison: Comparison) -> list[Block]:
             "size": known_to(each.size, each.std_error),
             "sigma": number(each.std_error, 2),
             "unit": each.units,
-            "relative": share(ratio) if each.name in moments else f"{number(ratio, 2)} ×",
+            "relative": f"{number(each.size / each.tolerance, 2)} ×",
             "of moment": share(each.share_of_moment),
         }
         for each in processes
         if each.share_of_moment > LEAST_PROCESS
-        for ratio in (each.size / each.tolerance,)
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     none = (f"No process makes more than {share(LEAST_PROCESS)} of the static moment.",) if processes else ()

@@ -156,7 +156,16 @@ def regressed(brv_hypo, simulated_file, regression):
 class TestCompare:
     def test_prints_the_ranking_and_the_verdict(self, compared):
         printed = compared[0].stdout
-        for expected in ("mechanism", "F-ratio", "C_p", "pred. error", "R²", "bodyfixed", "baseline only", "Verdict: "):
+        for expected in (
+            "mechanism",
+            "F-ratio",
+            "C_p",
+            "pred. error",
+            "ln evidence",
+            "bodyfixed",
+            "baseline only",
+            "Verdict: ",
+        ):
             assert expected in printed
         assert max(len(line) for line in printed.splitlines()) <= 100
 
