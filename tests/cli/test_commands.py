@@ -202,7 +202,7 @@ class TestCompare:
         histories = len(compared[1]["ranking"])
         by_mach = html.count("by Mach number</h2>")
         assert html.count("<h2>Coefficients of") - by_mach == histories
-        assert html.count('class="chart"') == 11 + histories + by_mach
+        assert html.count('class="chart"') == 12 + histories + by_mach
 
     @pytest.mark.thorough
     def test_json_on_standard_output_is_alone_there(self, regressed):

@@ -185,8 +185,7 @@ class TestPython:
 def test_every_process_and_key_is_in_the_manual() -> None:
     verdict, reference = text("verdict"), text("reference")
     for each in (*moment_processes(), *record_processes()):
-        name = each.name.replace("_course", "_change")
-        (row,) = (row for row in verdict.splitlines() if row.startswith("|") and f"`{name}`" in row.split("|")[1])
+        (row,) = (row for row in verdict.splitlines() if row.startswith("|") and f"`{each.name}`" in row.split("|")[1])
         assert row.split("|")[2].strip() == each.family
         assert row.split("|")[4].strip() == str(each.splines)
     for key in (*ProcessEstimate.model_fields, *Explained.model_fields):
