@@ -324,26 +324,22 @@ class Comparison(HasCharts, Result):
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
-        verdict = self.verdict
+        verdict, found = self.verdict, self.verdict.explained
         names = ", ".join(map(hypothesis, verdict.equivalent))
         winner = hypothesis(verdict.winner or "")
         told = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
-        explains = f" (explains {_percent(self._explained.share)} %)" if winner and self._explained else ""
+        explains = f" (explains {_percent(found.share)} %)" if winner and found and found.share else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {told}{explains}"
 
     def conclusion(self) -> str:
         """The reason of the verdict, and on a line of its own what the leader explains."""
-        if (found := self._explained) is None:
+        found = self.verdict.explained
+        if found is None or not found.share:
             return self.verdict.reason
         share, low, high, rest = map(_percent, (found.share, *found.interval_95, found.unexplained))
         explains = f"{self.ranking[0].mechanism} explains {share} % ({low} to {high} %) of the residual of the baseline"
         return f"{self.verdict.reason}\n{explains}; {rest} % is due to processes and noise."
-
-    @property
-    def _explained(self) -> Explained | None:
-        """By the mechanism that leads, if one does."""
-        return self.verdict.explained if self.ranking and self.ranking[0].mechanism != "none" else None
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

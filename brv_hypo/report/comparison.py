@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import hypot, isfinite
 
 import numpy as np
 
@@ -65,7 +64,7 @@ def comparison_charts(comparison: Comparison) -> list[Chart]:
 
 def _shares(shares: Mapping[str, float], role: Role) -> list[Panel]:
     """Bars of those that are known, in percent; nothing where none is."""
-    known = {name: value for name, value in shares.items() if isfinite(value)}
+    known = {name: value for name, value in shares.items() if np.isfinite(value)}
     percent, texts = [100.0 * value for value in known.values()], list(map(share, known.values()))
     return [Panel("", [Bars(list(known), percent, texts, role)])] if known else []
 
@@ -74,7 +73,7 @@ def _families(comparison: Comparison) -> Chart:
     """The share of the static moment's rms of each family's processes, largest first."""
     shares: dict[str, float] = {}
     for each in comparison.verdict.processes:
-        shares[each.family] = hypot(shares.get(each.family, 0.0), each.share_of_moment)
+        shares[each.family] = float(np.hypot(shares.get(each.family, 0.0), each.share_of_moment))
     panels = _shares(dict(sorted(shares.items(), key=lambda item: -item[1])), "second")
     read = "What a family's processes make of the record: rms (root of the sum of squares) over the static moment's."
     return Chart("families", "Processes by family", "of the static moment, %", panels, caption=read)
@@ -246,7 +245,10 @@ def comparison_document(comparison: Comparison) -> Document:
         f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
         f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
     )
-    withheld = [limit for limit in verdict.limits if not isfinite(limit.share_of_moment_95)]
+    evidence = (
+        "ln evidence: logarithm of the record's probability density, processes included, over the baseline only's."
+    )
+    withheld = any(np.isnan(limit.share_of_moment_95) for limit in verdict.limits)
     no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
@@ -256,7 +258,7 @@ def comparison_document(comparison: Comparison) -> Document:
         decided=verdict.winner is not None,
         blocks=(
             tables.ranking_table(comparison),
-            Texts((tables.LOG_EVIDENCE,), bullets=False, shown="page"),
+            Texts((evidence,), bullets=False, shown="page"),
             Texts(comparison.disagreements, "Disagreements"),
             Texts(warnings, "Warnings", warning=True),
             Texts(no_limits, "Limits at 95 %", bullets=False, shown="page"),

@@ -26,12 +26,7 @@ _OF_WHITENED_RATES = {
 }
 """Criteria whose short names stand for another quantity in the ranking."""
 
-LOG_EVIDENCE = (
-    "ln evidence: natural logarithm of the record's probability density under the hypothesis over that under the "
-    "baseline only, with all processes in both; the ranking has this order."
-)
-LEAST_PROCESS = 1e-3
-"""Share of the static moment above which a process is shown."""
+LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled; every hypothesis has it, its amplitude estimated, zero "
     "included. size: rms over the flight; relative: size over an ordinary size; of moment: rms of what the process "
@@ -49,8 +44,8 @@ CONTRADICTED = "The record contradicts itself (see the warnings), and its faults
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
 
-    "pred. error" is the prediction error over that of the baseline only; "ln evidence" as `LOG_EVIDENCE` says; "MCS p"
-    the p-value in the model confidence set; "6+" terms says that more would have entered.
+    "pred. error" and "ln evidence" are over those of the baseline only; "MCS p" is the p-value in the model confidence
+    set; "6+" terms says that more would have entered.
     """
     verdict = comparison.verdict
     rows = [

@@ -127,7 +127,7 @@ class TestPage:
         assert places == sorted(places)
         assert places[-1] < html.index("<th>rank</th>")
         assert "A process is a smooth change that nobody has modelled" in html
-        assert "ln evidence: natural logarithm of the record&#39;s probability density" in html
+        assert "ln evidence: logarithm of the record&#39;s probability density" in html
         assert document.charts[0].name == "families"
 
     def test_shares_of_one_family_add_as_the_root_of_their_squares(self) -> None:
@@ -163,7 +163,7 @@ class TestPython:
         assert f"explains {words}" in graded(explained=explained).headline()
 
     def test_baseline_only_explains_nothing_of_its_own_residual(self) -> None:
-        named = graded("none")
+        named = graded("none", Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0)))
         empty = named.model_copy(update={"ranking": named.ranking[::-1]})
         assert empty.headline().endswith("named baseline only")
         assert empty.conclusion() == "One sentence."
