@@ -334,8 +334,7 @@ class Comparison(HasCharts, Result):
 
     def conclusion(self) -> str:
         """The reason of the verdict, and on a line of its own what the leader explains."""
-        found = self.verdict.explained
-        if found is None or not found.share:
+        if (found := self.verdict.explained) is None or not found.share:
             return self.verdict.reason
         share, low, high, rest = map(_percent, (found.share, *found.interval_95, found.unexplained))
         explains = f"{self.ranking[0].mechanism} explains {share} % ({low} to {high} %) of the residual of the baseline"

@@ -245,9 +245,7 @@ def comparison_document(comparison: Comparison) -> Document:
         f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
         f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
     )
-    evidence = (
-        "ln evidence: logarithm of the record's probability density, processes included, over the baseline only's."
-    )
+    evidence = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
     withheld = any(np.isnan(limit.share_of_moment_95) for limit in verdict.limits)
     no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
     return Document(

@@ -28,9 +28,8 @@ _OF_WHITENED_RATES = {
 
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 _PROCESSES = (
-    "A process is a smooth change that nobody has modelled; every hypothesis has it, its amplitude estimated, zero "
-    "included. size: rms over the flight; relative: size over an ordinary size; of moment: rms of what the process "
-    "makes of the record over that of the static moment."
+    "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
+    "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
 )
 
 IN_DOUBT = "Record in doubt"

@@ -127,7 +127,7 @@ class TestPage:
         assert places == sorted(places)
         assert places[-1] < html.index("<th>rank</th>")
         assert "A process is a smooth change that nobody has modelled" in html
-        assert "ln evidence: logarithm of the record&#39;s probability density" in html
+        assert "ln evidence: ln of the record&#39;s probability density" in html
         assert document.charts[0].name == "families"
 
     def test_shares_of_one_family_add_as_the_root_of_their_squares(self) -> None:
