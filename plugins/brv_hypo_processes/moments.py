@@ -36,7 +36,7 @@ class Static(MomentProcess):
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """One, in the plane of alpha."""
-        return (motion.alpha + 0j,)
+        return (motion.alpha.astype(complex),)
 
 
 class Bend(MomentProcess):
@@ -47,7 +47,7 @@ class Bend(MomentProcess):
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """Square and cube."""
-        return motion.alpha**2 + 0j, motion.alpha**3 + 0j
+        return (motion.alpha**2).astype(complex), (motion.alpha**3).astype(complex)
 
 
 class Side(MomentProcess):
@@ -58,7 +58,7 @@ class Side(MomentProcess):
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """One, across the plane of alpha."""
-        return (1j * motion.alpha,)
+        return (1j * motion.alpha.astype(complex),)
 
 
 class Damping(MomentProcess):
