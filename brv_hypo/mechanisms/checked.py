@@ -231,8 +231,8 @@ def _problem(method: str, shape: tuple[int, ...], given: Any) -> str:
             return f"`perturb` gave {type(given).__name__}, expected a Flight"
         columns = {name: getattr(given, name) for name in CHANNELS}
     elif method == "shapes":
-        parts = {"real": np.real, "imaginary": np.imag}
-        columns = {f"{name} part of {k}": part(each) for k, each in enumerate(given) for name, part in parts.items()}
+        sides = (("C_m,in", np.real), ("C_n,side", np.imag))
+        columns = {f"{side} of shape {k}": part(each) for k, each in enumerate(given) for side, part in sides}
     elif method == "components":
         columns, shape = {"sizes": [size for _, _, size in given]}, (len(given),)
     elif method in ("knots", "tolerance") and given is not None:
