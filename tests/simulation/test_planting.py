@@ -127,7 +127,7 @@ def test_a_process_is_planted_with_its_splines_over_the_flight(process: MomentPr
 
 def test_the_size_of_a_planted_process_varies_within_a_batch_and_its_span_can_be_set() -> None:
     entry = {"mechanism": "static_course", "terms": {"static_course 0 0": 0.0}, "options": {"start": 5.0, "stop": 6.0}}
-    config = load_config({**planting(duration=0.1).model_dump(exclude={"plantable"}), "mechanisms": [entry]})
+    config = load_config({**planting(duration=0.2).model_dump(exclude={"plantable"}), "mechanisms": [entry]})
     none, some = simulate_batch(config, seeds=(1, 1), variations={"mechanisms.0.terms.static_course 0 0": [0.0, 0.01]})
     assert not np.any(none.truth.planted_in_plane)
     # Before its start the first spline is what it is there: a sixth.
