@@ -40,7 +40,7 @@ _PRECISION = 1e-6  # relative fall of the cost at which a maximisation ends: som
 class Products(NamedTuple):
     """Scalar products of rows: what the likelihood needs of the data. `blocks`: Z'Z, Z'[U X] and Z'y of each flight."""
 
-    count: int
+    rows: int
     square: float
     across: FloatArray
     right: FloatArray
@@ -66,7 +66,7 @@ class Products(NamedTuple):
             for mine, less in zip(self.blocks, other.blocks, strict=True)
         )
         return Products(
-            self.count - other.count,
+            self.rows - other.rows,
             self.square - other.square,
             self.across - other.across,
             self.right - other.right,
@@ -166,6 +166,21 @@ class Evidence:
         """Log predictive density of each stretch of time given the others (blocks,)."""
         return -self.solution.cost - self.left_out
 
+    def without_processes(self, rows: FloatArray) -> FloatArray:
+        """Rows (n, columns) less their best fit by the baseline and what tolerances allow, under the stated noise."""
+        parts = [(np.arange(self.rows.y.size), self.rows.shared, self.rows.spread)]
+        parts += [(b.rows, b.z[:, b.columns[0]], np.ones(b.columns[0].stop)) for b in self.rows.blocks]
+        columns = np.zeros((self.rows.y.size, sum(part.shape[1] for _, part, _ in parts)))
+        precision, first = [], 0
+        for own, part, spread in parts:
+            columns[own, first : first + part.shape[1]] = part
+            first += part.shape[1]
+            precision.append(1.0 / spread)
+        ridge = np.diag(np.concatenate(precision))
+        stacked = np.concatenate([columns, ridge[np.any(ridge, axis=1)]])
+        basis = np.linalg.qr(stacked)[0][: columns.shape[0]]
+        return np.asarray(rows - basis @ (basis.T @ rows))
+
     def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
         border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
@@ -238,7 +253,7 @@ def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> _So
     spread = _spreads(rows, terms, at)
     inner = products.across / variance + np.diag(spread**-2.0)
     right, misfit = products.right / variance, products.square / variance
-    cost = products.count * at[0] + float(np.sum(np.log(spread[np.isfinite(spread)])))
+    cost = products.rows * at[0] + float(np.sum(np.log(spread[np.isfinite(spread)])))
     factors, inside, across = [], [], []
     for block, (gram, with_border, with_y) in zip(rows.blocks, products.blocks, strict=True):
         scale = _scales(block.columns, amplitudes)
@@ -260,7 +275,7 @@ def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> _So
         across.append(made[:, :-1])
     outer = cholesky(inner, lower=True, check_finite=False)
     border = cho_solve((outer, True), right, check_finite=False)
-    covariance = np.linalg.inv(inner)
+    covariance = np.asarray(np.linalg.inv(inner), dtype=float)
     misfit -= float(right @ border)
     cost += 0.5 * misfit + float(np.sum(np.log(np.diag(outer))))
     modes, variances = [], []
@@ -276,15 +291,15 @@ def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: 
     """Derivative of the cost by the logarithms (noise, amplitudes of groups, of the mechanism)."""
     slope = np.zeros(at.size)
     precision = _spreads(rows, terms, at) ** -2.0
-    settled = found.border**2 + np.diag(found.covariance)
+    squares = found.border**2 + np.diag(found.covariance)
     fixed = float(np.sum(precision * found.border**2)) + sum(float(mode @ mode) for mode in found.modes)
     freedom = float(np.sum(1.0 - precision * np.diag(found.covariance)))
     for block, mode, spread in zip(rows.blocks, found.modes, found.variances, strict=True):
         freedom += float(np.sum(1.0 - spread))
         for k, own in enumerate(block.columns[1:], start=1):
             slope[k] += own.stop - own.start - float(np.sum(mode[own] ** 2 + spread[own]))
-    slope[0] = products.count - freedom - (found.misfit - fixed)
+    slope[0] = products.rows - freedom - (found.misfit - fixed)
     if np.any(terms.scaled):
         chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
-        slope[-1] = float(np.sum(1.0 - precision[chosen] * settled[chosen]))
+        slope[-1] = float(np.sum(1.0 - precision[chosen] * squares[chosen]))
     return slope

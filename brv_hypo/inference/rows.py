@@ -45,9 +45,11 @@ class Group:
     name: str
     family: str
     units: str
-    """Of the course that the columns make."""
+    """Of the history that the columns make."""
     size: float
     """One unit of the amplitude, in `units`."""
+    splines: int
+    """Columns of one history."""
     prior: tuple[float, float] | None
     """Centre and 1-sigma of the logarithm of the amplitude; None where the amplitude is 1."""
 
@@ -96,7 +98,7 @@ class Rows:
     @property
     def size(self) -> int:
         """Rows less what was projected out of them."""
-        return self.y.size - self.own.shape[1]
+        return int(self.y.size - self.own.shape[1])
 
     def projected(self, rows: FloatArray) -> FloatArray:
         """Rows (n, columns) with what has no prior projected out."""
@@ -178,9 +180,9 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         rows = _rows_of_flight(problem, flight)
         blocks.append(Block(rows, less(np.concatenate(parts, axis=1))[rows], columns))
     groups = (
-        Group(TOLERANCES, TOLERANCES, "1", 1.0, None),
-        *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
-        *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
+        Group(TOLERANCES, TOLERANCES, "1", 1.0, 1, None),
+        *(Group(each.name, each.family, each.units, each.size, each.splines, RECORD_AMPLITUDE) for each in drifts),
+        *(Group(each.name, each.family, "1", moment, each.splines, MOMENT_AMPLITUDE) for each in moments),
     )
     spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
     shared = np.concatenate([baseline, allowed], axis=1)

@@ -215,7 +215,7 @@ FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "ac
 
 
 class MomentProcess(Mechanism):
-    """Shapes of a moment, each times an unknown smooth course in time; every hypothesis of `compare` has all of them.
+    """Shapes of a moment, each times an unknown smooth history in time; every hypothesis of `compare` has all of them.
 
     A shape has cubic B-splines over [`start`, `stop`] s; their coefficients share one amplitude, which is estimated,
     zero included. One unit is a coefficient of 1.
@@ -239,9 +239,9 @@ class MomentProcess(Mechanism):
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One for each shape and spline."""
-        courses = time_splines(motion.time, self.start, self.stop, self.splines)
+        histories = time_splines(motion.time, self.start, self.stop, self.splines)
         products = [
-            (f"{self.name} {number} {k}", shape * courses[..., k])
+            (f"{self.name} {number} {k}", shape * histories[..., k])
             for number, shape in enumerate(self.shapes(motion))
             for k in range(self.splines)
         ]
@@ -249,7 +249,7 @@ class MomentProcess(Mechanism):
 
 
 class RecordProcess(RecordEffect):
-    """A channel's error with an unknown smooth course in time, in cubic B-splines over the record.
+    """A channel's error with an unknown smooth history in time, in cubic B-splines over the record.
 
     The coefficients of all channels share one amplitude, which is estimated, zero included.
     """
@@ -264,7 +264,7 @@ class RecordProcess(RecordEffect):
     splines: ClassVar[int]
     """How many each channel has: 1, a constant, or at least 4."""
     units: ClassVar[str]
-    """SI units of the course."""
+    """SI units of the history."""
     size: ClassVar[float]
     """One unit of the amplitude: the drift of an ordinary instrument or day."""
 
@@ -276,12 +276,12 @@ class RecordProcess(RecordEffect):
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with so much of one spline more."""
         channel, _, number = component.rpartition(" ")
-        courses = time_splines(flight.time, float(flight.time[0]), float(flight.time[-1]), self.splines)
-        return self.changed(flight, channel, value * courses[..., int(number)])
+        histories = time_splines(flight.time, float(flight.time[0]), float(flight.time[-1]), self.splines)
+        return self.changed(flight, channel, value * histories[..., int(number)])
 
     @abstractmethod
-    def changed(self, flight: Flight, channel: str, course: FloatArray) -> Flight:
-        """The record with a course (n,) more in that channel."""
+    def changed(self, flight: Flight, channel: str, history: FloatArray) -> Flight:
+        """The record with a history (n,) more in that channel."""
 
 
 Process = MomentProcess | RecordProcess

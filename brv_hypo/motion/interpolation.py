@@ -99,9 +99,9 @@ def _kept_grid(time: bytes) -> SplineGrid:
 
 
 def time_splines(time: FloatArray, start: float, stop: float, count: int) -> FloatArray:
-    """Cubic B-splines (..., count) at `time` (...) s, even over [start, stop]: their sum is one; a constant for one alone.
+    """Cubic B-splines (..., count), even over [start, stop] s, at `time` (...) s: their sum is one.
 
-    Outside of the range they are what they are at its ends.
+    One alone is a constant. Outside of the range they are what they are at its ends.
     """
     place = np.clip((np.asarray(time, dtype=float) - start) / (stop - start), 0.0, 1.0 - 1e-12)
     if count == 1:

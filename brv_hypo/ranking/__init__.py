@@ -5,7 +5,6 @@ config.py    settings of a comparison; what decides a verdict stands in brv_hypo
 preparation.py   from reconstructed flights to the problem that all hypotheses share
 fitting.py   every hypothesis fitted
 adequacy.py  whether only noise is left, and which moments outside the list may be there instead
-stability.py whether a repetition gives the same outcome: without blocks, within tolerances, other knots, other methods
 limits.py    how large each mechanism may be; intervals.py net values between knots
 verdict.py   probabilities, and the winner or the credible set
 maximum_likelihood.py    the credible hypotheses on the measurements themselves

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +25,20 @@ from brv_hypo.constants import (
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, solved
 from brv_hypo.regression.free_moment import ORDINARY, SHAPES, free_moment
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.unlisted import RATE, particular_share, plain_columns, turning_moment, unlisted_moment
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import nonlinear_parameters
+from brv_hypo.regression.unlisted import (
+    RATE,
+    UnlistedMoment,
+    particular_share,
+    plain_columns,
+    turning_moment,
+    unlisted_moment,
+)
 from brv_hypo.regression.whitening import MEDIAN_EFFICIENCY
 
 
@@ -114,19 +123,10 @@ def _gain(beside: Sequence[_Beside]) -> float:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Something outside the list: its criterion where it explains the flight alone, and what it is in words.
+    """Something outside the list, fitted as a hypothesis of its own, and what it is in words."""
 
-    As beside the leader, what it gains has to be more than it does on sound flights: by so much its criterion is above
-    that of its `fit`.
-    """
-
-    information: float
     words: str
     fit: HypothesisFit
-
-    def repeated(self, information: Mapping[str, float]) -> float:
-        """Its criterion in a repetition, from those of fits by name."""
-        return information[self.fit.name] + self.information - self.fit.information
 
 
 def alternatives(
@@ -134,15 +134,17 @@ def alternatives(
 ) -> tuple[Alternative, ...]:
     """The best moment of shapes that nothing on the list has, and a change that many things bring.
 
-    A leader whose characteristic terms explain next to nothing is such a change, and no likelier than that.
+    A leader whose characteristic terms explain next to nothing is such a change, and no likelier than that. What begins
+    when the leader does, but with more coefficients than it claims, is another.
     """
     leader = likeliest(fits)
     found = []
     null = next(fit for fit in fits if not fit.mechanisms)
     if not is_particular(problem, null, leader):
         terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
-        words = f"a change of {terms} alone, which is not specific to {leader.name}"
-        found.append(Alternative(leader.information, words, leader))
+        found.append(Alternative(f"a change of {terms} alone, which is not specific to {leader.name}", leader))
+    if (event := _event(problem, leader)) is not None:
+        found.append(event)
     listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
     unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
     if unlisted is not None:
@@ -159,10 +161,28 @@ def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> 
     return particular_share(problem, null, fit) > OUTSIDE**2
 
 
+def _event(problem: Problem, leader: HypothesisFit) -> Alternative | None:
+    """All ordinary coefficients changing when the leader's do, as a nose tip's loss changes stiffness and trim; None
+    where the leader changes at no time, or too often for one event.
+    """
+    bases = list(dict.fromkeys(c.time_basis for c in leader.selected if c.time_basis.kind == "jump"))
+    if not 0 < len(bases) <= ONE_STRETCH:
+        return None
+    moment = UnlistedMoment(shapes=ORDINARY)
+    frame = problem.frame.with_mechanisms([moment])
+    terms = moment.terms(frame.motions[0], {})
+    changing = [Regressor(moment.name, term.name, (), basis, term.units) for basis in bases for term in terms]
+    columns = (*problem.baseline, *changing)
+    fit = solved(Reduced(problem, frame), "event", (moment,), columns, leader.searched)
+    nonlinear = nonlinear_parameters(columns, fit.baseline_size, frame, problem.knots)
+    since = at(frame.common, bases[0].start)
+    return Alternative(f"a change of several coefficients at once at {since}", replace(fit, nonlinear=nonlinear))
+
+
 def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:
     """The best fit of a moment as a mechanism."""
     fit = fit_hypothesis(problem, moment.name, (moment,), leader.information)
-    return Alternative(fit.information + OTHER_FLOOR, _described(fit), fit)
+    return Alternative(_described(fit), fit)
 
 
 def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:

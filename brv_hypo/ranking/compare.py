@@ -25,7 +25,6 @@ from brv_hypo.constants import (
     CONFIDENCE_SEED,
     CONFIDENCE_SIZE,
     CONFIDENCE_TIE,
-    REPETITIONS,
 )
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
@@ -41,18 +40,18 @@ from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import alternatives
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
+from brv_hypo.ranking.fitting import Hypotheses, Progress, searched
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
+from brv_hypo.ranking.judgement import Judged, explained, judged, processes
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
-from brv_hypo.ranking.stability import repetitions, stability
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.ranking.verdict import Contest, Score, judge
+from brv_hypo.ranking.verdict import Candidate, Fit, judge
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, block_of_whitened_row, held_out
+from brv_hypo.regression.held_out import FitsWithout, LeavingOut, block_of_whitened_row, held_out
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of
@@ -182,16 +181,17 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
     warnings = (*warnings, *sharing_warnings(reconstructions))
     say("linearising the errors of the record")
     fitted = searched(reconstructions, config, answered, say)
-    problem, fits = fitted.problem, fitted.fits
-    criteria = criteria_of(problem, fits, config.held_out_blocks)
+    problem = fitted.problem
+    criteria = criteria_of(problem, fitted.fits, config.held_out_blocks)
     say("predicting held-out blocks")
     leaving = LeavingOut(problem)
-    without = [leaving.of(fit.frame, fit.columns) for fit in fits]
+    without = [leaving.of(fit.frame, fit.columns) for fit in fitted.fits]
     errors = [held_out(problem, each, config.held_out_blocks) for each in without]
-    say("judging")
-    verdict = _judged(fitted, answered, errors, leaving, without, config.other_prior)
+    beside = judged(fitted, config, alternatives(problem, answered, fitted.fits), say)
+    fits = beside.fits
+    verdict = _verdict(beside, answered, config.other_prior).model_copy(update=_confidence(fits, without))
     selected = clock.perf_counter()
-    likelihoods = identify_standing(problem, fits, verdict.outcome != "none adequate", config, say)
+    likelihoods = identify_standing(problem, fits, verdict, config, say)
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,
@@ -205,28 +205,29 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
     return comparison.model_copy(update=histories)
 
 
-def _judged(
-    fitted: Fitted,
-    hypotheses: Hypotheses,
-    errors: Sequence[HeldOut],
-    leaving: LeavingOut,
-    without: Sequence[FitsWithout],
-    other_prior: float,
-) -> Verdict:
-    """The verdict on fits with their held-out errors; what may be there instead takes part in the repetitions."""
-    problem, fits = fitted.problem, fitted.fits
-    scores = [
-        Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), _impossible(fit))
-        for fit, error in zip(fits, errors, strict=True)
+def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
+    """The verdict on hypotheses beside processes, with limits where anything is adequate."""
+    listed = [
+        Candidate(
+            fit.name,
+            own.level - 0.5 * fit.bound_cost,
+            own.left_out - 0.5 * fit.bound_cost,
+            own.held_out,
+            _impossible(fit),
+        )
+        for fit, own in zip(beside.fits, beside.evidences, strict=True)
     ]
-    instead = alternatives(problem, hypotheses, fits)
-    contest = Contest(scores, fitted.left, instead, other_prior)
-    listed = {fit.name for fit in fits}
-    further = [each.fit for each in instead if each.fit.name not in listed]
-    without = [*without, *(leaving.of(fit.frame, fit.columns) for fit in further)]
-    repeated = stability(contest, repetitions(problem, [*fits, *further], without, REPETITIONS))
-    verdict = judge(contest, repeated, limits(problem, hypotheses, fits))
-    return verdict.model_copy(update=_confidence(fits, without[: len(fits)]))
+    outside = [
+        Candidate(each.fit.name, own.level, own.left_out, own.held_out, words=each.words)
+        for each, own in zip(beside.alternatives, beside.instead, strict=True)
+    ]
+    leader, share = beside.evidences[beside.leader], explained(beside)
+    fit = Fit(leader.noise, beside.rows.size, share.share * beside.squares)
+    verdict = judge(listed, outside, fit, share, processes(beside), other_prior)
+    found = limits(beside.fits[beside.leader], leader, hypotheses)
+    if verdict.outcome == "none adequate":
+        found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)
+    return verdict.model_copy(update={"limits": found})
 
 
 def _confidence(fits: Sequence[HypothesisFit], without: Sequence[FitsWithout]) -> dict[str, Any]:

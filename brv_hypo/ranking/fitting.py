@@ -10,6 +10,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+from scipy.special import logsumexp
+
 from brv_hypo.constants import (
     CONVERGED_ERRORS,
     CONVERGED_FALL,
@@ -22,6 +25,7 @@ from brv_hypo.constants import (
     SEARCH_HOPELESS,
     SEARCH_OUT_OF_REACH,
     SEARCHED_AGAIN,
+    TEMPERATURE,
 )
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor
@@ -30,7 +34,6 @@ from brv_hypo.ranking.adequacy import Misfit, misfit
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.preparation import Settings, about, cleaned, settled
-from brv_hypo.ranking.verdict import OTHER, probabilities
 from brv_hypo.regression.build import LinearisationPoint, farthest_apart, point_of
 from brv_hypo.regression.channels import Noise
 from brv_hypo.regression.fit import (
@@ -213,9 +216,10 @@ def _searched_again(found: Fitted, hypotheses: Hypotheses, say: Progress) -> Fit
 
 def _something_stands(found: Fitted, other_prior: float) -> bool:
     """Whether something outside the list stands beside the leader: a term that was chosen elsewhere may be amiss."""
-    information = {fit.name: fit.information for fit in found.fits}
-    chances = probabilities(information, [likeliest(found.fits).information - found.left.gain], other_prior)
-    return chances[OTHER] >= CREDIBLE_PROBABILITY
+    scores = -0.5 / TEMPERATURE * np.array([fit.information for fit in found.fits])
+    beside = -0.5 / TEMPERATURE * (likeliest(found.fits).information - found.left.gain)
+    other = beside + math.log(other_prior / (1.0 - other_prior) * scores.size)
+    return bool(other - logsumexp([other, *scores]) >= math.log(CREDIBLE_PROBABILITY))
 
 
 def _fitted(

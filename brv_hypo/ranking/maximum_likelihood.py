@@ -17,7 +17,6 @@ from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.fitting import Fitted
 from brv_hypo.ranking.result import Verdict
-from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import Regressed
@@ -39,7 +38,7 @@ class Likelihoods:
 
 
 def identify_standing(
-    problem: Problem, fits: Sequence[HypothesisFit], adequate: bool, config: CompareConfig, say: Callable[[str], None]
+    problem: Problem, fits: Sequence[HypothesisFit], verdict: Verdict, config: CompareConfig, say: Callable[[str], None]
 ) -> Likelihoods:
     """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach.
 
@@ -48,8 +47,8 @@ def identify_standing(
     """
     if config.maximum_likelihood == "none":
         return Likelihoods({}, frozenset())
-    chances = probabilities({fit.name: fit.information for fit in fits})
-    standing = [fit for fit in fits if chances[fit.name] >= CREDIBLE_PROBABILITY]
+    chances, adequate = verdict.probability, verdict.outcome != "none adequate"
+    standing = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
     options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS, begin_anew=not quick)

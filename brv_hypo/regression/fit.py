@@ -70,6 +70,8 @@ class HypothesisFit:
     grid: GridFactors | None = field(default=None, repr=False, compare=False)
     design: DesignMoment | None = None
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
+    log_evidence: float | None = None
+    """Beside processes, over that of the baseline only; None before they are known."""
 
     @property
     def moment(self) -> tuple[tuple[Regressor, ...], FloatArray, FloatArray]:
@@ -112,6 +114,11 @@ class HypothesisFit:
 
     @property
     def information(self) -> float:
+        """What hypotheses are ranked by, the less the better: -2 log evidence where it is known, else the BIC."""
+        return self.bic if self.log_evidence is None else self.bound_cost - 2.0 * self.log_evidence
+
+    @property
+    def bic(self) -> float:
         """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
         chosen = len({column.choice for column in self.selected})
         return self.bound_cost + extended_bic(

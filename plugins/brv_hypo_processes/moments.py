@@ -1,4 +1,4 @@
-"""Moments of known shape and unknown course: what a baseline with constant coefficients lacks of any real body.
+"""Moments of known shape and unknown history: what a baseline with constant coefficients lacks of any real body.
 
 static moment   alpha                              stiffness that changes along the flight
 bend            alpha^2, alpha^3                   stiffness by angle of attack
@@ -31,12 +31,12 @@ def _rates(motion: Motion) -> ComplexArray:
 class Static(MomentProcess):
     """C_malpha(t) alpha."""
 
-    name, family, splines = "static_course", "stiffness", 16
+    name, family, splines = "static_change", "stiffness", 16
     title = "static moment that changes along the flight"
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """One, in the plane of alpha."""
-        return (motion.alpha.astype(complex),)
+        return (np.asarray(motion.alpha, dtype=complex),)
 
 
 class Bend(MomentProcess):
@@ -47,24 +47,24 @@ class Bend(MomentProcess):
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """Square and cube."""
-        return (motion.alpha**2).astype(complex), (motion.alpha**3).astype(complex)
+        return np.asarray(motion.alpha**2, dtype=complex), np.asarray(motion.alpha**3, dtype=complex)
 
 
 class Side(MomentProcess):
     """C_n,side proportional to alpha."""
 
-    name, family, splines = "side_course", "side", 16
+    name, family, splines = "side_change", "side", 16
     title = "side moment that changes along the flight"
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """One, across the plane of alpha."""
-        return (1j * motion.alpha.astype(complex),)
+        return (np.asarray(1j * motion.alpha),)
 
 
 class Damping(MomentProcess):
     """C_mq(t) times the transverse rates."""
 
-    name, family, splines = "damping_course", "rate", 12
+    name, family, splines = "damping_change", "rate", 12
     title = "damping that changes along the flight"
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
@@ -75,7 +75,7 @@ class Damping(MomentProcess):
 class CrossDamping(MomentProcess):
     """The rates turned by a right angle."""
 
-    name, family, splines = "cross_damping_course", "rate", 12
+    name, family, splines = "cross_damping_change", "rate", 12
     title = "cross-damping moment that changes along the flight"
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
@@ -97,7 +97,7 @@ class DampingBend(MomentProcess):
 class Body(MomentProcess):
     """A moment in body axes that changes slowly: the centre of gravity, the nose tip."""
 
-    name, family, splines = "body_course", "body", 16
+    name, family, splines = "body_change", "body", 16
     title = "moment fixed in the body that grows or fades"
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:

@@ -18,11 +18,11 @@ from brv_hypo.mechanisms import RecordProcess, hookimpl
 
 
 class _Added(RecordProcess):
-    """A course that is added to a channel."""
+    """A history that is added to a channel."""
 
-    def changed(self, flight: Flight, channel: str, course: FloatArray) -> Flight:
+    def changed(self, flight: Flight, channel: str, history: FloatArray) -> Flight:
         """The record with so much (n,) more in that channel."""
-        return replace(flight, **{channel: getattr(flight, channel) + course})
+        return replace(flight, **{channel: getattr(flight, channel) + history})
 
 
 class GyroDrift(_Added):
@@ -41,16 +41,16 @@ class AccelDrift(_Added):
     channels, splines, units, size = ("ax", "ay", "az"), 8, "m/s^2", 0.05
 
 
-class DensityCourse(RecordProcess):
+class DensityChange(RecordProcess):
     """Air that is denser or thinner than the record's dynamic pressure says, by a share that changes."""
 
-    name, family, kind = "density_course", "air", "environment"
+    name, family, kind = "density_change", "air", "environment"
     title = "air density off the record's, by a share that changes"
     channels, splines, units, size = ("dynamic_pressure",), 10, "1", 0.02
 
-    def changed(self, flight: Flight, channel: str, course: FloatArray) -> Flight:
+    def changed(self, flight: Flight, channel: str, history: FloatArray) -> Flight:
         """The record with its dynamic pressure larger by a share (n,)."""
-        return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + course))
+        return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + history))
 
 
 class Turbulence(RecordProcess):
@@ -61,14 +61,14 @@ class Turbulence(RecordProcess):
     channels, splines, units, size = ("y", "z"), 36, "m/s", 1.0
     axes: ClassVar[str] = "xyz"
 
-    def changed(self, flight: Flight, channel: str, course: FloatArray) -> Flight:
+    def changed(self, flight: Flight, channel: str, history: FloatArray) -> Flight:
         """The record with so much (n,) m/s less of the wind known."""
         wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
-        wind[:, self.axes.index(channel)] -= course
+        wind[:, self.axes.index(channel)] -= history
         return replace(flight, wind=wind)
 
 
 @hookimpl
 def brv_hypo_record_effects() -> Sequence[RecordProcess]:
     """Every process of the record."""
-    return [GyroDrift(), AccelDrift(), DensityCourse(), Turbulence()]
+    return [GyroDrift(), AccelDrift(), DensityChange(), Turbulence()]

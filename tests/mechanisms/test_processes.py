@@ -161,9 +161,9 @@ class SoundDrift(RecordProcess):
     title = "drift of the speed"
     channels, splines, units, size = ("velocity",), 5, "m/s", 2.0
 
-    def changed(self, flight, channel, course):
+    def changed(self, flight, channel, history):
         """That much faster."""
-        return replace(flight, velocity=flight.velocity + course)
+        return replace(flight, velocity=flight.velocity + history)
 
 
 def bad(base, **parts):
@@ -192,11 +192,11 @@ BREACHES = {
     "no family of the record": (bad(SoundDrift, family=""), "`family` is ''"),
     "no splines": (bad(SoundDrift, splines=0), "`splines` is 0"),
     "no size": (bad(SoundDrift, size=0.0), "typical size is 0"),
-    "no change": (bad(SoundDrift, changed=lambda self, flight, channel, course: flight), "changes nothing"),
+    "no change": (bad(SoundDrift, changed=lambda self, flight, channel, history: flight), "changes nothing"),
     "not linear": (
         bad(
             SoundDrift,
-            changed=lambda self, flight, channel, course: replace(flight, velocity=flight.velocity + course**2),
+            changed=lambda self, flight, channel, history: replace(flight, velocity=flight.velocity + history**2),
         ),
         "departs from linear",
     ),
@@ -251,8 +251,8 @@ class SpeedDrift(RecordProcess):
     title = "drift of the speed"
     channels, splines, units, size = ("velocity",), 5, "m/s", 2.0
 
-    def changed(self, flight, channel, course):
-        return replace(flight, velocity=flight.velocity + course)
+    def changed(self, flight, channel, history):
+        return replace(flight, velocity=flight.velocity + history)
 
 def brv_hypo_mechanisms():
     return [FourLobes()]

@@ -1,0 +1,149 @@
+"""Every hypothesis beside processes: fits with the errors of one evidence, and what the leader explains.
+
+The search knows no processes. About its leader the record is linearised once more with all of them, and every
+hypothesis, and what may be there instead, gets its evidence there (`inference`). Entrance: `judged`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.inference.evidence import Evidence, maximised
+from brv_hypo.inference.rows import Rows, rows_of
+from brv_hypo.motion.interpolation import time_splines
+from brv_hypo.ranking import preparation
+from brv_hypo.ranking.adequacy import Alternative
+from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.fitting import Fitted
+from brv_hypo.ranking.intervals import within_bounds
+from brv_hypo.ranking.result import Explained, ProcessEstimate
+from brv_hypo.regression.build import point_of
+from brv_hypo.regression.fit import HypothesisFit, likeliest
+from brv_hypo.regression.own_static_moment import converged
+
+_DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
+_HISTORY_POINTS = 200  # of a record at which a process's history is evaluated
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Fits whose criterion, coefficients and errors are those of the evidence, and the evidence of each."""
+
+    rows: Rows
+    fits: tuple[HypothesisFit, ...]
+    evidences: tuple[Evidence, ...]
+    alternatives: tuple[Alternative, ...]
+    """What may be there instead, each with its fit's evidence in `instead`."""
+    instead: tuple[Evidence, ...]
+
+    @property
+    def leader(self) -> int:
+        """The place of the most probable hypothesis."""
+        return min(range(len(self.fits)), key=lambda k: self.fits[k].information)
+
+    @cached_property
+    def squares(self) -> float:
+        """The sum of squares of the baseline's residual without processes."""
+        return float(np.sum(self.baseline_residual**2))
+
+    @cached_property
+    def baseline_residual(self) -> FloatArray:
+        """What the baseline without processes does not explain (rows,)."""
+        return self.evidences[self.null].without_processes(self.rows.y[:, np.newaxis])[:, 0]
+
+    @property
+    def null(self) -> int:
+        """The place of the baseline only."""
+        return next(k for k, fit in enumerate(self.fits) if not fit.mechanisms)
+
+
+def judged(
+    fitted: Fitted, config: CompareConfig, alternatives: Sequence[Alternative], say: Callable[[str], None]
+) -> Judged:
+    """Every fit of a search beside processes, linearised about the likeliest of them."""
+    say("estimating processes beside every hypothesis")
+    leader = converged(fitted.problem, likeliest(fitted.fits))
+    point = point_of(fitted.problem, leader.frame, leader.columns, leader.mechanisms)
+    records = preparation.cleaned(fitted.problem, point, fitted.settings)
+    if records is None:  # without the leader's errors no motion remains: the record is linearised as it was read
+        point = replace(point, taken=tuple({} for _ in point.taken), acting=tuple({} for _ in point.acting))
+        records = preparation.cleaned(fitted.problem, point, fitted.settings)
+    assert records is not None
+    problem = preparation.with_processes(point, records, fitted.settings, config)
+    rows = rows_of(problem, leader)
+    null = maximised(rows, rows.terms(None))
+    evidences = [maximised(rows, rows.terms(fit), [null.at]) if fit.selected else null for fit in fitted.fits]
+    instead = [
+        next((own for fit, own in zip(fitted.fits, evidences, strict=True) if fit is each.fit), None)
+        or maximised(rows, rows.terms(each.fit), [null.at])
+        for each in alternatives
+    ]
+    fits = [_estimated(fit, own, null) for fit, own in zip(fitted.fits, evidences, strict=True)]
+    return Judged(rows, tuple(fits), tuple(evidences), tuple(alternatives), tuple(instead))
+
+
+def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisFit:
+    """The fit with the criterion, coefficients and errors of its evidence."""
+    count = len(fit.columns)
+    values = own.values[:count] if fit.selected else own.values
+    found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=own.covariance)
+    return within_bounds(replace(found, bound_cost=0.0))
+
+
+def explained(judged: Judged) -> Explained:
+    """What the leader explains of the mean square that the baseline's fit without processes has as residual."""
+    leader, null = judged.evidences[judged.leader], judged.evidences[judged.null]
+    residual = judged.baseline_residual
+    count = int(np.sum(leader.terms.scaled))
+    if not count:
+        return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0))
+    made = null.without_processes(leader.terms.x[:, :count])
+    first = len(judged.fits[judged.leader].columns) - count
+    at_mode, covariance = leader.values[first : first + count], leader.covariance[first:, first:][:count, :count]
+
+    def shares(coefficients: FloatArray) -> FloatArray:
+        remaining = residual[:, np.newaxis] - made @ coefficients
+        return np.asarray(1.0 - np.sum(remaining**2, axis=0) / judged.squares)
+
+    drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
+    share = float(shares(at_mode[:, np.newaxis])[0])
+    low, high = np.quantile(shares(drawn.T), (0.025, 0.975))
+    return Explained(
+        share=share, unexplained=1.0 - share, interval_95=(min(float(low), share), max(float(high), share))
+    )
+
+
+def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
+    """Every process beside the leader, the one that makes most of the record first."""
+    own, rows = judged.evidences[judged.leader], judged.rows
+    fit = judged.fits[judged.leader]
+    static = rows.of_moments(rows.frame_of(fit), rows.problem.baseline) @ fit.values[: fit.baseline_size]
+    whole = float(np.linalg.norm(static))
+    found = []
+    for k, group in enumerate(rows.groups[1:], start=1):
+        coefficients, errors = own.spline_coefficients(k)
+        made = float(np.linalg.norm(own.made_by(k)))
+        size, error = (_history_rms(part, group.splines) for part in (coefficients, errors))
+        found.append(
+            ProcessEstimate(
+                name=group.name,
+                family=group.family,
+                size=size,
+                std_error=error,
+                units=group.units,
+                share_of_moment=made / max(whole, 1e-300),
+                tolerance=float(np.exp((group.prior or (0.0, 1.0))[0])) * group.size,
+            )
+        )
+    return tuple(sorted(found, key=lambda each: -each.share_of_moment))
+
+
+def _history_rms(coefficients: FloatArray, splines: int) -> float:
+    """rms over time and components of the histories with these coefficients (components x splines,)."""
+    basis = time_splines(np.linspace(0.0, 1.0, _HISTORY_POINTS), 0.0, 1.0, splines)
+    return float(np.sqrt(np.mean((coefficients.reshape(-1, splines) @ basis.T) ** 2)))
