@@ -108,7 +108,7 @@ def test_what_is_installed_runs_from_its_own_files(installed) -> None:
 @pytest.mark.parametrize("installed", ["*.whl"], ids=["wheel"], indirect=True)
 def test_what_is_installed_flies_and_inspects_with_its_plugins(installed) -> None:
     known = installed("mechanisms")
-    assert all(name in known.stdout for name in ("sticking", "magnus", "gyro_bias", "body_course", "turbulence"))
+    assert all(name in known.stdout for name in ("sticking", "magnus", "gyro_bias", "body_change", "turbulence"))
     assert installed("config", "new", "import").returncode == 0
     flown = installed("simulate", "research_cone", "--plant", "lag", "-o", "flight.h5")
     assert flown.returncode == 0, flown.stderr
@@ -176,7 +176,7 @@ def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
     assert "Verdict: sticking" in shown.stdout, shown.stderr
     assert "What data fit" in other("brv-hypo", "docs", "start").stdout
     known = other("brv-hypo", "mechanisms").stdout
-    assert all(name in known for name in ("sticking", "magnus", "gyro_bias", "body_course", "turbulence"))
+    assert all(name in known for name in ("sticking", "magnus", "gyro_bias", "body_change", "turbulence"))
 
 
 def test_another_python_builds_and_installs_the_sdist(other, built) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
+import sys
 from dataclasses import replace
 from typing import ClassVar
 
@@ -84,8 +85,8 @@ def test_splines_follow_the_shape_of_time(shape):
 
 
 def test_all_are_there_with_a_family():
-    assert {process.name for process in OF_MOMENTS} >= {"static_course", "damping_course", "body_course", "flow"}
-    assert {process.name for process in OF_RECORDS} >= {"gyro_drift", "accel_drift", "density_course", "turbulence"}
+    assert {process.name for process in OF_MOMENTS} >= {"static_change", "damping_change", "body_change", "flow"}
+    assert {process.name for process in OF_RECORDS} >= {"gyro_drift", "accel_drift", "density_change", "turbulence"}
     assert {process.family for process in (*OF_MOMENTS, *OF_RECORDS)} <= set(FAMILIES)
 
 
@@ -283,10 +284,7 @@ def distribution(tmp_path, monkeypatch):
         patch.syspath_prepend(tmp_path)
         use_plugin_files(())
         yield
-    with contextlib.suppress(KeyError):
-        import sys
-
-        del sys.modules["lobes"]
+    sys.modules.pop("lobes", None)
 
 
 def in_every_hypothesis() -> set[str]:
@@ -294,6 +292,9 @@ def in_every_hypothesis() -> set[str]:
 
 
 OWN = in_every_hypothesis()
+
+
+QUICK = {"maximum_likelihood": "none", "max_terms": 2, "exact_terms": 2, "knot_count": 3, "refine": False}
 
 
 class _Enough(Exception):  # noqa: N818 - no error: what was asked is known
@@ -328,6 +329,17 @@ def test_what_is_installed_and_not_asked_for_is_in_none(distribution):
         assert in_every_hypothesis() == OWN | {"four_lobes"}
     with registry.requested(NAMES, faulty={"four_lobes"}):
         assert in_every_hypothesis() == OWN | {"speed_drift"}
+
+
+@pytest.mark.thorough
+def test_one_that_breaks_on_the_flight_is_named_and_the_other_used(tmp_path):
+    """The kit's sample motions have 600 samples at most: there it is sound."""
+    use_plugin_files([written(tmp_path, early="assert motion.time.size <= 600")])
+    found = compare(nominal().flight, QUICK | {"mechanisms": ["bodyfixed"]})
+    assert {process.name for process in found.verdict.processes} == OWN | {"speed_drift"}
+    (reason,) = (text for text in found.warnings if "four_lobes" in text)
+    assert "AssertionError" in reason
+    assert f"{tmp_path}/lobes.py, line" in reason
 
 
 def test_it_is_neither_a_mechanism_nor_an_effect_to_try(tmp_path):

@@ -163,7 +163,7 @@ def test_an_effect_of_the_record_is_planted_as_the_effect_itself_says() -> None:
     assert found.vehicle == expected.vehicle
 
 
-ADDED = {"gyro_drift": "q 3", "accel_drift": "ay 7", "density_course": "dynamic_pressure 4"}
+ADDED = {"gyro_drift": "q 3", "accel_drift": "ay 7", "density_change": "dynamic_pressure 4"}
 
 
 @pytest.mark.parametrize("name", ADDED)
@@ -175,7 +175,7 @@ def test_a_process_of_the_record_moves_its_channel_by_its_spline(name: str) -> N
         3.0 * process.size * time_splines(clean.time, clean.time[0], clean.time[-1], process.splines)[:, int(number)]
     )
     for each, before in clean.channels.items():
-        share = before if name == "density_course" else 1.0
+        share = before if name == "density_change" else 1.0
         expected = before + spline * share if each == channel else before
         np.testing.assert_allclose(found.channels[each], expected, rtol=1e-9, atol=1e-12)
 

@@ -126,10 +126,10 @@ def test_a_process_is_planted_with_its_splines_over_the_flight(process: MomentPr
 
 
 def test_the_size_of_a_planted_process_varies_within_a_batch_and_its_span_can_be_set() -> None:
-    entry = {"mechanism": "static_course", "terms": {"static_course 0 0": 0.0}, "options": {"start": 5.0, "stop": 6.0}}
+    entry = {"mechanism": "static_change", "terms": {"static_change 0 0": 0.0}, "options": {"start": 5.0, "stop": 6.0}}
     config = load_config({**planting(duration=0.2).model_dump(exclude={"plantable"}), "mechanisms": [entry]})
-    none, some = simulate_batch(config, seeds=(1, 1), variations={"mechanisms.0.terms.static_course 0 0": [0.0, 0.01]})
-    assert not np.any(none.truth.planted_in_plane)
+    none, some = simulate_batch(config, seeds=(1, 1), variations={"mechanisms.0.terms.static_change 0 0": [0.0, 0.01]})
+    assert np.max(np.abs(none.truth.planted_in_plane)) < 1e-15
     # Before its start the first spline is what it is there: a sixth.
     np.testing.assert_allclose(some.truth.planted_in_plane, 0.01 / 6.0 * some.truth.alpha, rtol=1e-6)
 
