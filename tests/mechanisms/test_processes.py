@@ -331,6 +331,20 @@ def test_what_is_installed_and_not_asked_for_is_in_none(distribution):
         assert in_every_hypothesis() == OWN | {"speed_drift"}
 
 
+def test_its_name_in_the_comparison_is_enough(distribution):
+    assert in_comparison("bodyfixed", "four_lobes") == OWN | {"four_lobes"}
+    assert in_comparison(*NAMES) == OWN | NAMES
+
+
+@pytest.mark.thorough
+def test_the_verdict_has_it_without_a_hypothesis_of_its_own(distribution):
+    found = compare(nominal().flight, QUICK | {"mechanisms": ["bodyfixed", *NAMES]})
+    assert {row.mechanism for row in found.ranking} == {"none", "bodyfixed"}
+    assert {process.name for process in found.verdict.processes} == OWN | NAMES
+    unasked = compare(nominal().flight, QUICK | {"mechanisms": ["bodyfixed"]})
+    assert {process.name for process in unasked.verdict.processes} == OWN
+
+
 @pytest.mark.thorough
 def test_one_that_breaks_on_the_flight_is_named_and_the_other_used(tmp_path):
     """The kit's sample motions have 600 samples at most: there it is sound."""
