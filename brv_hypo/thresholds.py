@@ -243,7 +243,7 @@ LEAST_SEGMENT_SAMPLES = threshold(
 
 # ---- Priors of what a hypothesis may have beside it: centre and 1-sigma of the logarithm of an amplitude ----
 
-_PROCESS_STUDY = "judgement; held by tests.studies.processes.study"
+_PROCESS_STUDY = "judgement; held by tests.studies.independent.imperfect_study"
 RECORD_AMPLITUDE = threshold(
     (-2.3, 2.0), "log units", "how large drifts of instruments and air may be, in their ordinary sizes", _PROCESS_STUDY
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 from brv_hypo.motion import Reconstruction, reconstruct
@@ -46,8 +47,14 @@ def reconstructed(*plant: str) -> Reconstruction:
 
 @cache
 def prepared(*plant: str, **settings: int) -> Problem:
-    """Its least-squares problem, with those settings of a comparison."""
-    return prepare([reconstructed(*plant)], CompareConfig(**settings))
+    """Its least-squares problem, with those settings of a comparison.
+
+    How many terms a model may have is a limit of the problem alone: one is made for all such limits.
+    """
+    limits = {name: settings[name] for name in ("max_terms", "exact_terms") if name in settings}
+    if not limits:
+        return prepare([reconstructed(*plant)], CompareConfig(**settings))
+    return replace(prepared(*plant, **{name: settings[name] for name in settings if name not in limits}), **limits)
 
 
 @cache

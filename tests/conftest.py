@@ -6,6 +6,7 @@ test: commands that are run in this process would leave theirs to the next.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 
 import pytest
@@ -22,6 +23,12 @@ def pytest_configure(config: pytest.Config) -> None:
     """`--hypothesis-profile` comes after this and stands in its place."""
     threadpool_limits(limits=1)
     settings.load_profile("quick" if "not thorough" in config.option.markexpr else "thorough")
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays until the end: to look through it for cycles again and again took seconds."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -1,15 +1,15 @@
 """The evidence of a hypothesis, and all that is read off it.
 
-    y = U b + X c + Z a + e,   a ~ N(0, S^2),   c ~ N(0, t^2 T^2),   b ~ flat or N(0, 1),   e ~ N(0, s^2)
+    y = U b + X c + Z a + e,   a ~ N(0, s^2 S^2),   c ~ N(0, s^2 t^2 T^2),   b ~ flat or N(0, s^2),   e ~ N(0, s^2)
 
 With b, c and a integrated out, log p(y | S, t, s) is maximised together with the logarithms' Gaussian priors over the
 amplitudes S of processes, t of the mechanism and the noise s, by L-BFGS with the exact gradient. Knots and delays are
 columns of X, linear about where the search found them, with the spread of a uniform prior: their posterior widths over
-their ranges are Occam's share of what was searched. With M = 1 + S Z' Z S / s^2 of each flight, all of Z is eliminated
-first (Woodbury's identity), and what remains is as large as U and X:
+their ranges are Occam's share of what was searched. Errors within tolerances, whose amplitude is 1, are eliminated
+once; then, with M = 1 + S Z' Z S of each flight, its processes (Woodbury's identity); what remains is as large as U, X:
 
-    A = [U X]' [U X] / s^2 + P - sum of W' W,   W = L^-1 S Z' [U X] / s^2,   M = L L'
-    2 log p = -n log s^2 - sum log |M| - log |A| - log |P^-1| - (y' y / s^2 - sum w' w - u' A^-1 u)
+    A = [U X]' [U X] + P - sum of W' W,   W = L^-1 S Z' [U X],   M = L L',   P the prior's precision
+    2 log p = -n log s^2 - sum log |M| - log |A| + log |P| - (y' y - sum w' w - u' A^-1 u) / s^2
 
 Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4.
 """
@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
@@ -27,10 +27,10 @@ from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.inference.rows import Rows, Terms
+from brv_hypo.inference.rows import Block, Rows, Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
-_LARGEST, _SMALLEST = np.log(3.0), np.log(1e-5)  # amplitudes
+_LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
 _NOISE = (-1.0, 3.0)  # logarithm of the noise over what the record states: least and most
 _SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
 _ITERATIONS = 80
@@ -38,26 +38,30 @@ _PRECISION = 1e-6  # relative fall of the cost at which a maximisation ends: som
 
 
 class Products(NamedTuple):
-    """Scalar products of rows: what the likelihood needs of the data. `blocks`: Z'Z, Z'[U X] and Z'y of each flight."""
+    """Scalar products of rows: what the likelihood needs of the data. `blocks`: Z'Z, Z'[U X] and Z'y of each flight.
+
+    `level` is half the log determinants of what was eliminated already.
+    """
 
     rows: int
     square: float
     across: FloatArray
     right: FloatArray
     blocks: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    level: float = 0.0
 
     @classmethod
     def of(cls, rows: Rows, border: FloatArray, chosen: BoolArray | None = None) -> Products:
         """Of all rows, or of those chosen (n,)."""
         use = np.ones(rows.y.size, dtype=bool) if chosen is None else chosen
-        y, own = rows.y[use], border[use]
+        y_used, own = rows.y[use], border[use]
         blocks = []
         for block in rows.blocks:
             here = use[block.rows]
             z, those = block.z[here], block.rows[here]
             blocks.append((z.T @ z, z.T @ border[those], z.T @ rows.y[those]))
         count = rows.size if chosen is None else int(np.sum(use))
-        return cls(count, float(y @ y), own.T @ own, own.T @ y, tuple(blocks))
+        return cls(count, float(y_used @ y_used), own.T @ own, own.T @ y_used, tuple(blocks))
 
     def less(self, other: Products) -> Products:
         """Of all rows but those of `other`."""
@@ -73,19 +77,40 @@ class Products(NamedTuple):
             blocks,
         )
 
+    def without_tolerances(self, rows: Rows) -> Products:
+        """With the first group of every flight, whose amplitude is 1, eliminated."""
+        across, right, square, level, blocks = self.across, self.right, self.square, self.level, []
+        for block, (gram, with_border, with_y) in zip(rows.blocks, self.blocks, strict=True):
+            count = block.columns[0].stop
+            matrix = gram[:count, :count] + np.eye(count)
+            factor = cholesky(matrix, lower=True, check_finite=False)
+            made = solve_triangular(
+                factor,
+                np.column_stack([gram[:count, count:], with_border[:count], with_y[:count]]),
+                lower=True,
+                check_finite=False,
+            )
+            kept, last = gram.shape[0] - count, made.shape[1] - 1
+            z, border, y = made[:, :kept], made[:, kept:last], made[:, last]
+            blocks.append(
+                (gram[count:, count:] - z.T @ z, with_border[count:] - z.T @ border, with_y[count:] - z.T @ y)
+            )
+            across, right = across - border.T @ border, right - border.T @ y
+            square -= float(y @ y)
+            level += float(np.sum(np.log(np.diag(factor))))
+        return Products(self.rows, square, across, right, tuple(blocks), level)
+
 
 class _Solution(NamedTuple):
-    """b and c with their covariance, and each flight's standardised a with its variances."""
+    """b and c with their covariance under noise of 1, and each flight's standardised a with its variances."""
 
-    cost: float
-    """Minus log p, but for a constant and the priors of the amplitudes."""
+    level: float
+    """Half of the log determinants."""
     misfit: float
     border: FloatArray
     covariance: FloatArray
     modes: tuple[FloatArray, ...]
     variances: tuple[FloatArray, ...]
-    factors: tuple[FloatArray, ...]
-    """L of each flight."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +121,7 @@ class Evidence:
     terms: Terms
     products: Products
     at: FloatArray
-    """Logarithms of the noise, of every group's amplitude but the first, and of the mechanism's."""
+    """Logarithms of the noise, of every process's amplitude, and of the mechanism's."""
     level: float
 
     @property
@@ -106,13 +131,13 @@ class Evidence:
 
     @property
     def amplitudes(self) -> FloatArray:
-        """Of every group (groups,); 1 where it is not estimated."""
-        return _amplitudes(self.rows, self.at)
+        """Of every process (groups - 1,), in its units."""
+        return self.noise * _amplitudes(self.rows, self.at)
 
     @cached_property
     def solution(self) -> _Solution:
         """What is integrated out, at its mode."""
-        return _solved(self.products, self.rows, self.terms, self.at)
+        return _solved(self.products.without_tolerances(self.rows), self.rows, self.terms, self.at)
 
     @property
     def values(self) -> FloatArray:
@@ -124,47 +149,44 @@ class Evidence:
     @property
     def covariance(self) -> FloatArray:
         """That of `values`, everything else free."""
-        rank, count = self.rows.coefficients.shape[1], self.terms.spread.size
-        first = self.rows.shared.shape[1]
-        made = np.zeros((self.rows.coefficients.shape[0] + count, self.solution.border.size))
-        made[: self.rows.coefficients.shape[0], :rank] = self.rows.coefficients
-        made[self.rows.coefficients.shape[0] :, first:] = np.eye(count)
-        return np.asarray(made @ self.solution.covariance @ made.T)
+        known, rank = self.rows.coefficients.shape
+        count, first = self.terms.spread.size, self.rows.shared.shape[1]
+        made = np.zeros((known + count, self.solution.border.size))
+        made[:known, :rank] = self.rows.coefficients
+        made[known:, first:] = np.eye(count)
+        return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
 
-    def made_by_terms(self, coefficients: FloatArray | None = None) -> FloatArray:
-        """What the hypothesis's terms make of the rows (n, ...), at their mode or these coefficients (terms, ...)."""
-        count, first = int(np.sum(self.terms.scaled)), self.rows.shared.shape[1]
-        at_mode = self.solution.border[first : first + count]
-        return np.asarray(self.terms.x[:, :count] @ (at_mode if coefficients is None else coefficients))
-
-    def made_by(self, group: int) -> FloatArray:
-        """What a group's columns make of the rows (n,), at their mode."""
-        out = np.zeros(self.rows.y.size)
+    def made_by(self, process: int) -> FloatArray:
+        """What a process's columns make of the rows (n,), at their mode."""
+        out, amplitude = np.zeros(self.rows.y.size), _amplitudes(self.rows, self.at)[process]
         for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
-            own = block.columns[group]
-            out[block.rows] = block.z[:, own] @ (self.amplitudes[group] * mode[own])
+            own = block.columns[process + 1]
+            out[block.rows] = block.z[:, own] @ (amplitude * mode[_shifted(own, block)])
         return out
 
-    def spline_coefficients(self, group: int) -> tuple[FloatArray, FloatArray]:
-        """The coefficients of a group, of all flights after one another, and their standard errors, in its units."""
-        unit = self.amplitudes[group] * self.rows.groups[group].size
+    def spline_coefficients(self, process: int) -> tuple[FloatArray, FloatArray]:
+        """The coefficients of a process, of all flights after one another, and their standard errors, in its units."""
+        unit = _amplitudes(self.rows, self.at)[process] * self.rows.groups[process + 1].size
         each = zip(self.rows.blocks, self.solution.modes, self.solution.variances, strict=True)
-        found = [(mode[block.columns[group]], spread[block.columns[group]]) for block, mode, spread in each]
+        found = [(mode[own], spread[own]) for b, mode, spread in each for own in [_shifted(b.columns[process + 1], b)]]
         modes, variances = (np.concatenate(part) for part in zip(*found, strict=True))
-        return unit * modes, unit * np.sqrt(np.maximum(variances, 0.0))
+        return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
 
     @cached_property
     def left_out(self) -> FloatArray:
-        """Log evidence without each stretch of time in turn (blocks,), amplitudes as they are."""
+        """Log evidence without each stretch of time in turn (stretches,), amplitudes as they are."""
         border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
-        blocks = np.unique(self.rows.time_blocks)
-        rests = (self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k)) for k in blocks)
-        return np.array([-_solved(rest, self.rows, self.terms, self.at).cost for rest in rests])
+        found = []
+        for k in np.unique(self.rows.time_blocks):
+            rest = self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k))
+            found.append(-_cost(rest.without_tolerances(self.rows), self.rows, self.terms, self.at))
+        return np.array(found)
 
     @property
     def held_out(self) -> FloatArray:
-        """Log predictive density of each stretch of time given the others (blocks,)."""
-        return -self.solution.cost - self.left_out
+        """Log predictive density of each stretch of time given the others (stretches,)."""
+        whole = -_cost(self.products.without_tolerances(self.rows), self.rows, self.terms, self.at)
+        return whole - self.left_out
 
     def without_processes(self, rows: FloatArray) -> FloatArray:
         """Rows (n, columns) less their best fit by the baseline and what tolerances allow, under the stated noise."""
@@ -183,123 +205,119 @@ class Evidence:
 
     def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
-        border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
-        variance = self.noise**2
-        inside, right, across = x.T @ x / variance, x.T @ self.rows.y / variance, x.T @ border / variance
-        for block, factor, own in zip(self.rows.blocks, self.solution.factors, self.products.blocks, strict=True):
-            scale = _scales(block.columns, self.amplitudes)
-            made = solve_triangular(factor, scale[:, np.newaxis] * (block.z.T @ x[block.rows]), lower=True) / variance
-            with_border = solve_triangular(factor, scale[:, np.newaxis] * own[1], lower=True) / variance
-            inside = inside - made.T @ made
-            across = across - made.T @ with_border
-            right = right - made.T @ (solve_triangular(factor, scale * own[2], lower=True) / variance)
-        inside = inside - across @ self.solution.covariance @ across.T
-        return inside, right - across @ self.solution.border
+        border = np.concatenate([self.rows.shared, self.terms.x, x], axis=1)
+        products = Products.of(self.rows, border).without_tolerances(self.rows)
+        inner, right, *_ = _eliminated(products, self.rows, self.at)
+        first = border.shape[1] - x.shape[1]
+        inner[:first, :first] += np.diag(_spreads(self.rows, self.terms, self.at) ** -2.0)
+        known = np.linalg.solve(inner[:first, :first], np.column_stack([inner[:first, first:], right[:first]]))
+        found = np.column_stack([inner[first:, first:], right[first:]]) - inner[first:, :first] @ known
+        return found[:, :-1] / self.noise**2, found[:, -1] / self.noise**2
 
 
 def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = ()) -> Evidence:
     """The evidence of terms at its most probable amplitudes, from small ones, and from those given."""
     border = np.concatenate([rows.shared, terms.x], axis=1)
-    products = Products.of(rows, border)
+    raw = Products.of(rows, border)
+    products = raw.without_tolerances(rows)
     groups, has_terms = rows.groups[1:], bool(np.any(terms.scaled))
-    priors = [NOISE_LEVEL, *(group.prior or (0.0, 1.0) for group in groups)]
-    priors += [MECHANISM_AMPLITUDE] if has_terms else []
-    centre, width = (np.array(part) for part in zip(*priors, strict=True))
+    priors = [NOISE_LEVEL, *(group.prior for group in groups), *([MECHANISM_AMPLITUDE] if has_terms else [])]
+    centre, width = np.array(priors, dtype=float).T
 
     def cost(at: FloatArray) -> tuple[float, FloatArray]:
         found = _solved(products, rows, terms, at)
-        slope = _slope(products, rows, terms, at, found)
         off = (at - centre) / width
-        return found.cost + 0.5 * float(off @ off), slope + off / width
+        value = _value(products, rows, found, at) + 0.5 * float(off @ off)
+        return value, np.asarray(_slope(products, rows, terms, at, found) + off / width)
 
     small = np.array([0.0, *(_SMALL for _ in groups), *([centre[-1]] if has_terms else [])])
-    begun = [
-        small,
-        *(np.append(start, [centre[-1]] if has_terms else []) for start in starts or [centre[: 1 + len(groups)]]),
-    ]
-    bounds = [_NOISE, *((_SMALLEST, _LARGEST) for _ in centre[1:])]
-    ends = [
-        minimize(
-            cost,
-            start,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds,
-            options={"maxiter": _ITERATIONS, "ftol": _PRECISION},
-        )
-        for start in begun
-    ]
+    begun = [small, *(np.append(s, [centre[-1]] if has_terms else []) for s in starts or [centre[: 1 + len(groups)]])]
+    bounds = [_NOISE, *[(_SMALLEST, _LARGEST)] * (centre.size - 1)]
+    options: Any = {"maxiter": _ITERATIONS, "ftol": _PRECISION}
+    ends = [minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options) for start in begun]
     best = min(ends, key=lambda end: float(end.fun))
-    return Evidence(rows, terms, products, np.asarray(best.x), -float(best.fun))
+    return Evidence(rows, terms, raw, np.asarray(best.x), -float(best.fun))
+
+
+def _shifted(own: slice, block: Block) -> slice:
+    """The columns of a process where those of the tolerances are eliminated."""
+    first = block.columns[0].stop
+    return slice(own.start - first, own.stop - first)
 
 
 def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:
-    return np.concatenate([[1.0], np.exp(at[1 : len(rows.groups)])])
-
-
-def _scales(columns: Sequence[slice], amplitudes: FloatArray) -> FloatArray:
-    """The amplitude of each column of Z."""
-    return np.repeat(amplitudes, [own.stop - own.start for own in columns])
+    return np.asarray(np.exp(at[1 : len(rows.groups)]))
 
 
 def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
-    """Prior 1-sigma of b and c."""
+    """Prior 1-sigma of b and c under noise of 1."""
     amplitude = np.exp(at[-1]) if np.any(terms.scaled) else 1.0
     return np.concatenate([rows.spread, np.where(terms.scaled, amplitude, 1.0) * terms.spread])
 
 
-def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> _Solution:
-    variance, amplitudes = float(np.exp(2.0 * at[0])), _amplitudes(rows, at)
-    spread = _spreads(rows, terms, at)
-    inner = products.across / variance + np.diag(spread**-2.0)
-    right, misfit = products.right / variance, products.square / variance
-    cost = products.rows * at[0] + float(np.sum(np.log(spread[np.isfinite(spread)])))
-    factors, inside, across = [], [], []
+_Parts = list[tuple[FloatArray, FloatArray, FloatArray]]
+
+
+def _eliminated(products: Products, rows: Rows, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float, _Parts]:
+    """Normal equations of U and X with all processes eliminated: matrix, right side, squares, half log determinants,
+    and of each flight L, W and w.
+    """
+    amplitudes = _amplitudes(rows, at)
+    inner, right, misfit, level, parts = products.across, products.right, products.square, products.level, []
     for block, (gram, with_border, with_y) in zip(rows.blocks, products.blocks, strict=True):
-        scale = _scales(block.columns, amplitudes)
-        matrix = scale[:, np.newaxis] * gram * scale / variance
+        scale = np.repeat(amplitudes, [own.stop - own.start for own in block.columns[1:]])
+        matrix = scale[:, np.newaxis] * gram * scale
         matrix[np.diag_indices_from(matrix)] += 1.0
         factor = cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
-        made = solve_triangular(
-            factor,
-            scale[:, np.newaxis] * np.column_stack([with_border, with_y]) / variance,
-            lower=True,
-            check_finite=False,
-        )
+        both = scale[:, np.newaxis] * np.column_stack([with_border, with_y])
+        made = solve_triangular(factor, both, lower=True, check_finite=False)
         inner = inner - made[:, :-1].T @ made[:, :-1]
         right = right - made[:, :-1].T @ made[:, -1]
         misfit -= float(made[:, -1] @ made[:, -1])
-        cost += float(np.sum(np.log(np.diag(factor))))
-        factors.append(factor)
-        inside.append(made[:, -1])
-        across.append(made[:, :-1])
+        level += float(np.sum(np.log(np.diag(factor))))
+        parts.append((factor, made[:, :-1], made[:, -1]))
+    return inner, right, misfit, level, parts
+
+
+def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray, with_modes: bool = True) -> _Solution:
+    """What is integrated out; modes and variances of processes only where they are wanted."""
+    spread = _spreads(rows, terms, at)
+    inner, right, misfit, level, parts = _eliminated(products, rows, at)
+    inner = inner + np.diag(spread**-2.0)
     outer = cholesky(inner, lower=True, check_finite=False)
     border = cho_solve((outer, True), right, check_finite=False)
-    covariance = np.asarray(np.linalg.inv(inner), dtype=float)
-    misfit -= float(right @ border)
-    cost += 0.5 * misfit + float(np.sum(np.log(np.diag(outer))))
+    level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))
+    covariance = cho_solve((outer, True), np.eye(border.size), check_finite=False)
     modes, variances = [], []
-    for factor, own, made in zip(factors, inside, across, strict=True):
+    for factor, made, own in parts if with_modes else ():
         inverse, _ = dtrtri(factor, lower=1)
         follows = inverse.T @ made
         modes.append(inverse.T @ own - follows @ border)
-        variances.append(np.sum(inverse**2, axis=0) + np.sum((follows @ covariance) * follows, axis=1))
-    return _Solution(cost, misfit, border, covariance, tuple(modes), tuple(variances), tuple(factors))
+        variances.append(np.einsum("ij,ij->j", inverse, inverse) + np.sum((follows @ covariance) * follows, axis=1))
+    return _Solution(level, misfit - float(right @ border), border, covariance, tuple(modes), tuple(variances))
+
+
+def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> float:
+    """Minus log p, but for a constant and the priors of amplitudes."""
+    freedom = products.rows - int(np.sum(np.isinf(rows.spread)))
+    return float(found.level + freedom * at[0] + 0.5 * found.misfit * np.exp(-2.0 * at[0]))
+
+
+def _cost(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> float:
+    return _value(products, rows, _solved(products, rows, terms, at, with_modes=False), at)
 
 
 def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> FloatArray:
-    """Derivative of the cost by the logarithms (noise, amplitudes of groups, of the mechanism)."""
-    slope = np.zeros(at.size)
-    precision = _spreads(rows, terms, at) ** -2.0
-    squares = found.border**2 + np.diag(found.covariance)
-    fixed = float(np.sum(precision * found.border**2)) + sum(float(mode @ mode) for mode in found.modes)
-    freedom = float(np.sum(1.0 - precision * np.diag(found.covariance)))
-    for block, mode, spread in zip(rows.blocks, found.modes, found.variances, strict=True):
-        freedom += float(np.sum(1.0 - spread))
+    """Derivative of `_value` by the logarithms (noise, amplitudes of processes, of the mechanism)."""
+    slope, per_noise = np.zeros(at.size), np.exp(-2.0 * at[0])
+    for block, mode, variance in zip(rows.blocks, found.modes, found.variances, strict=True):
+        each = 1.0 - per_noise * mode**2 - variance
         for k, own in enumerate(block.columns[1:], start=1):
-            slope[k] += own.stop - own.start - float(np.sum(mode[own] ** 2 + spread[own]))
-    slope[0] = products.rows - freedom - (found.misfit - fixed)
+            slope[k] += float(np.sum(each[_shifted(own, block)]))
+    slope[0] = products.rows - int(np.sum(np.isinf(rows.spread))) - found.misfit * per_noise
     if np.any(terms.scaled):
         chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
-        slope[-1] = float(np.sum(1.0 - precision[chosen] * squares[chosen]))
+        precision = _spreads(rows, terms, at)[chosen] ** -2.0
+        squares = per_noise * found.border[chosen] ** 2 + np.diag(found.covariance)[chosen]
+        slope[-1] = float(np.sum(1.0 - precision * squares))
     return slope

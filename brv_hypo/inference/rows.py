@@ -40,7 +40,7 @@ _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its wi
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of Z that share an amplitude."""
+    """Columns of Z that share an amplitude; that of the first group, errors within tolerances, is 1."""
 
     name: str
     family: str
@@ -50,8 +50,8 @@ class Group:
     """One unit of the amplitude, in `units`."""
     splines: int
     """Columns of one history."""
-    prior: tuple[float, float] | None
-    """Centre and 1-sigma of the logarithm of the amplitude; None where the amplitude is 1."""
+    prior: tuple[float, float]
+    """Centre and 1-sigma of the logarithm of the amplitude."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         rows = _rows_of_flight(problem, flight)
         blocks.append(Block(rows, less(np.concatenate(parts, axis=1))[rows], columns))
     groups = (
-        Group(TOLERANCES, TOLERANCES, "1", 1.0, 1, None),
+        Group(TOLERANCES, TOLERANCES, "1", 1.0, 1, (0.0, 0.0)),
         *(Group(each.name, each.family, each.units, each.size, each.splines, RECORD_AMPLITUDE) for each in drifts),
         *(Group(each.name, each.family, "1", moment, each.splines, MOMENT_AMPLITUDE) for each in moments),
     )

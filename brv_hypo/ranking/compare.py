@@ -38,12 +38,11 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking.adequacy import alternatives
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Hypotheses, Progress, searched
+from brv_hypo.ranking.fitting import Hypotheses, Progress
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.judgement import Judged, explained, judged, processes
+from brv_hypo.ranking.judgement import Judged, explained, judged, outside, processes
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
@@ -179,16 +178,13 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
     reconstructed = clock.perf_counter()
     answered, warnings = answerable(reconstructions, hypotheses)
     warnings = (*warnings, *sharing_warnings(reconstructions))
-    say("linearising the errors of the record")
-    fitted = searched(reconstructions, config, answered, say)
-    problem = fitted.problem
-    criteria = criteria_of(problem, fitted.fits, config.held_out_blocks)
+    beside = judged(reconstructions, config, answered, say)
+    problem, fits = beside.problem, beside.fits
+    criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
     leaving = LeavingOut(problem)
-    without = [leaving.of(fit.frame, fit.columns) for fit in fitted.fits]
+    without = [leaving.of(fit.frame, fit.columns) for fit in fits]
     errors = [held_out(problem, each, config.held_out_blocks) for each in without]
-    beside = judged(fitted, config, alternatives(problem, answered, fitted.fits), say)
-    fits = beside.fits
     verdict = _verdict(beside, answered, config.other_prior).model_copy(update=_confidence(fits, without))
     selected = clock.perf_counter()
     likelihoods = identify_standing(problem, fits, verdict, config, say)
@@ -199,7 +195,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
         ml=finished - selected,
         total=finished - begun,
     )
-    warnings = (*warnings, *tolerance_warnings(fitted, verdict))
+    warnings = (*warnings, *tolerance_warnings(problem, fits, verdict))
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict, warnings)
     histories = {"coefficients": coefficient_series(fits, likelihoods.found), "sizes": size_series(problem, fits)}
     return comparison.model_copy(update=histories)
@@ -217,13 +213,13 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         )
         for fit, own in zip(beside.fits, beside.evidences, strict=True)
     ]
-    outside = [
+    instead = [
         Candidate(each.fit.name, own.level, own.left_out, own.held_out, words=each.words)
-        for each, own in zip(beside.alternatives, beside.instead, strict=True)
+        for each, own in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
     fit = Fit(leader.noise, beside.rows.size, share.share * beside.squares)
-    verdict = judge(listed, outside, fit, share, processes(beside), other_prior)
+    verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses)
     if verdict.outcome == "none adequate":
         found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)

@@ -6,25 +6,29 @@ hypothesis, and what may be there instead, gets its evidence there (`inference`)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import LINEARISATIONS
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
+from brv_hypo.io.text import hypothesis
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.ranking import preparation
-from brv_hypo.ranking.adequacy import Alternative
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.adequacy import Alternative, alternatives
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Fitted
+from brv_hypo.ranking.fitting import Hypotheses, Progress, linearised, searched
 from brv_hypo.ranking.intervals import within_bounds
+from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
 from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.own_static_moment import converged
+from brv_hypo.regression.problem import Problem
 
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
 _HISTORY_POINTS = 200  # of a record at which a process's history is evaluated
@@ -34,12 +38,12 @@ _HISTORY_POINTS = 200  # of a record at which a process's history is evaluated
 class Judged:
     """Fits whose criterion, coefficients and errors are those of the evidence, and the evidence of each."""
 
+    problem: Problem
+    """Linear about the leader, without processes."""
     rows: Rows
+    """Linear about the same point, with processes."""
     fits: tuple[HypothesisFit, ...]
     evidences: tuple[Evidence, ...]
-    alternatives: tuple[Alternative, ...]
-    """What may be there instead, each with its fit's evidence in `instead`."""
-    instead: tuple[Evidence, ...]
 
     @property
     def leader(self) -> int:
@@ -63,28 +67,43 @@ class Judged:
 
 
 def judged(
-    fitted: Fitted, config: CompareConfig, alternatives: Sequence[Alternative], say: Callable[[str], None]
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
 ) -> Judged:
-    """Every fit of a search beside processes, linearised about the likeliest of them."""
-    say("estimating processes beside every hypothesis")
-    leader = converged(fitted.problem, likeliest(fitted.fits))
-    point = point_of(fitted.problem, leader.frame, leader.columns, leader.mechanisms)
-    records = preparation.cleaned(fitted.problem, point, fitted.settings)
-    if records is None:  # without the leader's errors no motion remains: the record is linearised as it was read
-        point = replace(point, taken=tuple({} for _ in point.taken), acting=tuple({} for _ in point.acting))
-        records = preparation.cleaned(fitted.problem, point, fitted.settings)
-    assert records is not None
-    problem = preparation.with_processes(point, records, fitted.settings, config)
-    rows = rows_of(problem, leader)
-    null = maximised(rows, rows.terms(None))
-    evidences = [maximised(rows, rows.terms(fit), [null.at]) if fit.selected else null for fit in fitted.fits]
-    instead = [
-        next((own for fit, own in zip(fitted.fits, evidences, strict=True) if fit is each.fit), None)
-        or maximised(rows, rows.terms(each.fit), [null.at])
-        for each in alternatives
+    """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
+
+    Where another has the larger evidence there, the record is linearised about that one once more.
+    """
+    problem, settings = settled(reconstructions, config)
+    fits, about = searched(problem, hypotheses, say), set[str]()
+    while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
+        about.add(leader.name)
+        say(f"linearising about {hypothesis(leader.name)}")
+        fit = converged(problem, replace(leader, log_evidence=None))
+        point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+        records = cleaned(problem, point, settings)
+        if records is None:  # without the leader's errors no motion remains: the record is linearised as it reads
+            point = replace(point, taken=tuple({} for _ in point.taken), acting=tuple({} for _ in point.acting))
+            records = cleaned(problem, point, settings)
+        assert records is not None
+        settings = replace(settings, taken=point.taken)
+        whole = with_processes(point, records, settings, config)
+        problem = without_processes(whole, point)
+        fits = linearised(problem, [replace(each, log_evidence=None) for each in fits])
+        rows = rows_of(whole, next(each for each in fits if each.name == fit.name))
+        null = maximised(rows, rows.terms(None))
+        evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
+        fits = [_estimated(each, own, null) for each, own in zip(fits, evidences, strict=True)]
+    return Judged(problem, rows, tuple(fits), tuple(evidences))
+
+
+def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:
+    """What outside the list may be there instead of the leader, with its evidence."""
+    null = judged.evidences[judged.null]
+    known = {id(fit): own for fit, own in zip(judged.fits, judged.evidences, strict=True)}
+    return [
+        (each, known.get(id(each.fit)) or maximised(judged.rows, judged.rows.terms(each.fit), [null.at]))
+        for each in alternatives(judged.problem, hypotheses, judged.fits)
     ]
-    fits = [_estimated(fit, own, null) for fit, own in zip(fitted.fits, evidences, strict=True)]
-    return Judged(rows, tuple(fits), tuple(evidences), tuple(alternatives), tuple(instead))
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisFit:
@@ -125,7 +144,7 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     static = rows.of_moments(rows.frame_of(fit), rows.problem.baseline) @ fit.values[: fit.baseline_size]
     whole = float(np.linalg.norm(static))
     found = []
-    for k, group in enumerate(rows.groups[1:], start=1):
+    for k, group in enumerate(rows.groups[1:]):
         coefficients, errors = own.spline_coefficients(k)
         made = float(np.linalg.norm(own.made_by(k)))
         size, error = (_history_rms(part, group.splines) for part in (coefficients, errors))
@@ -137,7 +156,7 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
                 std_error=error,
                 units=group.units,
                 share_of_moment=made / max(whole, 1e-300),
-                tolerance=float(np.exp((group.prior or (0.0, 1.0))[0])) * group.size,
+                tolerance=float(np.exp(group.prior[0])) * group.size,
             )
         )
     return tuple(sorted(found, key=lambda each: -each.share_of_moment))

@@ -5,17 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from brv_hypo.constants import (
-    BEYOND_TOLERANCE_NAMED,
-    CREDIBLE_PROBABILITY,
-    IMPROBABLE_ERRORS,
-    LIKELIHOOD_HYPOTHESES,
-    LIKELIHOOD_STEPS,
-)
+from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Fitted
 from brv_hypo.ranking.result import Verdict
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
@@ -67,13 +60,11 @@ def identify_standing(
 # ---- Errors of record and vehicle that the data want larger than their tolerances let expect ----
 
 
-def tolerance_warnings(fitted: Fitted, verdict: Verdict) -> tuple[str, ...]:
-    """A sentence on those of the leader; none where it is not adequate for other reasons, for what it lacks poses as
-    errors.
-    """
-    if verdict.outcome == "none adequate" and fitted.left.errors_p_value >= IMPROBABLE_ERRORS:
+def tolerance_warnings(problem: Problem, fits: Sequence[HypothesisFit], verdict: Verdict) -> tuple[str, ...]:
+    """A sentence on those of the leader; none where it is not adequate, for what it lacks poses as errors."""
+    if verdict.outcome == "none adequate":
         return ()
-    leader, problem = likeliest(fitted.fits), fitted.problem
+    leader = likeliest(fits)
     found = problem.rows.nuisances.beyond_tolerance(leader.others, len(problem.records))
     if not found:
         return ()

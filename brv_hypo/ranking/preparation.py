@@ -212,8 +212,12 @@ def about(point: LinearisationPoint, records: Sequence[Cleaned], settings: Setti
     beside the baseline (see `settled`).
     """
     motions = [each.motion for each in records]
-    problem = _problem([each.reconstruction for each in records], settings, config, point, motions)
-    if len(records) > 1:
+    return _beside(_problem([each.reconstruction for each in records], settings, config, point, motions), point)
+
+
+def _beside(problem: Problem, point: LinearisationPoint) -> Problem:
+    """The problem under the noise beside a model; of several flights beside the baseline."""
+    if len(problem.records) > 1:
         return _as_heard(problem)
     frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
     return problem.under(settled_noise(replace(problem, frame=frame, baseline=point.columns)))
@@ -225,6 +229,13 @@ def with_processes(
     """The problem of records at a linearisation point with the processes of record and air, under white noise."""
     motions = [each.motion for each in records]
     return _problem([each.reconstruction for each in records], settings, config, point, motions, record_processes())
+
+
+def without_processes(whole: Problem, point: LinearisationPoint) -> Problem:
+    """The problem without processes, under the noise beside the model that it is linear about."""
+    names = frozenset(each.name for each in record_processes())
+    problem = replace(whole, rows=replace(whole.rows, nuisances=whole.rows.nuisances.without(names)))
+    return _beside(problem, point)
 
 
 def _problem(

@@ -114,6 +114,15 @@ class Nuisances:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
 
+    def without(self, names: frozenset[str]) -> Nuisances:
+        """Those of other names."""
+        kept = [k for k, item in enumerate(self.items) if item.name not in names]
+        place = {k: new for new, k in enumerate(kept)}
+        rates, force = (each[:, kept] for each in (self.histories.kept.rates, self.histories.kept.force))
+        tied = np.array([place[k] for k in self.tied.tolist()], dtype=np.int64)
+        items = tuple(self.items[k] for k in kept)
+        return Nuisances(items, Histories(self.histories.rows, Rows(rates, force)), tied, self.noise)
+
     def beyond_tolerance(self, fitted: FloatArray, flights: int) -> tuple[str, ...]:
         """In words, which errors are beyond what tolerances allow by fitted unknowns (unknowns,), the worst first."""
         values = zip(self.items, fitted.tolist(), strict=True)

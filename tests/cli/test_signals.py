@@ -84,7 +84,8 @@ def test_a_study_ends_with_its_workers_and_goes_on_later(tmp_path, number, every
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["flights.db"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("delay", [0.8, pytest.param(4.0, marks=pytest.mark.slow)])
 def test_a_simulation_ends_at_once_and_leaves_no_file(tmp_path, number, delay):
     process = begun(tmp_path, "simulate", "research_cone", "-o", "flight.h5", "--json", "out.json")

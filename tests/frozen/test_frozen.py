@@ -12,8 +12,12 @@ from tests.frozen.libraries import same_libraries
 DEFAULT = [flight for flight in FLIGHTS.values() if flight.default]
 
 
-LONG = {("launch12_early", "compare")}
-"""Results that take longer than all others of their kind: checked with the thorough tests."""
+LONG = {
+    *((name, "compare") for name in ("demo", "capsule_bodyfixed", "opportunity_late", "launch12_early")),
+    ("launch12_early", "reconstruct"),
+    *((name, command) for name in ("rocket_lag", "table_5") for command in ("inspect", "reconstruct", "compare")),
+}
+"""Results that take longer than others of their kind that are checked: these are, with the thorough tests."""
 
 
 def _marks(flight: Frozen, command: str) -> list[pytest.MarkDecorator]:

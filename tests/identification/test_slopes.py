@@ -70,6 +70,7 @@ def test_slopes_are_those_of_differences(case: str, seed: int) -> None:
     assert not known & set(model.moments.shape_parameters)
 
 
+@pytest.mark.thorough
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_one_difference_is_enough_by_what_columns_are_affine_in(seed: int) -> None:
@@ -84,8 +85,10 @@ def test_one_difference_is_enough_by_what_columns_are_affine_in(seed: int) -> No
     ("case", "use"),
     [
         ("bodyfixed", "unused"),
-        ("damping", "affine"),
-        *(pytest.param(*each, marks=pytest.mark.thorough) for each in (("sticking", "unused"), ("lag", "other"))),
+        *(
+            pytest.param(*each, marks=pytest.mark.thorough)
+            for each in (("damping", "affine"), ("sticking", "unused"), ("lag", "other"))
+        ),
     ],
 )
 def test_what_the_columns_make_of_rates(case: str, use: str) -> None:

@@ -160,7 +160,10 @@ def test_gravity_left_out_is_worse_and_says_so(truths: dict[str, Truth]) -> None
 
 
 @pytest.mark.parametrize("method", ["velocity", "rates", "polar"])
-@pytest.mark.parametrize("name", ["cone", "capsule", pytest.param("slender", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name",
+    ["cone", pytest.param("capsule", marks=pytest.mark.thorough), pytest.param("slender", marks=pytest.mark.slow)],
+)
 def test_untied_methods_are_near_and_state_their_error(truths: dict[str, Truth], name: str, method: str) -> None:
     found = score(truths[name], range(3), ReconstructionConfig(method=method))
     assert found.alpha_deg < 0.15

@@ -98,6 +98,7 @@ def test_what_is_drawn_as_left_is_what_all_that_is_fitted_leaves(at_half_the_rat
         assert 0.8 < np.sqrt(np.nanmean(left**2)) < 1.1
 
 
+@pytest.mark.thorough
 def test_a_trim_of_the_vehicle_is_in_the_line_that_is_drawn() -> None:
     """It is an error of the vehicle, within its tolerance; without it the line would lie off by all of it."""
     trimmed = plant("trim", {"C_m0": 2e-5, "C_n0": 0.0}).flight

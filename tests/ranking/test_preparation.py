@@ -15,7 +15,7 @@ from brv_hypo.ranking.fitting import searched
 from tests.flights import flown
 
 
-@pytest.mark.parametrize("where", ["require_answerable", "reconstruct"])
+@pytest.mark.parametrize("where", [pytest.param("require_answerable", marks=pytest.mark.thorough), "reconstruct"])
 def test_a_record_that_has_no_motion_without_its_errors_or_under_its_noise_is_compared_as_it_is(
     monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:

@@ -18,7 +18,7 @@ from brv_hypo.regression.build import carrying
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.nuisance import Nuisances
 from brv_hypo.regression.problem import Problem
-from tests.chains import prepared
+from tests.chains import prepared, reconstructed
 from tests.flights import USUAL_RATE_HZ, nominal
 
 SEEDS = (1, 2)
@@ -50,7 +50,7 @@ def at_half_the_rate() -> Problem:
 
 def test_one_more_mechanism_is_carried_as_if_it_had_been_from_the_start() -> None:
     """The bend does not act where the motion is linearised."""
-    made = reconstruct(nominal(USUAL_RATE_HZ).flight)
+    made = reconstructed()
     settings, config = Settings((ReconstructionConfig(),), None), CompareConfig()
     first = _problem([made], settings, config)
     bend = StaticBend(slope=0.5)

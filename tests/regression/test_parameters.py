@@ -67,6 +67,7 @@ class Swelling(Mechanism):
 
 
 MECHANISMS = {mechanism.name: mechanism for mechanism in (find("sticking"), find("lag"), Tilted(), Swelling())}
+QUICK = ("lag", "tilted")
 UNITS = {
     "s": (("s", 1.0), ("ms", 1e-3), ("min", 60.0), ("us", 1e-6)),
     "rad": (("rad", 1.0), ("deg", np.pi / 180.0)),
@@ -122,7 +123,9 @@ def numbers(fit: HypothesisFit) -> list[float]:
 
 @settings(max_examples=settings().max_examples // 7)  # a fit each
 @given(data=st.data())
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough) for name in MECHANISMS]
+)
 def test_names_and_units_of_parameters_change_no_number(name: str, data: st.DataObject) -> None:
     mechanism = MECHANISMS[name]
     others = data.draw(aliases(mechanism.parameters()))

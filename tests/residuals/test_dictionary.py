@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.dictionary import entries
-from brv_hypo.residuals.discover import _climbed, _left, _moved, _with_courses, dictionary_of, discover
+from brv_hypo.residuals.discover import Discovery, _climbed, _left, _moved, _with_courses, dictionary_of, discover
 from tests.chains import prepared
 
 
@@ -46,9 +47,15 @@ def with_moment(given: Problem, term: YamlTerm, time_basis: TimeBasis, size: flo
     return planted
 
 
-def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
+@cache
+def turning_for_a_while() -> tuple[Problem, Discovery | None]:
+    """A problem with a moment that turns from 2 to 4.5 s, and what is discovered."""
     given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    return given, discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+
+
+def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
+    _, found = turning_for_a_while()
     assert found is not None
     rates = [term.turn.rate for term in found.file.terms if term.turn is not None]
     times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
@@ -58,8 +65,7 @@ def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_time
 
 
 def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
-    given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    given, found = turning_for_a_while()
     assert found is not None
     fit, read = found.candidate.fit, mechanism_of(found.file)
     motion = given.frame.motions[0]
@@ -79,7 +85,8 @@ def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
     assert found.candidate.fit.searched == len(dictionary.entries)
 
 
-@pytest.mark.parametrize("at", [2.0, pytest.param(4.0, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("at", [2.0, 4.0])
 def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) -> None:
     given = prepared()
     motion = given.frame.motions[0]
@@ -92,9 +99,8 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
     assert places == pytest.approx([float(np.interp(at, motion.time, motion.mach))], abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("rate", "start", "stop"), [(8.0, 1.0, 2.0), pytest.param(-3.0, 3.0, 4.5, marks=pytest.mark.thorough)]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize(("rate", "start", "stop"), [(8.0, 1.0, 2.0), (-3.0, 3.0, 4.5)])
 def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float, start: float, stop: float) -> None:
     """As constants throughout, entries of other rates and harmonics explain more."""
     term = TURNING.model_copy(update={"turn": Turn(of="time", rate=rate)})
@@ -107,7 +113,8 @@ def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float,
     assert times == pytest.approx([start, stop], abs=0.05)
 
 
-@pytest.mark.parametrize(("slow", "late"), [(2.0, 2.6), pytest.param(2.2, 2.4, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize(("slow", "late"), [(2.0, 2.6), (2.2, 2.4)])
 def test_a_turn_too_slow_over_a_part_of_its_time_is_left_for_the_right_one(slow: float, late: float) -> None:
     """The rate at these times, and the times at that rate, stay away from what was planted."""
     given = with_moment(prepared(), TURNING, TimeBasis("jump", 1.2, 4.2), 300.0)

@@ -35,6 +35,7 @@ def state() -> State:
     return settled_state(flights, model, CONFIG)
 
 
+@pytest.mark.thorough
 def test_a_step_begins_from_the_state_as_it_settled(state: State) -> None:
     here = look(state.seen, state.model, state.linear, (), (), CONFIG)
     again = state_of(state.model, state.seen, here.problem, state.linear)
@@ -42,6 +43,7 @@ def test_a_step_begins_from_the_state_as_it_settled(state: State) -> None:
     assert again.held_out.mean_square == pytest.approx(state.held_out.mean_square, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: State) -> None:
     here = bare_look(state.seen, state.model, state.linear, CONFIG)
     _, covariance = whole_fit(here)

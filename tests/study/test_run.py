@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 
 import pytest
@@ -63,27 +62,26 @@ def test_an_interrupted_study_goes_on_with_what_it_lacks(tmp_path, flown):
     assert flown == []
 
 
-KILLED = """
-import os, signal, sqlite3, sys
-sys.path[:0] = {paths!r}
-from pathlib import Path
-from brv_hypo.study.store import Store
-from tests.study.outcomes import outcome, stored
-from tests.study.test_run import STUDY
-
-store = Store(Path({folder!r}), STUDY)
-store.add(outcome("lag", "lag"))
-store._database.execute("PRAGMA cache_size = 1")
-store._database.execute("BEGIN")
-store._database.executemany("INSERT INTO flights VALUES (?, ?)", [(str(n), "x" * 4000) for n in range(100)])
-os.kill(os.getpid(), signal.SIGKILL)
-"""
+def killed_as_it_writes(folder):
+    """The exit code of a process that begins a study there; it is forked, for a new one would import for seconds."""
+    process = os.fork()
+    if process == 0:
+        try:
+            store = Store(folder, STUDY)
+            store.add(outcome("lag", "lag"))
+            store._database.execute("PRAGMA cache_size = 1")
+            store._database.execute("BEGIN")
+            written = [(str(n), "x" * 4000) for n in range(100)]
+            store._database.executemany("INSERT INTO flights VALUES (?, ?)", written)
+            os.kill(os.getpid(), signal.SIGKILL)
+        finally:
+            os._exit(1)
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
 
 
 def test_what_a_killed_process_was_writing_is_rolled_back(tmp_path):
     """It was killed within a transaction of which a part was in the file already, beside its journal."""
-    code = KILLED.format(paths=sys.path, folder=str(tmp_path))
-    assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
+    assert killed_as_it_writes(tmp_path) == -signal.SIGKILL
     assert (tmp_path / f"{FLIGHTS}-journal").exists()
     store = Store(tmp_path, STUDY)
     assert list(store.known()) == ["cone/lag/0"]

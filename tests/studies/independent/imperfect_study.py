@@ -2,8 +2,9 @@
 
 By hand: python -m tests.studies.independent.imperfect_study --seed 1000 --flights 75 --jobs 2
 
-Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--all`: every kind at half of its ordinary size).
-Nothing and one of the five mechanisms take turns, one in three empty; the mechanism has 30 to 100 % of its full size.
+Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--world all`: every kind at half of its ordinary
+size; `--world tolerances`: none). Nothing and one of the five mechanisms take turns, one in three empty; the mechanism
+has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform.
 Counts come with exact 95 % intervals (Clopper and Pearson 1934).
 """
 
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from time import process_time
 
 import numpy as np
 from joblib import delayed
@@ -27,6 +29,9 @@ from tests.studies.independent.reporting import fly_and_report
 from tests.studies.independent.vehicles import CRAFTS
 
 AMPLITUDE = (0.3, 1.0)  # of a mechanism's full size
+SMALLEST = 0.03  # of it, in the world of tolerances
+NAMED_SIZE = 0.1  # of it, from which names are counted apart there
+BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)  # of probabilities, for the calibration error
 EMPTY_EVERY = 3  # flights, of which one has nothing planted
 HALF = 0.5  # of the ordinary size, where all kinds come together
 _STREAM = 7
@@ -45,27 +50,38 @@ class Outcome:
     winner: str | None
     leads: str
     chance: float
+    amplitude: float
+    seconds: float
 
 
-def drawn_flight(seed: int, number: int, grade: str, everything: bool) -> tuple[Made, str]:
-    """The flight of this number and the kind of its imperfection. Raises RuntimeError where none can be flown."""
+def drawn_flight(seed: int, number: int, grade: str, world: str) -> tuple[Made, str, float]:
+    """The flight of this number, the kind of its imperfection, and the mechanism's part of its full size.
+
+    Raises RuntimeError where none can be flown.
+    """
     rng = np.random.default_rng([seed, _STREAM])
     vehicle = str(rng.choice(sorted(CRAFTS)))
     truth, amplitude = str(rng.choice(LISTED)), float(rng.uniform(*AMPLITUDE))
+    if world == "tolerances":
+        amplitude = float(np.exp(rng.uniform(np.log(SMALLEST), 0.0)))
     if (number // len(KINDS) + number) % EMPTY_EVERY == 0:
         truth = "none"
-    kinds, size = (KINDS, HALF) if everything else ((KINDS[number % len(KINDS)],), 1.0)
+    kind = KINDS[number % len(KINDS)] if world == "one" else world
+    kinds = {"tolerances": (), "all": KINDS}.get(world, (kind,))
+    size = HALF if world == "all" else 1.0
     made = make_flight(vehicle, truth, amplitude, seed, grade, imperfect=kinds, imperfect_size=size)
-    return made, "all" if everything else kinds[0]
+    return made, kind, amplitude
 
 
-def fly(seed: int, number: int, grade: str, everything: bool) -> Outcome | str:
+def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where it cannot be flown."""
     try:
-        made, kind = drawn_flight(seed, number, grade, everything)
+        made, kind, amplitude = drawn_flight(seed, number, grade, world)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
+    begun = process_time()
     verdict = compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+    seconds = process_time() - begun
     leads = max(verdict.probability, key=verdict.probability.__getitem__, default="record fault")
     return Outcome(
         seed=seed,
@@ -77,6 +93,8 @@ def fly(seed: int, number: int, grade: str, everything: bool) -> Outcome | str:
         winner=verdict.winner,
         leads=leads,
         chance=verdict.probability.get(leads, 0.0),
+        amplitude=amplitude,
+        seconds=seconds,
     )
 
 
@@ -84,7 +102,7 @@ def line(found: Outcome) -> str:
     """One flight in a line."""
     return (
         f"{found.seed} {found.kind} {found.vehicle} {found.truth} share {found.share:.3f}: {found.outcome} "
-        f"{found.winner}, {found.leads} leads with {found.chance:.2f}"
+        f"{found.winner}, {found.leads} leads with {found.chance:.2f}; size {found.amplitude:.2f}, {found.seconds:.1f} s"
     )
 
 
@@ -93,6 +111,8 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     planted = [o for o in outcomes if o.truth != "none"]
     empty = [o for o in outcomes if o.truth == "none"]
     yield count("planted: named right", [o.winner == o.truth for o in planted])
+    large = [o for o in planted if o.amplitude >= NAMED_SIZE]
+    yield count(f"planted, {NAMED_SIZE:.0%} of full size or more: named right", [o.winner == o.truth for o in large])
     yield count("planted: a wrong mechanism is named", [o.winner not in (None, "none", o.truth) for o in planted])
     yield count("planted: 'none adequate'", [o.outcome == "none adequate" for o in planted])
     yield count("planted: the truth leads", [o.leads == o.truth for o in planted])
@@ -100,10 +120,21 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield count("nothing planted: baseline only is named", [o.winner == "none" for o in empty])
     yield count("nothing planted: 'none adequate'", [o.outcome == "none adequate" for o in empty])
     yield count("records refused", [o.outcome == "record fault" for o in outcomes])
+    yield f"calibration error {calibration_error(outcomes):.3f}"
+    yield f"CPU seconds: median {np.median([o.seconds for o in outcomes]):.1f}, most {max(o.seconds for o in outcomes):.1f}"
     for kind in dict.fromkeys(o.kind for o in outcomes):
         own = [o for o in planted if o.kind == kind]
         if own:
             yield f"{kind}: {sum(o.winner == o.truth for o in own)} of {len(own)} named right"
+
+
+def calibration_error(outcomes: Sequence[Outcome]) -> float:
+    """Expected calibration error of the leader's probability: mean distance from the share that is right, by bins."""
+    judged = [o for o in outcomes if o.outcome != "record fault"]
+    right = np.array([o.leads == o.truth for o in judged], dtype=float)
+    chance = np.array([o.chance for o in judged])
+    place = np.digitize(chance, BINS[1:-1])
+    return float(sum(abs(np.sum(right[place == k] - chance[place == k])) for k in range(len(BINS))) / len(judged))
 
 
 def count(what: str, hits: Sequence[bool]) -> str:
@@ -122,10 +153,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--flights", type=int, default=len(KINDS))
     parser.add_argument("--grade", default="tactical", choices=GRADES)
-    parser.add_argument("--all", action="store_true", help="all kinds together, at half of their ordinary size")
+    parser.add_argument("--world", default="one", choices=("one", "all", "tolerances"))
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
-    runs = (delayed(fly)(given.seed + k, k, given.grade, given.all) for k in range(given.flights))
+    runs = (delayed(fly)(given.seed + k, k, given.grade, given.world) for k in range(given.flights))
     fly_and_report(runs, given.jobs, line, report)
 
 

@@ -84,7 +84,8 @@ def test_a_normal_force_in_proportion_has_no_bend() -> None:
     assert reconstruct(make_flight("cone", seed=5).flight).normal_force_bend == 0.0
 
 
-@pytest.mark.parametrize("name", ["cone", pytest.param("biconic", marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["cone", "biconic"])
 def test_the_walk_of_the_attitude_has_sines_as_fast_as_the_motion(name: str) -> None:
     """A walk at the frequency of the oscillation turns the vehicle as much as the noise that it is made of is seen."""
     made, usual = make_flight(name, seed=6), ReconstructionConfig()
@@ -105,6 +106,7 @@ def test_a_drawn_vehicle_is_fit_to_be_analysed(seed: int) -> None:
     assert craft.duration * craft.sample_rate > 20.0 * FEWEST_CYCLES
 
 
+@pytest.mark.thorough
 def test_an_axial_force_that_does_not_change_is_constant() -> None:
     """Errors of the accelerometers go with alpha too."""
     assert reconstruct(make_flight("biconic", seed=7, grade="industrial").flight).motion.axial_share is None

@@ -24,7 +24,9 @@ def test_the_ends_of_a_record_tell_no_clock(seed: int, truth: str) -> None:
     assert compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict.winner == truth
 
 
-@pytest.mark.parametrize("seed", [160000, 160003, 160010, 160022])
+@pytest.mark.parametrize(
+    "seed", [160000, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (160003, 160010, 160022))]
+)
 def test_angles_hold_what_the_gyros_clock_may_be_late(seed: int) -> None:
     """Motion is told on the gyros' clock: its true time is uncertain by the tolerance."""
     made = drawn_flight(seed, seed - 160000, MIXED, 1.0, 5, coloured=True)
