@@ -218,8 +218,7 @@ class MomentModel:
         for name, column in fixed:
             here = placed(column.time_basis, motion.time, half, own)
             weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else on_grid(*here)))
-        moment = summed((term.in_plane for term in terms), weights, motion.alpha)
-        return replace(motion, in_plane_moment=moment)
+        return replace(motion, in_plane_moment=summed((term.in_plane for term in terms), weights, motion.alpha))
 
     def _wind_fixed_terms(self, motion: Motion) -> Evaluated:
         """Terms of wind-fixed columns that were evaluated on this motion already."""
@@ -445,8 +444,7 @@ class VehicleModel:
         xi = at.zeta / at.input("speed")
         vehicle = context.vehicle
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
-        scale = scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta))
-        return np.asarray(-scale * alpha_over_sine(xi) * xi)
+        return np.asarray(-scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta)) * alpha_over_sine(xi) * xi)
 
     def scaled(self, time: FloatArray) -> FloatArray:
         """Times of the time bases, from -1 to 1 over the span."""

@@ -131,8 +131,7 @@ class _Walk:
                     unread.append(name)
             elif isinstance(item, h5py.Group) and entered:
                 groups[name] = self.group(item, inner, whole, (*above, here))
-        attributes = {name: _attribute(group, name) for name in group.attrs}
-        return Tree(attributes, datasets, groups, tuple(unread))
+        return Tree({name: _attribute(group, name) for name in group.attrs}, datasets, groups, tuple(unread))
 
     def _dataset(self, item: Any, place: str) -> Dataset:
         """The header checked, then the values read."""

@@ -57,8 +57,7 @@ def estimate_covariance(
     v = np.where(measured, residual, 0.0)
     if shape == "diagonal":
         count = np.maximum(measured.sum(axis=1), 1)
-        variance = (v**2).sum(axis=1) / count
-        return np.diag(np.maximum(variance, floor))
+        return np.diag(np.maximum((v**2).sum(axis=1) / count, floor))
     total = np.zeros((n_outputs, n_outputs))
     for pattern, where in _patterns(measured):
         observed, gap = np.flatnonzero(pattern), np.flatnonzero(~pattern)

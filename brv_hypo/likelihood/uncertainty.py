@@ -111,8 +111,7 @@ def identifiability(triangle: FloatArray, prior_std: FloatArray, names: Sequence
             order = np.argsort(-np.abs(direction))
             weights = {names[i]: float(direction[i]) for i in order if abs(direction[i]) >= _NAMED}
             directions.append(NearNull(weights, float(value)))
-    condition = float(1.0 / relative[-1]) if relative[-1] > 0 else float("inf")
-    return Identifiability(condition, tuple(directions))
+    return Identifiability(float(1.0 / relative[-1]) if relative[-1] > 0 else float("inf"), tuple(directions))
 
 
 def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, ...]:

@@ -25,15 +25,20 @@ Measurements = Literal["auto", "force", "moment", "both"]
 class ReconstructionConfig(BaseModel):
     """Options of `reconstruct`; the defaults suit an unknown flight."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")  # attribute docstrings would be read at each import
 
-    method: Method = "joint"
-    """The report's "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), or "polar" (Appendix A)."""
-    gravity: bool = True
-    """Whether gravity turns the velocity; the report neglects it."""
-    measurements: Measurements = Field(default="auto", validation_alias=AliasChoices("measurements", "ties"))
-    """What measures the attitude to the wind in the joint method: the normal force, the static moment, both, or the
-    force alone unless that is too little ("auto")."""
+    method: Method = Field(
+        default="joint",
+        description='The report\'s "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), or "polar" '
+        "(Appendix A).",
+    )
+    gravity: bool = Field(default=True, description="Whether gravity turns the velocity; the report neglects it.")
+    measurements: Measurements = Field(
+        default="auto",
+        validation_alias=AliasChoices("measurements", "ties"),
+        description="What measures the attitude to the wind in the joint method: the normal force, the static moment, "
+        'both, or the force alone unless that is too little ("auto").',
+    )
     gravity_magnitude: float | None = Field(default=None, gt=0.0, description="m/s^2; from planet and altitude if None")
     gyro_sigma: float | None = Field(default=None, gt=0.0, description="white noise, rad/s; from the record if None")
     gyro_walk: ColouredNoise | None = Field(

@@ -285,5 +285,4 @@ def _evenly(count: int, stride: int) -> IntArray:
     if count < 2 * _END + NEAREST * stride:
         return np.arange(count)
     end = min(_END, stride // 8)
-    places = np.linspace(end, count - 1 - end, -(-count // stride))
-    return np.asarray(np.round(places), dtype=np.int64)
+    return np.asarray(np.round(np.linspace(end, count - 1 - end, -(-count // stride))), dtype=np.int64)

@@ -49,8 +49,7 @@ def static_in_plane(in_plane: FloatArray, alpha: FloatArray, weight: FloatArray)
     """C_m0 + C_malpha alpha (n,) fitted to the in-plane moment by weighted least squares."""
     root = np.sqrt(weight)
     columns = np.column_stack([np.ones_like(alpha), alpha])
-    answer = np.linalg.lstsq(columns * root[:, None], in_plane * root, rcond=None)[0]
-    return np.asarray(columns @ answer)
+    return np.asarray(columns @ np.linalg.lstsq(columns * root[:, None], in_plane * root, rcond=None)[0])
 
 
 def axial_share(record: InertialRecord, alpha: FloatArray) -> FloatArray | None:

@@ -67,21 +67,21 @@ def confidence_p_values(losses: FloatArray) -> FloatArray:
     """
     apart = np.max(np.abs(losses[:, :, np.newaxis] - losses[:, np.newaxis, :]), axis=0)
     distinct, which = np.unique(np.argmax(apart < CONFIDENCE_TIE, axis=1), return_inverse=True)
-    if distinct.size == 1:
-        return np.ones(losses.shape[1])
-    from arch.bootstrap import MCS  # here: it takes as long to load as a comparison
-
-    test = MCS(
-        losses[np.ix_(np.lexsort(losses.T), distinct)],
-        size=CONFIDENCE_SIZE,
-        reps=CONFIDENCE_DRAWS,
-        block_size=1,
-        method="R",
-        seed=CONFIDENCE_SEED,
-    )
-    test.compute()
-    found = test.pvalues["Pvalue"].sort_index().to_numpy(dtype=float)
-    return np.asarray(found[which])
+    ordered = losses[np.ix_(np.lexsort(losses.T), distinct)]
+    count, rng = len(ordered), np.random.default_rng(CONFIDENCE_SEED)
+    # A stationary bootstrap also draws where blocks end, here after one: with it these are the draws of `arch`'s MCS.
+    drawn = np.array([(rng.integers(count, size=count), rng.random(count))[0] for _ in range(CONFIDENCE_DRAWS)])
+    means, drawn_means = ordered.mean(axis=0), ordered[drawn].mean(axis=1)
+    observed = means[:, np.newaxis] - means
+    chance = drawn_means[:, :, np.newaxis] - drawn_means[:, np.newaxis, :] - observed
+    spread = np.sqrt(np.mean(chance**2, axis=0) + np.eye(distinct.size))  # the diagonal is 0 / 1
+    p_value, p_values, kept = 0.0, np.ones(distinct.size), list(range(distinct.size))
+    while len(kept) > 1:
+        worse = (observed / spread)[np.ix_(kept, kept)].max(axis=1)
+        largest = (chance / spread)[:, kept][:, :, kept].max(axis=(1, 2))
+        p_value = max(p_value, float(np.mean(worse.max() < largest)))
+        p_values[kept.pop(int(worse.argmax()))] = p_value
+    return p_values[which]
 
 
 def confidence_set(names: Sequence[str], p_values: FloatArray) -> tuple[str, ...]:

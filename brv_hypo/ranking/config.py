@@ -13,36 +13,49 @@ from brv_hypo.motion.config import Method
 class CompareConfig(BaseModel):
     """Settings of `compare`."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")  # attribute docstrings would be read at each import
 
-    mechanisms: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
-    """Hypotheses, a plus joining several mechanisms; None compares all that are installed. The name of a nuisance
-     effect of another package puts it into every hypothesis."""
-    options: dict[str, dict[str, Any]] = Field(default_factory=dict)
-    """Options by mechanism name."""
-    method: Method = "joint"
-    """Of reconstruction, as in `reconstruct`."""
-    knots: tuple[float, ...] | None = None
-    """Times (s) at which coefficients may change; None spreads them evenly."""
-    knot_count: int = Field(default=COMPARED_KNOTS, ge=0, le=40)
-    """How many knots are spread evenly."""
-    max_terms: int = Field(default=COMPARED_TERMS, ge=1, le=20)
-    """Coefficients that a hypothesis may add."""
-    offset_degree: int | None = Field(default=None, ge=0, le=6)
-    """Legendre degree of the slow drift of C_m0; None is 1."""
-    slope_degree: int | None = Field(default=None, ge=0, le=8)
-    """Legendre degree of the slow drift of C_malpha; None is 3."""
-    exact_terms: int = Field(default=COMPARED_EXACT_TERMS, ge=1, le=20)
-    """Up to so many terms the search is exact; from there it goes on from the best refined model."""
-    refine: bool = True
-    """Whether delays and knots become continuous."""
-    accept_record: bool = False
-    """Whether to go on with a record that contradicts itself."""
-    held_out_blocks: int = Field(default=COMPARED_BLOCKS, ge=2, le=50)
-    """Blocks of time of which each is held out in turn, for the prediction error."""
-    maximum_likelihood: Literal["quick", "full", "none"] = "quick"
-    """Which hypotheses are refined on the original measurements, with errors of record, vehicle and air within their
-    tolerances: those in the credible set ("full"); these, but not on records with warnings or that no hypothesis
-    explains ("quick": each takes several seconds); none."""
-    other_prior: float = Field(default=OTHER_PRIOR, gt=0.0, lt=1.0)
-    """Prior probability that something outside the list moved the vehicle."""
+    mechanisms: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description="Hypotheses, a plus joining several mechanisms; None compares all that are installed. The name of "
+        "a nuisance effect of another package puts it into every hypothesis.",
+    )
+    options: dict[str, dict[str, Any]] = Field(default_factory=dict, description="Options by mechanism name.")
+    method: Method = Field(default="joint", description="Of reconstruction, as in `reconstruct`.")
+    knots: tuple[float, ...] | None = Field(
+        default=None, description="Times (s) at which coefficients may change; None spreads them evenly."
+    )
+    knot_count: int = Field(default=COMPARED_KNOTS, ge=0, le=40, description="How many knots are spread evenly.")
+    max_terms: int = Field(default=COMPARED_TERMS, ge=1, le=20, description="Coefficients that a hypothesis may add.")
+    offset_degree: int | None = Field(
+        default=None, ge=0, le=6, description="Legendre degree of the slow drift of C_m0; None is 1."
+    )
+    slope_degree: int | None = Field(
+        default=None, ge=0, le=8, description="Legendre degree of the slow drift of C_malpha; None is 3."
+    )
+    exact_terms: int = Field(
+        default=COMPARED_EXACT_TERMS,
+        ge=1,
+        le=20,
+        description="Up to so many terms the search is exact; from there it goes on from the best refined model.",
+    )
+    refine: bool = Field(default=True, description="Whether delays and knots become continuous.")
+    accept_record: bool = Field(default=False, description="Whether to go on with a record that contradicts itself.")
+    held_out_blocks: int = Field(
+        default=COMPARED_BLOCKS,
+        ge=2,
+        le=50,
+        description="Blocks of time of which each is held out in turn, for the prediction error.",
+    )
+    maximum_likelihood: Literal["quick", "full", "none"] = Field(
+        default="quick",
+        description="Which hypotheses are refined on the original measurements, with errors of record, vehicle and air "
+        'within their tolerances: those in the credible set ("full"); these, but not on records with warnings or that '
+        'no hypothesis explains ("quick": each takes several seconds); none.',
+    )
+    other_prior: float = Field(
+        default=OTHER_PRIOR,
+        gt=0.0,
+        lt=1.0,
+        description="Prior probability that something outside the list moved the vehicle.",
+    )

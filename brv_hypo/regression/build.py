@@ -162,8 +162,7 @@ def _with_design(frame: RateFrame, vehicle: Sequence[Mechanism], known: Errors) 
     """The frame whose C_mw holds what the design of the vehicle makes, which is the same on all flights."""
     shared = [mechanism for mechanism in vehicle if mechanism.wind_fixed]
     nothing: FloatArray = np.zeros(0)
-    made = RateFrame.with_design(*with_vehicle(frame, (), nothing, shared, known))
-    return replace(frame, design=made.design)
+    return replace(frame, design=RateFrame.with_design(*with_vehicle(frame, (), nothing, shared, known)).design)
 
 
 def first_values(frame: RateFrame, columns: tuple[Regressor, ...]) -> FloatArray:
@@ -206,8 +205,7 @@ def normal_force_slope(reconstruction: Reconstruction) -> FloatArray:
 
 def _force_fit(columns: ComplexArray, force: ComplexArray) -> FloatArray:
     stacked = np.concatenate([columns.real, columns.imag])
-    answer = np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0]
-    return np.asarray(answer, dtype=float)
+    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0], dtype=float)
 
 
 def on_rows(frame: RateFrame, flights: Sequence[LinearisedFlight]) -> tuple[ComplexArray, BoolArray]:

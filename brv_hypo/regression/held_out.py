@@ -197,8 +197,7 @@ class FitsWithout:
         whole, own = self.shared.whole, self._whole
         products = whole.products + _RIDGE * np.eye(whole.right.size)
         factor = _Bordered.of(_factor(products), own.across, own.products)
-        left = self._left(self._values(factor, whole.right, own.right)[:, np.newaxis])
-        return float(np.sum(left**2))
+        return float(np.sum(self._left(self._values(factor, whole.right, own.right)[:, np.newaxis]) ** 2))
 
     @cached_property
     def _own(self) -> FloatArray:

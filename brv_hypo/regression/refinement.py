@@ -85,10 +85,7 @@ class Nonlinear:
 
     def moved(self, columns: Sequence[Regressor], value: float) -> tuple[Regressor, ...]:
         """The columns with this parameter at `value`."""
-        out = list(columns)
-        for j in self.columns:
-            out[j] = self._moved(out[j], value)
-        return tuple(out)
+        return tuple(self._moved(column, value) if j in self.columns else column for j, column in enumerate(columns))
 
     def _moved(self, column: Regressor, value: float) -> Regressor:
         if self.kind == "knot":
@@ -272,8 +269,7 @@ def _step(reduced: Reduced, state: _State, width: float) -> FloatArray:
     products[:count, :count], products[count:, count:] = inside, slopes.products(slopes)
     products[:count, count:], products[count:, :count] = across, across.T
     right = np.concatenate([state.fitted.right - inside @ values, reduced.right(slopes) - across.T @ values])
-    squares = np.concatenate([state.batch.squares, slopes.squares])
-    return solve_normal(products, right, squares)[count:]
+    return solve_normal(products, right, np.concatenate([state.batch.squares, slopes.squares]))[count:]
 
 
 def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = REFINED_HALVINGS) -> _State | None:

@@ -37,7 +37,7 @@ class Offers:
     @property
     def count(self) -> int:
         """Number of choices at one theta, which the search pays for; theta itself is paid for as a parameter."""
-        return len({column.at((), column.time_basis).choice for offer in self.single for column in offer})
+        return len({column.choice[:2] + column.choice[3:] for offer in self.single for column in offer})
 
 
 def offers(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> Offers:

@@ -133,8 +133,7 @@ class WeakSegment:
     @cached_property
     def nodes(self) -> Nodes:
         """The nodes of its integrals."""
-        every = slice(None)
-        return self.finer or Nodes(self.time, self.coefficient_time, self.factor, self.rows, every)
+        return self.finer or Nodes(self.time, self.coefficient_time, self.factor, self.rows, slice(None))
 
     @property
     def coefficient_time(self) -> FloatArray:

@@ -241,8 +241,7 @@ def _packed(values: Values) -> dict[str, str]:
 
 def _bits(values: FloatArray) -> dict[str, str]:
     """Single precision: half the page, and finer than any screen."""
-    data = values.astype("<f4").tobytes()
-    return {"dtype": "f4", "bdata": base64.b64encode(data).decode("ascii")}
+    return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")}
 
 
 # ---- Where a page came from: version, settings, records by digest, and the command that makes it again ----

@@ -302,8 +302,7 @@ def _gain(columns: FloatArray, left: FloatArray, least: FloatArray) -> float:
         return 0.0
     if columns.shape[1] == 1:
         return float((columns[:, 0] @ left) ** 2 / (columns[:, 0] @ columns[:, 0]))
-    own = np.linalg.qr(columns)[0]
-    return float(np.sum((own.T @ left) ** 2))
+    return float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
 
 
 def _offers(problem: Problem, frame: RateFrame, mechanism: Mechanism) -> list[tuple[Regressor, ...]]:

@@ -169,5 +169,4 @@ def _correlations(
             t = abs(r) * np.sqrt(max(n - 2.0, 1.0) / max(1.0 - r * r, 1e-12))
             chance = min(1.0, 2.0 * len(others) * 2.0 * float(stats.t.sf(t, max(n - 2.0, 1.0))))
             found.append(Correlation(moment=moment, channel=name, coefficient=r, p_value=chance))
-    telling = [c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < REPORTED_CHANCE]
-    return tuple(telling[:4])
+    return tuple([c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < REPORTED_CHANCE][:4])

@@ -300,8 +300,7 @@ def _described(
 ) -> _Described:
     mechanism = mechanism_of(file)
     frame = problem.frame.with_mechanisms([mechanism])
-    fit = solved(problem, file.name, (mechanism,), frame, columns, searched)
-    return _Described(fit, file, mechanism, chosen)
+    return _Described(solved(problem, file.name, (mechanism,), frame, columns, searched), file, mechanism, chosen)
 
 
 _ALWAYS = (TimeBasis("constant"),)

@@ -143,8 +143,7 @@ def predictive_sigma(
 
 def _raised(problem: Problem) -> float:
     """The level of the noise that the rates are weighed with, over that of the gyros."""
-    gyros = float(np.median([record.gyro_sigma for record in problem.records]))
-    return problem.rows.noise.rates.sigma / gyros
+    return problem.rows.noise.rates.sigma / float(np.median([record.gyro_sigma for record in problem.records]))
 
 
 def _after_the_fit(problem: Problem, share: FloatArray) -> FloatArray:

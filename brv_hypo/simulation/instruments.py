@@ -125,8 +125,7 @@ def start_of(configs: Sequence[SimulationConfig]) -> Start:
         lasting: dict[str, Any] = {name: np.full(time.size, values[i]) for name, values in channels.items()}
         vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
         records.append(Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting))
-    motion = equations.motion(instant, state, air)
-    return Start(tuple(records), motion, air.rotation)
+    return Start(tuple(records), equations.motion(instant, state, air), air.rotation)
 
 
 def _drawn_asymmetries(record: Flight, motion: Motion, factor: float, seed: int) -> tuple[PlantedConfig, ...]:

@@ -181,8 +181,7 @@ class System:
         moment = scale * np.array([roll, transverse.real, transverse.imag])
         momentum = rotation.transform(self.inertia, rates)
         angular = rotation.transform(self.inertia_inverse, moment - rotation.cross(rates, momentum))
-        turning = rotation.rate(state[ATTITUDE], rates)
-        return np.concatenate([state[VELOCITY], air.acceleration, turning, angular])
+        return np.concatenate([state[VELOCITY], air.acceleration, rotation.rate(state[ATTITUDE], rates), angular])
 
     def body_moments(self, state: FloatArray, angular: FloatArray, air: AirData) -> FloatArray:
         """C_l, C_m, C_n (3, ...) from angular accelerations (3, ...) rad/s^2: Euler's equations, inverted."""

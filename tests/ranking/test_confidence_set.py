@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.constants import CONFIDENCE_BLOCKS, CONFIDENCE_SIZE, CONFIDENCE_TIE
+from brv_hypo.constants import CONFIDENCE_BLOCKS, CONFIDENCE_DRAWS, CONFIDENCE_SEED, CONFIDENCE_SIZE, CONFIDENCE_TIE
 from brv_hypo.ranking.compare import confidence_p_values, confidence_set
 from brv_hypo.ranking.result import Verdict
 from brv_hypo.ranking.summary import prediction_disagrees
@@ -44,6 +44,20 @@ def test_what_is_always_equal_is_kept_together() -> None:
 def test_the_order_of_blocks_is_nothing(seed: int, order: list[int]) -> None:
     losses = losses_of(seed, (0.0, 0.5, 1.0))
     assert np.array_equal(confidence_p_values(losses), confidence_p_values(losses[order]))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("count", [2, 3, 9])
+def test_the_p_values_are_those_of_another_program(count: int) -> None:
+    bootstrap = pytest.importorskip("arch.bootstrap")
+    losses = losses_of(3, tuple(0.4 * k for k in range(count)))
+    ordered = losses[np.lexsort(losses.T)]
+    options = {"size": CONFIDENCE_SIZE, "reps": CONFIDENCE_DRAWS, "block_size": 1, "seed": CONFIDENCE_SEED}
+    other = bootstrap.MCS(ordered, method="R", **options)
+    other.compute()
+    expected = other.pvalues["Pvalue"].sort_index().to_numpy(dtype=float)
+    assert np.array_equal(confidence_p_values(losses), expected)
+    assert np.min(expected) < CONFIDENCE_SIZE < np.max(expected)
 
 
 @pytest.mark.slow
