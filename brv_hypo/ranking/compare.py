@@ -22,7 +22,7 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.checked import checked_terms, without_faulty
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import installed, parse_hypothesis, requested
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.model.reconstruction import reconstruct
@@ -41,7 +41,7 @@ from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Candidate, Fit, judge
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import LeavingOut, block_of_whitened_row, held_out
+from brv_hypo.regression.held_out import block_of_whitened_row, held_out
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of
@@ -139,9 +139,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
     problem, fits = beside.problem, beside.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
-    leaving = LeavingOut(problem)
-    without = [leaving.of(fit.frame, fit.columns) for fit in fits]
-    errors = [held_out(problem, each, config.held_out_blocks) for each in without]
+    errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
     verdict = _verdict(beside, answered, config.other_prior)
     selected = clock.perf_counter()
     likelihoods = identify_standing(problem, fits, verdict, config, say)
@@ -207,7 +205,8 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
     """By name; that of a nuisance effect asks for it in every hypothesis, and makes none of its own."""
-    known = {name: entry.item for name, entry in installed().items() if isinstance(entry.item, RecordEffect)}
-    names = [name for name in config.mechanisms or () if not (name in known and known[name].carried)]
+    items = {name: entry.item for name, entry in installed().items()}
+    beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
+    names = [name for name in config.mechanisms or () if name not in beside]
     names = names or [mechanism.name for mechanism in installed_mechanisms()]
     return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *names])}
