@@ -94,8 +94,8 @@ class Products(NamedTuple):
                 lower=True,
                 check_finite=False,
             )
-            kept, last = gram.shape[0] - count, made.shape[1] - 1
-            z, border, y = made[:, :kept], made[:, kept:last], made[:, last]
+            kept = int(gram.shape[0]) - count
+            z, border, y = made[:, :kept], made[:, kept:-1], made[:, -1]
             blocks.append(
                 (gram[count:, count:] - z.T @ z, with_border[count:] - z.T @ border, with_y[count:] - z.T @ y)
             )

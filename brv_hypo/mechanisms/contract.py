@@ -210,6 +210,10 @@ class RecordEffect(BaseModel, ABC):
 # ---- Processes: what vehicles, air and instruments do that nobody has modelled ----
 
 
+FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
+"""What kind of thing a process is."""
+
+
 class MomentProcess(Mechanism):
     """Shapes of a moment, each times an unknown smooth history in time; every hypothesis of `compare` has all of them.
 
@@ -223,9 +227,9 @@ class MomentProcess(Mechanism):
     time_variation = ("constant",)
 
     family: ClassVar[str]
-    """What kind of thing it is: stiffness, rate, side, body, harmonic, air, gyros, accelerometers."""
+    """One of `FAMILIES`."""
     splines: ClassVar[int]
-    """How many each shape has; 1 is a constant."""
+    """How many each shape has: 1, a constant, or at least 4."""
     start: float = 0.0
     stop: float = 1.0
 
@@ -237,7 +241,7 @@ class MomentProcess(Mechanism):
         """One for each shape and spline."""
         histories = time_splines(motion.time, self.start, self.stop, self.splines)
         products = [
-            (f"{self.name} {number}.{k}", shape * histories[..., k])
+            (f"{self.name} {number} {k}", shape * histories[..., k])
             for number, shape in enumerate(self.shapes(motion))
             for k in range(self.splines)
         ]
@@ -255,10 +259,10 @@ class RecordProcess(RecordEffect):
     carried = False
 
     family: ClassVar[str]
-    """As that of a `MomentProcess`."""
+    """One of `FAMILIES`."""
     channels: ClassVar[tuple[str, ...]]
     splines: ClassVar[int]
-    """How many each channel has."""
+    """How many each channel has: 1, a constant, or at least 4."""
     units: ClassVar[str]
     """SI units of the history."""
     size: ClassVar[float]
@@ -271,10 +275,13 @@ class RecordProcess(RecordEffect):
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with so much of one spline more."""
-        channel, number = component.split()
+        channel, _, number = component.rpartition(" ")
         histories = time_splines(flight.time, float(flight.time[0]), float(flight.time[-1]), self.splines)
         return self.changed(flight, channel, value * histories[..., int(number)])
 
     @abstractmethod
     def changed(self, flight: Flight, channel: str, history: FloatArray) -> Flight:
         """The record with a history (n,) more in that channel."""
+
+
+Process = MomentProcess | RecordProcess

@@ -1,8 +1,6 @@
 """`compare`: from flight records to ranked mechanisms.
 
-Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows; and the model
-confidence set, the hypotheses that held-out blocks cannot tell from the best. It rests on prediction alone and needs
-no prior: a hypothesis outside it predicts worse than another by more than blocks differ among themselves.
+Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows.
 """
 
 from __future__ import annotations
@@ -18,20 +16,13 @@ from scipy.linalg import qr
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import (
-    BOUND_SIGMAS,
-    CONFIDENCE_BLOCKS,
-    CONFIDENCE_DRAWS,
-    CONFIDENCE_SEED,
-    CONFIDENCE_SIZE,
-    CONFIDENCE_TIE,
-)
+from brv_hypo.constants import BOUND_SIGMAS
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.checked import checked_terms, without_faulty
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import installed, parse_hypothesis, requested
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.model.reconstruction import reconstruct
@@ -50,45 +41,11 @@ from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Candidate, Fit, judge
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import FitsWithout, LeavingOut, block_of_whitened_row, held_out
+from brv_hypo.regression.held_out import block_of_whitened_row, held_out
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
-
-# ---- The hypotheses that held-out blocks cannot tell from the best: a model confidence set ----
-
-
-def confidence_p_values(losses: FloatArray) -> FloatArray:
-    """p-value of each hypothesis (hypotheses,), of `losses` (blocks, hypotheses): the least size of test that drops it.
-
-    Range statistic, blocks drawn with replacement (Hansen, Lunde and Nason, Econometrica 79, 2011, 453-497). Blocks are
-    far longer than the noise is correlated, and may come in any order. Hypotheses of equal losses have one p-value.
-    """
-    apart = np.max(np.abs(losses[:, :, np.newaxis] - losses[:, np.newaxis, :]), axis=0)
-    distinct, which = np.unique(np.argmax(apart < CONFIDENCE_TIE, axis=1), return_inverse=True)
-    ordered = losses[np.ix_(np.lexsort(losses.T), distinct)]
-    count, rng = len(ordered), np.random.default_rng(CONFIDENCE_SEED)
-    # A stationary bootstrap also draws where blocks end, here after one: with it these are the draws of `arch`'s MCS.
-    drawn = np.array([(rng.integers(count, size=count), rng.random(count))[0] for _ in range(CONFIDENCE_DRAWS)])
-    means, drawn_means = ordered.mean(axis=0), ordered[drawn].mean(axis=1)
-    observed = means[:, np.newaxis] - means
-    chance = drawn_means[:, :, np.newaxis] - drawn_means[:, np.newaxis, :] - observed
-    spread = np.sqrt(np.mean(chance**2, axis=0) + np.eye(distinct.size))  # the diagonal is 0 / 1
-    p_value, p_values, kept = 0.0, np.ones(distinct.size), list(range(distinct.size))
-    while len(kept) > 1:
-        worse = (observed / spread)[np.ix_(kept, kept)].max(axis=1)
-        largest = (chance / spread)[:, kept][:, :, kept].max(axis=(1, 2))
-        p_value = max(p_value, float(np.mean(worse.max() < largest)))
-        p_values[kept.pop(int(worse.argmax()))] = p_value
-    return p_values[which]
-
-
-def confidence_set(names: Sequence[str], p_values: FloatArray) -> tuple[str, ...]:
-    """Those that are not dropped, likeliest of the best first."""
-    order = np.argsort(-p_values, kind="stable")
-    return tuple(names[k] for k in order if p_values[k] > CONFIDENCE_SIZE)
-
 
 # ---- The seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows ----
 
@@ -182,10 +139,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
     problem, fits = beside.problem, beside.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
-    leaving = LeavingOut(problem)
-    without = [leaving.of(fit.frame, fit.columns) for fit in fits]
-    errors = [held_out(problem, each, config.held_out_blocks) for each in without]
-    verdict = _verdict(beside, answered, config.other_prior).model_copy(update=_confidence(fits, without))
+    errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
+    verdict = _verdict(beside, answered, config.other_prior)
     selected = clock.perf_counter()
     likelihoods = identify_standing(problem, fits, verdict, config, say)
     finished = clock.perf_counter()
@@ -226,17 +181,6 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     return verdict.model_copy(update={"limits": found})
 
 
-def _confidence(fits: Sequence[HypothesisFit], without: Sequence[FitsWithout]) -> dict[str, Any]:
-    """The model confidence set of the verdict, and its p-values."""
-    names = [fit.name for fit in fits]
-    losses = [[each.score for each in fitted.each(CONFIDENCE_BLOCKS)] for fitted in without]
-    p_values = confidence_p_values(np.transpose(losses))
-    return {
-        "confidence_set": confidence_set(names, p_values),
-        "confidence_p_values": dict(zip(names, p_values.tolist(), strict=True)),
-    }
-
-
 def _impossible(fit: HypothesisFit) -> str | None:
     """The value that no body has, in words, where it lies beyond its error."""
     excess = out_of_bounds(fit)
@@ -261,7 +205,8 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
     """By name; that of a nuisance effect asks for it in every hypothesis, and makes none of its own."""
-    known = {name: entry.item for name, entry in installed().items() if isinstance(entry.item, RecordEffect)}
-    names = [name for name in config.mechanisms or () if not (name in known and known[name].carried)]
+    items = {name: entry.item for name, entry in installed().items()}
+    beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
+    names = [name for name in config.mechanisms or () if name not in beside]
     names = names or [mechanism.name for mechanism in installed_mechanisms()]
     return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *names])}

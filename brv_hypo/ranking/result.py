@@ -199,11 +199,7 @@ Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
 class Verdict(NullIsNaN):
-    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand.
-
-    `confidence_set`: the hypotheses of the list whose held-out errors cannot be told from the best's, at 95 %;
-    `confidence_p_values` of all.
-    """
+    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand."""
 
     winner: str | None
     outcome: Outcome
@@ -215,8 +211,6 @@ class Verdict(NullIsNaN):
     """Largest first."""
     limits: tuple[MechanismLimit, ...] = ()
     stability: float | None = None
-    confidence_set: tuple[str, ...] = ()
-    confidence_p_values: dict[str, float] = Field(default_factory=dict)
     reason: str
 
 
@@ -292,6 +286,11 @@ class StepwiseDifference(NullIsNaN):
     rss_ratio: float
 
 
+def _percent(share: float) -> str:
+    """Whole; near nothing and near all to hundredths."""
+    return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
+
+
 class Comparison(HasCharts, Result):
     """The ranking of the hypotheses with its verdict.
 
@@ -319,16 +318,21 @@ class Comparison(HasCharts, Result):
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
-        verdict = self.verdict
+        verdict, found = self.verdict, self.verdict.explained
         names = ", ".join(map(hypothesis, verdict.equivalent))
         winner = hypothesis(verdict.winner or "")
         told = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
+        explains = f" (explains {_percent(found.share)} %)" if winner and found and found.share else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
-        return f"{count}, {len(self.ranking)} hypotheses: {told}"
+        return f"{count}, {len(self.ranking)} hypotheses: {told}{explains}"
 
     def conclusion(self) -> str:
-        """The reason of the verdict."""
-        return self.verdict.reason
+        """The reason of the verdict, and on a line of its own what the leader explains."""
+        if (found := self.verdict.explained) is None or not found.share:
+            return self.verdict.reason
+        share, low, high, rest = map(_percent, (found.share, *found.interval_95, found.unexplained))
+        explains = f"{self.ranking[0].mechanism} explains {share} % ({low} to {high} %) of the residual of the baseline"
+        return f"{self.verdict.reason}\n{explains}; {rest} % is due to processes and noise."
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""
@@ -339,7 +343,7 @@ class Comparison(HasCharts, Result):
                 "rank": row.rank,
                 "mechanism": row.mechanism,
                 "probability": probability.get(row.mechanism),
-                "confidence_p_value": self.verdict.confidence_p_values.get(row.mechanism),
+                "log_evidence": row.log_evidence,
                 "n_terms": row.n_terms,
                 "f_ratio": row.f_ratio,
                 "cp": row.cp,

@@ -39,7 +39,6 @@ from brv_hypo.ranking.result import (
 )
 from brv_hypo.regression.build import plain_values
 from brv_hypo.regression.fit import HypothesisFit, likeliest
-from brv_hypo.regression.held_out import HeldOut
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.subset import stepwise_columns
@@ -70,21 +69,6 @@ def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[
         for each in dict.fromkeys(first.values())
     )
     return (f"the criteria put different hypotheses first: {told}",)
-
-
-def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
-    """A sentence where the likeliest hypothesis of the list predicts held-out blocks worse than others by more than
-    chance; else nothing.
-    """
-    likely = [name for name in verdict.confidence_p_values if verdict.probability[name] > 0.0]
-    leader = max(likely, key=lambda name: verdict.probability[name], default=None)
-    if leader is None or leader in verdict.confidence_set:
-        return ()
-    kept = verdict.confidence_set
-    return (
-        f"{hypothesis(leader)} is the most probable, but is not in the model confidence set (95 %): "
-        f"{_joined([*map(hypothesis, kept)])} {'predicts' if len(kept) == 1 else 'predict'} held-out blocks better",
-    )
 
 
 def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[StepwiseDifference, ...]:
@@ -134,7 +118,7 @@ def _joined(names: Sequence[str]) -> str:
 def summarise(
     problem: Problem,
     fits: Sequence[HypothesisFit],
-    errors: Sequence[HeldOut],
+    errors: Sequence[float],
     criteria: Sequence[Criteria],
     seconds: Seconds,
     likelihoods: Likelihoods,
@@ -173,7 +157,7 @@ def summarise(
         seconds=seconds,
         series=_series(problem, fits),
         warnings=tuple(warnings),
-        disagreements=(*criteria_disagree(ranking, verdict.probability), *prediction_disagrees(verdict)),
+        disagreements=criteria_disagree(ranking, verdict.probability),
         stepwise=stepwise_differences(problem, fits),
     )
 
@@ -233,7 +217,7 @@ def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: st
 
 
 def _ranked(
-    rank: int, fit: HypothesisFit, error: HeldOut, criteria: Criteria, null_error: HeldOut, problem: Problem
+    rank: int, fit: HypothesisFit, error: float, criteria: Criteria, null_error: float, problem: Problem
 ) -> RankedHypothesis:
     total = float(problem.response @ problem.response)
     variance = fit.rss / fit.samples
@@ -242,8 +226,8 @@ def _ranked(
         mechanism=fit.name,
         f_ratio=criteria.f_ratio if fit.selected else None,
         cp=criteria.cp,
-        prediction_error=error.mean_square,
-        prediction_ratio=error.mean_square / null_error.mean_square,
+        prediction_error=error,
+        prediction_ratio=error / null_error,
         r2=1.0 - fit.rss / total,
         bic=fit.bic,
         log_evidence=float("nan") if fit.log_evidence is None else fit.log_evidence,

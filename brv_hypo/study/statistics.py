@@ -20,12 +20,12 @@ from scipy.special import expit, logit, logsumexp
 from statsmodels.stats.proportion import proportion_confint
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import TEMPERATURE
 from brv_hypo.study.config import NONE, StudyConfig
 from brv_hypo.study.trial import Estimate, Outcome
 
 CONFIDENCE = 0.95
 EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)  # of the bins of probability
+TEMPERATURE = 1.0  # of probabilities: evidences are used as they are
 TEMPERATURES = (0.05, 500.0)  # searched for the best
 FEWEST = 5  # flights that a detection limit needs
 SIGMAS = 2.0  # standard errors that should hold the truth

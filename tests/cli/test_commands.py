@@ -156,7 +156,16 @@ def regressed(brv_hypo, simulated_file, regression):
 class TestCompare:
     def test_prints_the_ranking_and_the_verdict(self, compared):
         printed = compared[0].stdout
-        for expected in ("mechanism", "F-ratio", "C_p", "pred. error", "R²", "bodyfixed", "baseline only", "Verdict: "):
+        for expected in (
+            "mechanism",
+            "F-ratio",
+            "C_p",
+            "pred. error",
+            "ln evidence",
+            "bodyfixed",
+            "baseline only",
+            "Verdict: ",
+        ):
             assert expected in printed
         assert max(len(line) for line in printed.splitlines()) <= 100
 
@@ -193,7 +202,7 @@ class TestCompare:
         histories = len(compared[1]["ranking"])
         by_mach = html.count("by Mach number</h2>")
         assert html.count("<h2>Coefficients of") - by_mach == histories
-        assert html.count('class="chart"') == 11 + histories + by_mach
+        assert html.count('class="chart"') == 12 + histories + by_mach
 
     @pytest.mark.thorough
     def test_json_on_standard_output_is_alone_there(self, regressed):

@@ -87,6 +87,8 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "equivalent",
         "probability",
         "adequacy",
+        "explained",
+        "processes",
         "limits",
         "stability",
         "confidence_set",
