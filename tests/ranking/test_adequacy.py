@@ -11,7 +11,7 @@ import pytest
 
 from brv_hypo.constants import ONE_STRETCH, OUTSIDE
 from brv_hypo.mechanisms import Mechanism, find
-from brv_hypo.model.term import Regressor, TimeBasis, candidates, theta_grid
+from brv_hypo.model.term import TimeBasis, candidates, theta_grid
 from brv_hypo.ranking.adequacy import Alternative, alternatives
 from brv_hypo.regression.fit import HypothesisFit, settled
 from brv_hypo.regression.free_moment import ORDINARY, SHAPES
