@@ -177,20 +177,23 @@ class Evidence:
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
 
     @cached_property
-    def left_out(self) -> FloatArray:
-        """Log evidence without each stretch of time in turn (stretches,), amplitudes as they are."""
-        border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
-        found = []
-        for k in np.unique(self.rows.time_blocks):
-            rest = self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k))
-            found.append(-_cost(rest.without_tolerances(self.rows), self.rows, self.terms, self.at))
-        return np.array(found)
-
-    @property
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
-        whole = -_cost(self.products.without_tolerances(self.rows), self.rows, self.terms, self.at)
-        return whole - self.left_out
+        border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
+        each = [
+            self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k))
+            for k in np.unique(self.rows.time_blocks)
+        ]
+        whole, *rest = [
+            -_cost(products.without_tolerances(self.rows), self.rows, self.terms, self.at)
+            for products in (self.products, *each)
+        ]
+        return whole - np.array(rest)
+
+    @property
+    def left_out(self) -> FloatArray:
+        """The level without each stretch of time in turn (stretches,), amplitudes and their priors as they are."""
+        return self.level - self.held_out
 
     def without_processes(self, rows: FloatArray) -> FloatArray:
         """Rows (n, columns) less their best fit by the baseline and what tolerances allow, under the stated noise."""
