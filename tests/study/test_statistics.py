@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import softmax
 
-from brv_hypo.constants import TEMPERATURE
-from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.study import StudyConfig, summarise
 from brv_hypo.study.statistics import (
+    TEMPERATURE,
     best_temperature,
     calibration,
     confusion,
@@ -75,7 +75,8 @@ def drawn_from(temperature: float, flights: int, seed: int) -> list:
     found = []
     for _ in range(flights):
         information = dict(zip(names, random.uniform(0.0, 12.0 * temperature, 3), strict=True))
-        chances = probabilities({name: value * TEMPERATURE / temperature for name, value in information.items()})
+        shares = softmax(-0.5 * np.array(list(information.values())) / temperature)
+        chances = dict(zip(names, shares.tolist(), strict=True))
         planted = str(random.choice(names, p=list(chances.values())))
         first = max(chances, key=lambda name: chances[name])
         found.append(outcome(planted, first, probability=chances, information=information))
