@@ -86,7 +86,6 @@ def judged(
             point = replace(point, taken=tuple({} for _ in point.taken), acting=tuple({} for _ in point.acting))
             records = cleaned(problem, point, settings)
         assert records is not None
-        settings = replace(settings, taken=point.taken)
         whole = with_processes(point, records, settings, config)
         problem = without_processes(whole, point)
         fits = linearised(problem, [replace(each, log_evidence=None) for each in fits])
