@@ -127,16 +127,6 @@ TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 # validation.md lists, and are judged together by its fresh ones.
 
 COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and six terms
-# How often a record is linearised about the errors that it shows, and the tolerances, in length over all errors, by
-# which the next estimate may differ before it is done again. One of them 4 off left 450 in 2 ln L, 3 left 13, below 1
-# nothing (industrial instruments); the length is 1.8 times the largest of them in the median of 60 (seeds 192000 to
-# 192026).
-MOST_LINEARISATIONS = 4
-CONVERGED_ERRORS = 2.0
-# Times the noise's mean square that a baseline may leave, whose fit is believed to tell errors of the record. Of six
-# strong effects that were "none adequate" (165540, 165832, 166030, 166078, 166361, 320212: 2.5 to 5,800 times) five are
-# named; flights on which it leaves 1.6 times or less are told better about its fit.
-BASELINE_BELIEVED = 2.0
 # Estimate over tolerance from which an error of record or vehicle is named (2 of 48 flights whose errors were drawn at
 # their tolerances, seed 404000), and how many of them are.
 BEYOND_TOLERANCE = 3.0

@@ -48,8 +48,6 @@ class Group:
     """Of the history that the columns make."""
     size: float
     """One unit of the amplitude, in `units`."""
-    splines: int
-    """Columns of one history."""
     prior: tuple[float, float]
     """Centre and 1-sigma of the logarithm of the amplitude."""
 
@@ -180,9 +178,9 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         rows = _rows_of_flight(problem, flight)
         blocks.append(Block(rows, less(np.concatenate(parts, axis=1))[rows], columns))
     groups = (
-        Group(TOLERANCES, TOLERANCES, "1", 1.0, 1, (0.0, 0.0)),
-        *(Group(each.name, each.family, each.units, each.size, each.splines, RECORD_AMPLITUDE) for each in drifts),
-        *(Group(each.name, each.family, "1", moment, each.splines, MOMENT_AMPLITUDE) for each in moments),
+        Group(TOLERANCES, TOLERANCES, "1", 1.0, (0.0, 0.0)),
+        *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
+        *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
     )
     spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
     shared = np.concatenate([baseline, allowed], axis=1)

@@ -17,7 +17,6 @@ from brv_hypo.constants import LINEARISATIONS
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.io.text import hypothesis
-from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Alternative, alternatives
 from brv_hypo.ranking.config import CompareConfig
@@ -32,7 +31,6 @@ from brv_hypo.regression.problem import Problem
 
 MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
-_HISTORY_POINTS = 200  # of a record at which a process's history is evaluated
 
 
 @dataclass(frozen=True)
@@ -159,9 +157,7 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     whole = float(np.linalg.norm(static))
     found = []
     for k, group in enumerate(rows.groups[1:]):
-        coefficients, errors = own.spline_coefficients(k)
-        made = float(np.linalg.norm(own.made_by(k)))
-        size, error = (_history_rms(part, group.splines) for part in (coefficients, errors))
+        size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
         found.append(
             ProcessEstimate(
                 name=group.name,
@@ -169,14 +165,8 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
                 size=size,
                 std_error=error,
                 units=group.units,
-                share_of_moment=made / max(whole, 1e-300),
+                share_of_moment=float(np.linalg.norm(own.made_by(k))) / max(whole, 1e-300),
                 tolerance=float(np.exp(group.prior[0])) * group.size,
             )
         )
     return tuple(sorted(found, key=lambda each: -each.share_of_moment))
-
-
-def _history_rms(coefficients: FloatArray, splines: int) -> float:
-    """rms over time and components of the histories with these coefficients (components x splines,)."""
-    basis = time_splines(np.linspace(0.0, 1.0, _HISTORY_POINTS), 0.0, 1.0, splines)
-    return float(np.sqrt(np.mean((coefficients.reshape(-1, splines) @ basis.T) ** 2)))
