@@ -57,7 +57,7 @@ class Judged:
     @cached_property
     def baseline_residual(self) -> FloatArray:
         """What the baseline without processes does not explain (rows,)."""
-        return self.evidences[self.null].without_processes(self.rows.y[:, np.newaxis])[:, 0]
+        return self.rows.beside_baseline(self.rows.y)
 
     @property
     def null(self) -> int:
@@ -112,7 +112,7 @@ def _specific_share(judged: Judged, alternative: Alternative, own: Evidence) -> 
     """The share of what an alternative explains, in squares, that columns specific to the leader make."""
     first, chosen = own.rows.shared.shape[1], list(alternative.specific)
     count = int(np.sum(own.terms.scaled))
-    made = judged.evidences[judged.null].without_processes(own.terms.x[:, :count])
+    made = judged.rows.beside_baseline(own.terms.x[:, :count])
     values = own.solution.border[first : first + count]
     part, whole = made[:, chosen] @ values[chosen], made @ values
     return float(part @ part) / max(float(part @ part) + float(np.sum((whole - part) ** 2)), 1e-300)
@@ -128,18 +128,18 @@ def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisF
 
 def explained(judged: Judged) -> Explained:
     """What the leader explains of the mean square that the baseline's fit without processes has as residual."""
-    leader, null = judged.evidences[judged.leader], judged.evidences[judged.null]
+    leader = judged.evidences[judged.leader]
     residual = judged.baseline_residual
     count = int(np.sum(leader.terms.scaled))
     if not count:
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0))
-    made = null.without_processes(leader.terms.x[:, :count])
+    made = judged.rows.beside_baseline(leader.terms.x[:, :count])
     first = len(judged.fits[judged.leader].columns) - count
     at_mode, covariance = leader.values[first : first + count], leader.covariance[first:, first:][:count, :count]
 
     def shares(coefficients: FloatArray) -> FloatArray:
         remaining = residual[:, np.newaxis] - made @ coefficients
-        return np.asarray(1.0 - np.sum(remaining**2, axis=0) / judged.squares)
+        return np.clip(1.0 - np.sum(remaining**2, axis=0) / judged.squares, 0.0, 1.0)
 
     drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
     share = float(shares(at_mode[:, np.newaxis])[0])
@@ -153,10 +153,11 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     """Every process beside the leader, the one that makes most of the record first."""
     own, rows = judged.evidences[judged.leader], judged.rows
     fit = judged.fits[judged.leader]
-    static = rows.of_moments(rows.frame_of(fit), rows.problem.baseline) @ fit.values[: fit.baseline_size]
+    columns = rows.problem.raw_design(rows.frame_of(fit), rows.problem.baseline)[: rows.y.size]
+    static = columns @ fit.values[: fit.baseline_size]
     whole = float(np.linalg.norm(static))
     found = []
-    for k, group in enumerate(rows.groups[1:]):
+    for k, group in enumerate(rows.groups):
         size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
         found.append(
             ProcessEstimate(
