@@ -139,7 +139,7 @@ def explained(judged: Judged) -> Explained:
 
     def shares(coefficients: FloatArray) -> FloatArray:
         remaining = residual[:, np.newaxis] - made @ coefficients
-        return np.clip(1.0 - np.sum(remaining**2, axis=0) / judged.squares, 0.0, 1.0)
+        return np.asarray(np.clip(1.0 - np.sum(remaining**2, axis=0) / judged.squares, 0.0, 1.0))
 
     drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
     share = float(shares(at_mode[:, np.newaxis])[0])
