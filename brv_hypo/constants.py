@@ -74,9 +74,6 @@ SEARCH_FINE_SCANS = 3  # of the parameters of the model settled on, while they g
 # A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
 SEARCH_OUT_OF_REACH = 400.0
 SEARCH_SIZES_TRIED = 3
-# Behind another from which its best on the grid, refined, stands for it. Judgement: of 21 flights none had another name
-# or other equivalents for it.
-SEARCH_HOPELESS = 1000.0
 SEARCH_FINER_KNOTS = 4  # intervals of one between two knots where a single choice is made anew
 SEARCH_SAME_KNOT = 0.25  # of the spacing, within which two knots are one where a model's own are searched
 SEARCH_SAME_THETA = 0.1  # relative difference up to which two values are one, found twice (refined at two knots)

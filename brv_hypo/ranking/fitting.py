@@ -9,20 +9,11 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from brv_hypo.constants import SEARCH_HOPELESS, SEARCH_OUT_OF_REACH
+from brv_hypo.constants import SEARCH_OUT_OF_REACH
+from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.regression.fit import (
-    HypothesisFit,
-    fit_hypothesis,
-    fit_on_grid,
-    likeliest,
-    plainer,
-    renewed,
-    scanned,
-    scanned_finely,
-)
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, plainer, renewed, scanned_finely
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.search import on_grid
 from brv_hypo.regression.uncertainty import with_design
 
 # ---- Every hypothesis fitted in one problem, which is linear about the leader ----
@@ -49,32 +40,14 @@ def linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothes
     return [with_design(problem, fit) for fit in fits]
 
 
-def searched(
-    problem: Problem, hypotheses: Hypotheses, say: Progress, hopeless: float = SEARCH_HOPELESS
-) -> list[HypothesisFit]:
-    """Every hypothesis searched; the likeliest on the grid first, so that those so far behind can end early."""
-    say("searching on the grid of knots and delays")
-    grids = {name: on_grid(problem, mechanisms) for name, mechanisms in hypotheses.items() if mechanisms}
-    first = sorted(
-        (fit_on_grid(problem, *each, grids.get(each[0])) for each in hypotheses.items()),
-        key=lambda fit: fit.information,
-    )
-    problem = _with_efficiency(problem, renewed(problem, likeliest(first)))
+def searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
+    """Every hypothesis searched on the grid of knots and delays, and refined."""
     fits: list[HypothesisFit] = []
-    for each in first:
-        say(f"fitting {each.name}")
+    for name, mechanisms in hypotheses.items():
+        say(f"fitting {hypothesis(name)}")
         rival = min((fit.information for fit in fits), default=math.inf)
-        fit = _without_hope(problem, each, rival + hopeless)
-        fits.append(fit or fit_hypothesis(problem, each.name, each.mechanisms, rival, grids.get(each.name)))
+        fits.append(fit_hypothesis(problem, name, mechanisms, rival))
     return fits
-
-
-def _without_hope(problem: Problem, rough: HypothesisFit, most: float) -> HypothesisFit | None:
-    """The rough fit, its knots and delays scanned, where even that leaves it beyond `most`; None elsewhere."""
-    if not rough.mechanisms or rough.information <= most:
-        return None
-    fit = scanned(problem, rough)
-    return replace(fit, ended_early=True) if fit.information > most else None
 
 
 def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:

@@ -180,28 +180,9 @@ def fit_hypothesis(
     return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
 
 
-def fit_on_grid(problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], grid: OnGrid | None) -> HypothesisFit:
-    """The likeliest of the best subsets of each size on the grid, knots and delays as they are there.
-
-    `grid` is None for the null hypothesis.
-    """
-    rough = replace(problem, refine=False)
-    if grid is None:
-        return solved(Reduced(rough, rough.frame), name, mechanisms, rough.baseline, 0)
-    start, count = Reduced(rough, grid.frame), grid.offered.count
-    chosen = [*(subsets[0][1] for size, subsets in sorted(grid.best.items()) if size), *grid.episodes]
-    found = [_settled(start, name, mechanisms, (*rough.baseline, *columns), count, frozenset()) for columns in chosen]
-    return replace(likeliest(found), grid=grid.factors)
-
-
 def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
-
-
-def scanned(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The same columns, in time order, with their knots and delays scanned and refined."""
-    return settled(problem, fit, _in_order(problem, fit), ())
 
 
 def held(problem: Problem, fit: HypothesisFit, frame: RateFrame, steps: tuple[Steps, ...]) -> HypothesisFit:

@@ -64,7 +64,8 @@ def calibration_blocks(calibration: Calibration) -> list[Block]:
         for item in calibration.bins
         if item.right.total
     ]
-    scores = f"{calibration.flights} flights: Brier score {number(calibration.brier)}, log loss {number(calibration.log_loss)}"
+    brier, loss = number(calibration.brier), number(calibration.log_loss)
+    scores = f"{calibration.flights} flights: Brier score {brier}, log loss {loss}"
     return [Table(rows, "Calibration"), Texts((scores,) if calibration.flights else (), bullets=False)]
 
 
