@@ -102,17 +102,7 @@ REFIT_LAST_WIDTH = 1e-5
 # the cone stopped 3e-10 s short, 1.3e-6 standard errors.
 REFIT_WHOLE_STEPS = 2
 REFIT_LOSS = 1e-2
-# The static moment that a model told lags behind or sticks to: rounds at most in which it is brought up to date, and
-# how far the prediction may still move in the last, in standard deviations. A round leaves a tenth to a half of what
-# the one before left; one alone left 0.009 standard errors of a fraction (seed 983 of `tests.harness.invariance`; 0.06
-# on seed 670), and differences of 6e-6 between the same flight in other units. Where the last round led is mixed with
-# where the one before it did, by shares that go with rounds that leave -1 to 0.9 of what there was. Where a round
-# twice leaves more than so much of the least so far, what moves is a delay that the data hardly tell.
-FOLLOWED_ROUNDS = 20
-FOLLOWED_APART = 1e-7
-FOLLOWED_FALL = 0.7
-FOLLOWED_MIXED = (-9.0, 0.5)
-FOLLOWED_STALLS = 2
+CONSISTENT_ROUNDS = 4  # refits in which C_mw and what follows it come to agree
 # A moment that turns in the body: rates tried at most, half to either side (beyond half a turn a record apart they are
 # independent), and times the motion's own (roll, and the meridian's in nine tenths of the time) up to which it turns.
 TURNING_RATES = 160
@@ -131,7 +121,7 @@ BEYOND_TOLERANCE_NAMED = 3
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5
-LINEARISATIONS = 4  # about what explains much of the flight, while that lowers what is left
+LINEARISATIONS = 2  # about the leader, and about another that has the larger evidence there
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_m0
 SLOPE_DEGREE = 3  # and of that of C_malpha: a speed that falls by a tenth bends it beyond a parabola
 # Share of the speed by which it may depart from such a polynomial before C_malpha follows it too: stiffness follows

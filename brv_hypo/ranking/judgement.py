@@ -6,31 +6,44 @@ hypothesis, and what may be there instead, gets its evidence there (`inference`)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import LINEARISATIONS
+from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.io.text import hypothesis
+from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Alternative, alternatives
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Hypotheses, Progress, linearised, searched
 from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
 from brv_hypo.regression.build import point_of
-from brv_hypo.regression.fit import HypothesisFit, likeliest
-from brv_hypo.regression.own_static_moment import converged
+from brv_hypo.regression.fit import (
+    HypothesisFit,
+    fit_hypothesis,
+    likeliest,
+    plainer,
+    renewed,
+    scanned_finely,
+    self_consistent,
+)
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.uncertainty import with_design
 
 MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
+
+
+Progress = Callable[[str], None]
+Hypotheses = Mapping[str, tuple[Mechanism, ...]]
 
 
 @dataclass(frozen=True)
@@ -73,25 +86,57 @@ def judged(
     Where another has the larger evidence there, the record is linearised about that one once more.
     """
     problem, settings = settled(reconstructions, config)
-    fits, about = searched(problem, hypotheses, say), set[str]()
+    fits, about = _searched(problem, hypotheses, say), set[str]()
     while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
         about.add(leader.name)
         say(f"linearising about {hypothesis(leader.name)}")
-        fit = converged(problem, replace(leader, log_evidence=None))
+        fit = self_consistent(problem, replace(leader, log_evidence=None))
         point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
         records = cleaned(problem, point, settings)
         if records is None:  # without the leader's errors no motion remains: the record is linearised as it reads
-            point = replace(point, taken=tuple({} for _ in point.taken), acting=tuple({} for _ in point.acting))
+            point = replace(point, errors=tuple({} for _ in point.errors))
             records = cleaned(problem, point, settings)
         assert records is not None
         whole = with_processes(point, records, settings, config)
         problem = without_processes(whole, point)
-        fits = linearised(problem, [replace(each, log_evidence=None) for each in fits])
+        fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
         rows = rows_of(whole, next(each for each in fits if each.name == fit.name))
         null = maximised(rows, rows.terms(None))
         evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
         fits = [_estimated(each, own, null) for each, own in zip(fits, evidences, strict=True)]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
+
+
+def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits in a problem linearised about the leader: knots and delays come from where they lie.
+
+    Those that stay out of reach keep theirs. Two of the leader's knots that came to one place become one.
+    """
+    at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+    there = [renewed(problem, fit, ()) for fit in at]
+    first = likeliest(there)
+    moved = [
+        scanned_finely(problem, renewed(problem, fit)) if _in_reach(stays, first) else stays
+        for fit, stays in zip(at, there, strict=True)
+    ]
+    leader = likeliest(moved)
+    fits = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
+    return [with_design(problem, fit) for fit in fits]
+
+
+def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
+    """Every hypothesis searched on the grid of knots and delays, and refined."""
+    fits: list[HypothesisFit] = []
+    for name, mechanisms in hypotheses.items():
+        say(f"fitting {hypothesis(name)}")
+        rival = min((fit.information for fit in fits), default=math.inf)
+        fits.append(fit_hypothesis(problem, name, mechanisms, rival))
+    return fits
+
+
+def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
+    """Whether a fit may still come near the leader."""
+    return fit.information <= leader.information + SEARCH_OUT_OF_REACH
 
 
 def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:

@@ -134,12 +134,12 @@ class Cleaned:
 
 def cleaned(problem: Problem, point: LinearisationPoint, settings: Settings) -> list[Cleaned] | None:
     """The records without the errors of a point that a problem's fit led to; None where a record has no motion left."""
-    before = zip(problem.records, problem.frame.reconstructions, point.taken, strict=True)
+    before = zip(problem.records, problem.frame.reconstructions, point.errors, strict=True)
     motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
     try:
         found = [
             _anew(known, without(known.flight, errors))
-            for known, errors in zip(settings.known, point.taken, strict=True)
+            for known, errors in zip(settings.known, point.errors, strict=True)
         ]
     except UnanswerableError:
         return None

@@ -38,16 +38,14 @@ def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """A moment model with its `values` (columns,) to linearise about, and every flight's errors (SI) beside it.
-
-    `acting` are the errors by which the vehicle's own moments act; `taken` what was taken out of the records.
+    """A moment model with its `values` (columns,) to linearise about, and every flight's `errors` (SI) beside it, which
+    were taken out of the records.
     """
 
     mechanisms: tuple[Mechanism, ...]
     columns: tuple[Regressor, ...]
     values: FloatArray
-    acting: tuple[Errors, ...]
-    taken: tuple[Errors, ...]
+    errors: tuple[Errors, ...]
 
 
 def build_problem(
@@ -69,17 +67,17 @@ def build_problem(
     """
     if point is None:
         nothing: tuple[Errors, ...] = tuple({} for _ in records)
-        point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing, nothing)
-    frame = _with_design(frame, vehicle, point.acting[0])
+        point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing)
+    frame = _with_design(frame, vehicle, point.errors[0])
     known = frame.with_mechanisms(point.mechanisms)
     if point.mechanisms:
         known = known.with_in_plane_moment(point.columns, point.values)
     flights = [
         linearised(record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting))
-        for record, reconstruction, acting in zip(records, known.reconstructions, point.acting, strict=True)
+        for record, reconstruction, acting in zip(records, known.reconstructions, point.errors, strict=True)
     ]
     force, seen = on_rows(frame, flights)
-    carried = nuisances(frame, flights, effects, vehicle, taken=point.taken)
+    carried = nuisances(frame, flights, effects, vehicle, taken=point.errors)
     rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
     given = frame.with_mechanisms([GivenColumns()])
     return Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
@@ -98,7 +96,7 @@ def point_of(
     """The point at a model's fit and the errors that go with it."""
     values, others = problem.solution(frame, columns)
     errors = _within_reach(problem, others)
-    return LinearisationPoint(mechanisms, columns, values, errors, errors)
+    return LinearisationPoint(mechanisms, columns, values, errors)
 
 
 def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
+    CONSISTENT_ROUNDS,
     SCANNED,
     SCANNED_FINELY,
     SEARCH_EQUAL,
@@ -26,7 +27,7 @@ from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
+from brv_hypo.regression.refinement import ROUGH, SETTLED, Nonlinear, Steps, nonlinear_parameters, refine
 from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
 
 
@@ -185,12 +186,11 @@ def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROU
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
-def held(problem: Problem, fit: HypothesisFit, frame: RateFrame, steps: tuple[Steps, ...]) -> HypothesisFit:
-    """The same columns refined in a frame whose C_mw stays as it is."""
-    known = frozenset(fit.selected)
-    reduced = Reduced(problem, frame)
-    found = _refined(reduced, fit.name, fit.mechanisms, fit.columns, fit.searched, known, SCANNED, steps)
-    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same refitted until what lags or sticks follows the static moment C_mw that the fit itself finds."""
+    for _ in range(CONSISTENT_ROUNDS if follows_static_moment(fit.mechanisms) else 1):
+        fit = renewed(problem, fit, SETTLED)
+    return fit
 
 
 def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from brv_hypo.ranking.fitting import searched
 
 from brv_hypo import compare
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.mechanisms import find
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, preparation
-from brv_hypo.ranking.fitting import searched
 from tests.flights import flown
 
 

@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from brv_hypo.ranking.fitting import searched
 
 from brv_hypo.mechanisms import find
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.ranking.fitting import searched
 from brv_hypo.regression.fit import likeliest
 from brv_hypo.simulation import load_config
 from tests.flights import flown

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from brv_hypo.ranking.fitting import exchanged
 
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.ranking.fitting import exchanged
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, plainer, renewed, settled
 from brv_hypo.regression.problem import Problem
 from tests.chains import prepared
