@@ -1,82 +1,148 @@
-"""Whether only noise is left, or something smooth beside the hypothesis."""
+"""What outside the list would explain a flight instead of the leader."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from brv_hypo.arrays import FloatArray
-from brv_hypo.mechanisms import Mechanism, Term
-from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.adequacy import Misfit, misfit
+from brv_hypo.constants import ONE_STRETCH, OUTSIDE
+from brv_hypo.mechanisms import Mechanism, find
+from brv_hypo.model.term import TimeBasis, candidates, theta_grid
+from brv_hypo.ranking.adequacy import Alternative, alternatives
+from brv_hypo.regression.fit import HypothesisFit, settled
+from brv_hypo.regression.free_moment import ORDINARY, SHAPES
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.unlisted import UnlistedMoment
+from tests.chains import prepared
 from tests.ranking.pulse import fitted, problem
 
+EVENT = "event"
 
-class Swell(Mechanism):
-    """A moment of no mechanism's form: it swells and goes, turning from plane to plane."""
 
-    name = "swell"
-    title = claims = source = "a moment for this test"
-
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        size = np.exp(-((motion.time - motion.time.mean()) ** 2))
-        return (Term("C", size * np.cos(motion.time), size * np.sin(motion.time)),)
+def of(*fits: HypothesisFit, listed: Sequence[Mechanism] = (), where: Problem | None = None) -> dict[str, Alternative]:
+    """What is found of these fits and of mechanisms listed beside theirs, by the name of its fit."""
+    hypotheses = {fit.name: fit.mechanisms for fit in fits} | {each.name: (each,) for each in listed}
+    return {each.fit.name: each for each in alternatives(where or problem(), hypotheses, fits)}
 
 
 @cache
-def swell() -> FloatArray:
-    """What the moment leaves beside the baseline, of unit length (rows,)."""
-    fit = fitted("none")
-    column = Regressor(Swell.name, "C", (), TimeBasis("constant"), "1")
-    rows = problem().design(fit.frame.with_mechanisms([Swell()]), (*fit.columns, column))
-    basis = np.linalg.qr(rows[:, :-1] / np.linalg.norm(rows[:, :-1], axis=0))[0]
-    left = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
-    return np.asarray(left / np.linalg.norm(left), dtype=float)
+def beside_the_pulse() -> dict[str, Alternative]:
+    return of(fitted("none"), fitted("bodyfixed"))
 
 
-def left_by(seed: int, amplitude: float) -> Misfit:
-    """What is said of white noise with the moment at `amplitude` standard errors in it."""
-    noise = np.random.default_rng(seed).standard_normal(problem().rows.size)
-    fit = replace(fitted("none"), residual=noise + amplitude * swell())
-    return misfit(replace(problem(), efficiency=1.0), fit, fit)
+def with_terms(mechanism: str, *terms: tuple[str, str, float], planted: str = "bodyfixed") -> HypothesisFit:
+    """The fit of a mechanism with columns of these terms, courses and times alone, as they are."""
+    given = replace(prepared(planted, max_terms=4, exact_terms=4), refine=False)
+    own = find(mechanism)
+    offered = candidates(own, given.frame.motions[0], given.knots, theta_grid(own))
+    of_term = {column.term: column for column in offered}
+    columns = [of_term[term].at(of_term[term].theta, TimeBasis(kind, time)) for term, kind, time in terms]  # type: ignore[arg-type]
+    frame = given.frame.with_mechanisms([own])
+    empty = replace(fitted("none"), name=mechanism, mechanisms=(own,), frame=frame, searched=len(offered))
+    chosen = (*given.baseline, *columns)
+    return settled(given, empty, chosen, chosen)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_white_noise_leaves_no_room_for_something_else(seed: int) -> None:
-    found = left_by(seed, 0.0)
-    assert found.gain < 0.0
-    assert found.p_value > 1e-3
-    assert found.ratio == pytest.approx(1.0, abs=0.1)
+# ---- Several coefficients at once ----
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_smooth_moment_outside_the_list_is_something_else(seed: int) -> None:
-    found = left_by(seed, 20.0)
-    assert found.gain > 50.0
-    assert found.p_value < 1e-6
+def test_an_event_is_the_leader_with_all_other_ordinary_coefficients_changing_when_it_does() -> None:
+    leader, event = fitted("bodyfixed"), beside_the_pulse()[EVENT]
+    assert event.fit.selected[: len(leader.selected)] == leader.selected
+    times = {column.time_basis for column in leader.selected}
+    changing = event.fit.selected[len(leader.selected) :]
+    assert {column.mechanism for column in changing} == {UnlistedMoment.name}
+    assert {column.time_basis for column in changing} == times
+    shapes = set(ORDINARY) - {"body-fixed"}  # which is the leader's own
+    assert {column.term for column in changing} == shapes
+    assert len(changing) == len(shapes) * len(times)
+    start = leader.selected[0].time_basis.start
+    assert event.words == f"a change of several coefficients at once at {start:.2f} s"
 
 
-@pytest.mark.parametrize(("level", "louder"), [(1.0, False), (1.1, False), (2.0, True)])
-def test_rates_that_are_louder_than_their_noise_hold_something_else(level: float, louder: bool) -> None:
-    """Smooth or not; but the level of the noise itself is not known to the last tenth."""
-    noise = level * np.random.default_rng(3).standard_normal(problem().rows.size)
-    fit = replace(fitted("none"), residual=noise)
-    assert (misfit(replace(problem(), efficiency=1.0), fit, fit).gain > 0.0) == louder
+def test_all_that_a_leader_without_characteristic_terms_has_is_specific_to_it() -> None:
+    leader, event = fitted("bodyfixed"), beside_the_pulse()[EVENT]
+    assert not any(mechanism.characteristic for mechanism in leader.mechanisms)
+    assert event.specific == tuple(range(len(leader.selected)))
 
 
-def test_the_larger_the_moment_the_larger_the_gain() -> None:
-    gains = [left_by(0, amplitude).gain for amplitude in (10.0, 20.0, 40.0, 80.0)]
-    assert gains == sorted(gains)
+def test_of_one_that_names_characteristic_terms_they_alone_are_specific() -> None:
+    """A step of C_malpha is what many events bring; that of C_m0 with it is the in-plane moment's own."""
+    leader = with_terms("inplane", ("C_malpha", "jump", 2.0), ("C_m0", "jump", 2.0))
+    null = replace(fitted("none"), bound_cost=1e6)
+    event = of(null, leader)[EVENT]
+    assert [leader.selected[k].term for k in event.specific] == ["C_m0"]
+    assert {column.term for column in event.fit.selected[2:]}.isdisjoint({"offset", "stiffness"})
 
 
-def test_what_was_planted_is_missed_by_the_null_and_by_nothing_else() -> None:
-    null, own = fitted("none"), fitted("bodyfixed")
-    assert misfit(problem(), null, null).gain > 100.0
-    found = misfit(problem(), own, null)
-    assert found.gain < 0.0
-    assert found.p_value > 1e-3
+def test_its_knots_are_where_those_of_the_leader_are() -> None:
+    """Its evidence pays for where they are, as the leader's does."""
+    leader, event = fitted("bodyfixed"), beside_the_pulse()[EVENT]
+    assert {each.kind for each in event.fit.nonlinear} == {"knot"}
+    assert {each.value for each in event.fit.nonlinear} == {each.value for each in leader.nonlinear}
+
+
+def test_more_coefficients_leave_no_more_of_the_record() -> None:
+    assert beside_the_pulse()[EVENT].fit.rss <= fitted("bodyfixed").rss * (1.0 + 1e-9)
+
+
+def test_the_baseline_changes_at_no_time() -> None:
+    assert EVENT not in of(replace(fitted("none"), bound_cost=-1e6), fitted("bodyfixed"))
+
+
+def test_what_changes_too_often_is_no_event_and_may_follow_a_moment_that_turns() -> None:
+    times = (1.5, 2.0, 4.0)
+    assert len(times) > ONE_STRETCH
+    terms = [(term, "jump", time) for time in times for term in ("C_b cos(phi_b)", "C_b sin(phi_b)")]
+    found = of(fitted("none"), with_terms("bodyfixed", *terms))
+    assert EVENT not in found
+    assert "turning in the body at " in found["turning_moment"].words
+    assert "turning_moment" not in beside_the_pulse()
+
+
+# ---- Moments of other shapes ----
+
+
+def test_the_best_moment_of_another_shape_is_tried_in_the_leaders_place() -> None:
+    found = beside_the_pulse()["unlisted_moment"]
+    assert found.specific == ()
+    assert {column.mechanism for column in found.fit.selected} == {UnlistedMoment.name}
+    assert all("body-fixed" not in column.term for column in found.fit.selected)
+    assert found.words.startswith("a moment that no mechanism on the list has (")
+    assert all(column.term in found.words for column in found.fit.selected)
+
+
+def test_where_the_list_has_every_shape_there_is_none() -> None:
+    assert "unlisted_moment" not in of(fitted("none"), fitted("bodyfixed"), listed=[UnlistedMoment(shapes=SHAPES)])
+
+
+def test_it_is_not_likelier_than_what_was_planted() -> None:
+    assert beside_the_pulse()["unlisted_moment"].fit.information > fitted("bodyfixed").information + 100.0
+
+
+# ---- Leaders of which nothing is specific ----
+
+
+def test_a_leader_without_its_characteristic_terms_is_no_likelier_than_a_change_that_many_things_bring() -> None:
+    leader = with_terms("inplane", ("C_malpha", "jump", 2.0))
+    found = of(replace(fitted("none"), bound_cost=1e6), leader)
+    assert found["inplane"].fit is leader
+    assert found["inplane"].words == "a change of C_malpha alone, which is not specific to inplane"
+    assert found["inplane"].specific == ()
+
+
+@pytest.mark.parametrize("share", [0.5 * OUTSIDE**2, 2.0 * OUTSIDE**2])
+def test_characteristic_terms_have_to_explain_more_than_next_to_nothing(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("brv_hypo.ranking.adequacy.particular_share", lambda *_: share)
+    assert ("bodyfixed" in of(fitted("none"), fitted("bodyfixed"))) == (share < OUTSIDE**2)
+
+
+def test_one_with_them_is_specific() -> None:
+    assert "bodyfixed" not in beside_the_pulse()
+    assert np.isfinite(beside_the_pulse()[EVENT].fit.information)
