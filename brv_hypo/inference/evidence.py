@@ -34,7 +34,8 @@ _LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
 _NOISE = (-1.0, 3.0)  # logarithm of the noise over what the record states: least and most
 _SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
 _ITERATIONS = 80
-_PRECISION = 1e-6  # relative fall of the cost at which a maximisation ends: some 0.001 nats
+# Relative fall of the cost at which a maximisation ends, and at which the best of them does: some 0.1 and 0.001 nats.
+_ROUGH, _PRECISION = 1e-6, 1e-8
 
 
 _Block = tuple[FloatArray, FloatArray, FloatArray]
@@ -149,20 +150,20 @@ class Evidence:
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
 
     @cached_property
-    def left_out(self) -> FloatArray:
-        """Log evidence without each stretch of time in turn (stretches,), amplitudes as they are."""
-        border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
-        found = []
-        for k in np.unique(self.rows.time_blocks):
-            rest = self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k))
-            found.append(-_cost(rest, self.rows, self.terms, self.at))
-        return np.array(found)
-
-    @property
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
-        whole = -_cost(self.products, self.rows, self.terms, self.at)
-        return whole - self.left_out
+        border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
+        rests = (
+            self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k))
+            for k in np.unique(self.rows.time_blocks)
+        )
+        whole, *rest = [-_cost(each, self.rows, self.terms, self.at) for each in (self.products, *rests)]
+        return whole - np.array(rest)
+
+    @property
+    def left_out(self) -> FloatArray:
+        """The level without each stretch of time in turn (stretches,), amplitudes and their priors as they are."""
+        return self.level - self.held_out
 
     def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
@@ -193,9 +194,13 @@ def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = ()) -> Ev
     small = np.array([0.0, *(_SMALL for _ in groups), *([centre[-1]] if has_terms else [])])
     begun = [small, *(np.append(s, [centre[-1]] if has_terms else []) for s in starts or [centre[: 1 + len(groups)]])]
     bounds = [_NOISE, *[(_SMALLEST, _LARGEST)] * (centre.size - 1)]
-    options: Any = {"maxiter": _ITERATIONS, "ftol": _PRECISION}
-    ends = [minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options) for start in begun]
-    best = min(ends, key=lambda end: float(end.fun))
+
+    def end(start: FloatArray, precision: float) -> Any:
+        options: Any = {"maxiter": _ITERATIONS, "ftol": precision}
+        return minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+
+    rough = min((end(start, _ROUGH) for start in begun), key=lambda each: float(each.fun))
+    best = end(rough.x, _PRECISION)
     return Evidence(rows, terms, products, np.asarray(best.x), -float(best.fun))
 
 

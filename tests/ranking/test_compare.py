@@ -62,6 +62,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "prediction_error",
         "r2",
         "bic",
+        "log_evidence",
         "log_likelihood",
         "n_terms",
         "n_effective",
@@ -91,9 +92,17 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "processes",
         "limits",
         "stability",
-        "confidence_set",
-        "confidence_p_values",
         "reason",
+    }
+    assert set(content["verdict"]["explained"]) == {"share", "unexplained", "interval_95"}
+    assert set(content["verdict"]["processes"][0]) == {
+        "name",
+        "family",
+        "size",
+        "std_error",
+        "units",
+        "share_of_moment",
+        "tolerance",
     }
     assert set(content["verdict"]["adequacy"]) == {"ratio", "p_value", "adequate"}
     assert set(content["verdict"]["limits"][0]) == {"mechanism", "share_of_moment_95"}

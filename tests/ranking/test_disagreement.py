@@ -9,8 +9,8 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.result import StepwiseDifference, Verdict
-from brv_hypo.ranking.summary import criteria_disagree, prediction_disagrees, stepwise_differences
+from brv_hypo.ranking.result import StepwiseDifference
+from brv_hypo.ranking.summary import criteria_disagree, stepwise_differences
 from brv_hypo.regression import search
 from brv_hypo.report import tables
 from brv_hypo.subset import best_columns, stepwise_columns
@@ -38,16 +38,6 @@ def test_where_no_probability_is_left_for_the_list_none_of_it_comes_first():
     ranking = [row("lag", 50.0, 5.0, 0.2), row("none", None, 90.0, 0.1)]
     (told,) = criteria_disagree(ranking, {"none": 0.0, "lag": 0.0, "other": 1.0})
     assert "probability" not in told
-    nothing = Verdict(
-        winner=None,
-        outcome="none adequate",
-        equivalent=(),
-        probability={"none": 0.0, "lag": 0.0, "other": 1.0},
-        confidence_set=("lag",),
-        confidence_p_values={"none": 0.01, "lag": 1.0},
-        reason="",
-    )
-    assert prediction_disagrees(nothing) == ()
 
 
 def test_a_record_that_was_refused_disagrees_on_nothing():

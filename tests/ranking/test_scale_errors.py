@@ -6,13 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from brv_hypo.ranking.fitting import searched
 
-from brv_hypo.mechanisms import find
-from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.regression.fit import likeliest
 from brv_hypo.simulation import load_config
+from tests.chains import judged_cone
 from tests.flights import flown
 
 PLANTED = pytest.mark.parametrize("planted", ["bodyfixed", pytest.param("damping", marks=pytest.mark.thorough)])
@@ -28,11 +25,9 @@ def compared(planted: str) -> Comparison:
 @PLANTED
 def test_no_scale_of_all_moments_stands_in_for_a_large_mechanism(planted: str) -> None:
     """Linearised about the leader, one of its whole moment would stand in for both."""
-    config = CompareConfig(mechanisms=(planted,))
-    hypotheses = {"none": (), planted: (find(planted),)}
-    found = searched([reconstruct(flown("research_cone", planted).flight)], config, hypotheses, lambda _: None)
-    none = next(fit for fit in found.fits if not fit.mechanisms)
-    assert likeliest(found.fits).name == planted
+    found = judged_cone(planted)
+    none = found.fits[found.null]
+    assert found.fits[found.leader].name == planted
     (errors,) = found.problem.rows.nuisances.values(none.others, 1)
     sizes = {(item.name, item.component): item.size for item in found.problem.rows.nuisances.items}
     for scale in (("dynamic_pressure_scale", "scale"), ("inertia", "scale")):
