@@ -74,9 +74,6 @@ SEARCH_FINE_SCANS = 3  # of the parameters of the model settled on, while they g
 # A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
 SEARCH_OUT_OF_REACH = 400.0
 SEARCH_SIZES_TRIED = 3
-# Behind another from which its best on the grid, refined, stands for it. Judgement: of 21 flights none had another name
-# or other equivalents for it.
-SEARCH_HOPELESS = 1000.0
 SEARCH_FINER_KNOTS = 4  # intervals of one between two knots where a single choice is made anew
 SEARCH_SAME_KNOT = 0.25  # of the spacing, within which two knots are one where a model's own are searched
 SEARCH_SAME_THETA = 0.1  # relative difference up to which two values are one, found twice (refined at two knots)
@@ -105,17 +102,7 @@ REFIT_LAST_WIDTH = 1e-5
 # the cone stopped 3e-10 s short, 1.3e-6 standard errors.
 REFIT_WHOLE_STEPS = 2
 REFIT_LOSS = 1e-2
-# The static moment that a model told lags behind or sticks to: rounds at most in which it is brought up to date, and
-# how far the prediction may still move in the last, in standard deviations. A round leaves a tenth to a half of what
-# the one before left; one alone left 0.009 standard errors of a fraction (seed 983 of `tests.harness.invariance`; 0.06
-# on seed 670), and differences of 6e-6 between the same flight in other units. Where the last round led is mixed with
-# where the one before it did, by shares that go with rounds that leave -1 to 0.9 of what there was. Where a round
-# twice leaves more than so much of the least so far, what moves is a delay that the data hardly tell.
-FOLLOWED_ROUNDS = 20
-FOLLOWED_APART = 1e-7
-FOLLOWED_FALL = 0.7
-FOLLOWED_MIXED = (-9.0, 0.5)
-FOLLOWED_STALLS = 2
+CONSISTENT_ROUNDS = 4  # refits in which C_mw and what follows it come to agree
 # A moment that turns in the body: rates tried at most, half to either side (beyond half a turn a record apart they are
 # independent), and times the motion's own (roll, and the meridian's in nine tenths of the time) up to which it turns.
 TURNING_RATES = 160
@@ -127,16 +114,6 @@ TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 # validation.md lists, and are judged together by its fresh ones.
 
 COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and six terms
-# How often a record is linearised about the errors that it shows, and the tolerances, in length over all errors, by
-# which the next estimate may differ before it is done again. One of them 4 off left 450 in 2 ln L, 3 left 13, below 1
-# nothing (industrial instruments); the length is 1.8 times the largest of them in the median of 60 (seeds 192000 to
-# 192026).
-MOST_LINEARISATIONS = 4
-CONVERGED_ERRORS = 2.0
-# Times the noise's mean square that a baseline may leave, whose fit is believed to tell errors of the record. Of six
-# strong effects that were "none adequate" (165540, 165832, 166030, 166078, 166361, 320212: 2.5 to 5,800 times) five are
-# named; flights on which it leaves 1.6 times or less are told better about its fit.
-BASELINE_BELIEVED = 2.0
 # Estimate over tolerance from which an error of record or vehicle is named (2 of 48 flights whose errors were drawn at
 # their tolerances, seed 404000), and how many of them are.
 BEYOND_TOLERANCE = 3.0
@@ -144,7 +121,7 @@ BEYOND_TOLERANCE_NAMED = 3
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5
-LINEARISATIONS = 4  # about what explains much of the flight, while that lowers what is left
+LINEARISATIONS = 2  # about the leader, and about another that has the larger evidence there
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_m0
 SLOPE_DEGREE = 3  # and of that of C_malpha: a speed that falls by a tenth bends it beyond a parabola
 # Share of the speed by which it may depart from such a polynomial before C_malpha follows it too: stiffness follows

@@ -5,8 +5,8 @@
 With b, c and a integrated out, log p(y | S, t, s) is maximised together with the logarithms' Gaussian priors over the
 amplitudes S of processes, t of the mechanism and the noise s, by L-BFGS with the exact gradient. Knots and delays are
 columns of X, linear about where the search found them, with the spread of a uniform prior: their posterior widths over
-their ranges are Occam's share of what was searched. Errors within tolerances, whose amplitude is 1, are eliminated
-once; then, with M = 1 + S Z' Z S of each flight, its processes (Woodbury's identity); what remains is as large as U, X:
+their ranges are Occam's share of what was searched. With M = 1 + S Z' Z S of each flight its processes are eliminated
+first (Woodbury's identity), and what remains is as large as U and X:
 
     A = [U X]' [U X] + P - sum of W' W,   W = L^-1 S Z' [U X],   M = L L',   P the prior's precision
     2 log p = -n log s^2 - sum log |M| - log |A| + log |P| - (y' y - sum w' w - u' A^-1 u) / s^2
@@ -27,7 +27,7 @@ from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.inference.rows import Block, Rows, Terms
+from brv_hypo.inference.rows import Rows, Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
 _LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
@@ -42,17 +42,13 @@ _Block = tuple[FloatArray, FloatArray, FloatArray]
 
 
 class Products(NamedTuple):
-    """Scalar products of rows: what the likelihood needs of the data. `blocks`: Z'Z, Z'[U X] and Z'y of each flight.
-
-    `level` is half the log determinants of what was eliminated already.
-    """
+    """Scalar products of rows: what the likelihood needs of the data. `blocks`: Z'Z, Z'[U X] and Z'y of each flight."""
 
     rows: int
     square: float
     across: FloatArray
     right: FloatArray
     blocks: tuple[_Block, ...]
-    level: float = 0.0
 
     @classmethod
     def of(cls, rows: Rows, border: FloatArray, chosen: BoolArray | None = None) -> Products:
@@ -80,30 +76,6 @@ class Products(NamedTuple):
             self.right - other.right,
             blocks,
         )
-
-    def without_tolerances(self, rows: Rows) -> Products:
-        """With the first group of every flight, whose amplitude is 1, eliminated."""
-        across, right, square, level = self.across, self.right, self.square, self.level
-        blocks: list[_Block] = []
-        for block, (gram, with_border, with_y) in zip(rows.blocks, self.blocks, strict=True):
-            count = block.columns[0].stop
-            matrix = gram[:count, :count] + np.eye(count)
-            factor = cholesky(matrix, lower=True, check_finite=False)
-            made = solve_triangular(
-                factor,
-                np.column_stack([gram[:count, count:], with_border[:count], with_y[:count]]),
-                lower=True,
-                check_finite=False,
-            )
-            kept = int(gram.shape[0]) - count
-            z, border, y = made[:, :kept], made[:, kept:-1], made[:, -1]
-            blocks.append(
-                (gram[count:, count:] - z.T @ z, with_border[count:] - z.T @ border, with_y[count:] - z.T @ y)
-            )
-            across, right = across - border.T @ border, right - border.T @ y
-            square -= float(y @ y)
-            level += float(np.sum(np.log(np.diag(factor))))
-        return Products(self.rows, square, across, right, tuple(blocks), level)
 
 
 class _Solution(NamedTuple):
@@ -136,13 +108,13 @@ class Evidence:
 
     @property
     def amplitudes(self) -> FloatArray:
-        """Of every process (groups - 1,), in its units."""
+        """Of every process (groups,), in its units."""
         return self.noise * _amplitudes(self.rows, self.at)
 
     @cached_property
     def solution(self) -> _Solution:
         """What is integrated out, at its mode."""
-        return _solved(self.products.without_tolerances(self.rows), self.rows, self.terms, self.at)
+        return _solved(self.products, self.rows, self.terms, self.at)
 
     @property
     def values(self) -> FloatArray:
@@ -162,18 +134,18 @@ class Evidence:
         return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
 
     def made_by(self, process: int) -> FloatArray:
-        """What a process's columns make of the rows (n,), at their mode."""
+        """What a process's columns make of the rows before whitening (n,), at their mode."""
         out, amplitude = np.zeros(self.rows.y.size), _amplitudes(self.rows, self.at)[process]
         for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
-            own = block.columns[process + 1]
-            out[block.rows] = block.z[:, own] @ (amplitude * mode[_shifted(own, block)])
+            own = block.columns[process]
+            out[block.rows] = block.raw[:, own] @ (amplitude * mode[own])
         return out
 
     def spline_coefficients(self, process: int) -> tuple[FloatArray, FloatArray]:
         """The coefficients of a process, of all flights after one another, and their standard errors, in its units."""
-        unit = _amplitudes(self.rows, self.at)[process] * self.rows.groups[process + 1].size
+        unit = _amplitudes(self.rows, self.at)[process] * self.rows.groups[process].size
         each = zip(self.rows.blocks, self.solution.modes, self.solution.variances, strict=True)
-        found = [(mode[own], spread[own]) for b, mode, spread in each for own in [_shifted(b.columns[process + 1], b)]]
+        found = [(mode[b.columns[process]], spread[b.columns[process]]) for b, mode, spread in each]
         modes, variances = (np.concatenate(part) for part in zip(*found, strict=True))
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
 
@@ -181,14 +153,11 @@ class Evidence:
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
         border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
-        each = [
+        rests = (
             self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k))
             for k in np.unique(self.rows.time_blocks)
-        ]
-        whole, *rest = [
-            -_cost(products.without_tolerances(self.rows), self.rows, self.terms, self.at)
-            for products in (self.products, *each)
-        ]
+        )
+        whole, *rest = [-_cost(each, self.rows, self.terms, self.at) for each in (self.products, *rests)]
         return whole - np.array(rest)
 
     @property
@@ -196,25 +165,10 @@ class Evidence:
         """The level without each stretch of time in turn (stretches,), amplitudes and their priors as they are."""
         return self.level - self.held_out
 
-    def without_processes(self, rows: FloatArray) -> FloatArray:
-        """Rows (n, columns) less their best fit by the baseline and what tolerances allow, under the stated noise."""
-        parts = [(np.arange(self.rows.y.size), self.rows.shared, self.rows.spread)]
-        parts += [(b.rows, b.z[:, b.columns[0]], np.ones(b.columns[0].stop)) for b in self.rows.blocks]
-        columns = np.zeros((self.rows.y.size, sum(part.shape[1] for _, part, _ in parts)))
-        precision, first = [], 0
-        for own, part, spread in parts:
-            columns[own, first : first + part.shape[1]] = part
-            first += part.shape[1]
-            precision.append(1.0 / spread)
-        ridge = np.diag(np.concatenate(precision))
-        stacked = np.concatenate([columns, ridge[np.any(ridge, axis=1)]])
-        basis = np.linalg.qr(stacked)[0][: columns.shape[0]]
-        return np.asarray(rows - basis @ (basis.T @ rows))
-
     def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
         border = np.concatenate([self.rows.shared, self.terms.x, x], axis=1)
-        products = Products.of(self.rows, border).without_tolerances(self.rows)
+        products = Products.of(self.rows, border)
         inner, right, *_ = _eliminated(products, self.rows, self.at)
         first = border.shape[1] - x.shape[1]
         inner[:first, :first] += np.diag(_spreads(self.rows, self.terms, self.at) ** -2.0)
@@ -226,9 +180,8 @@ class Evidence:
 def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = ()) -> Evidence:
     """The evidence of terms at its most probable amplitudes, from small ones, and from those given."""
     border = np.concatenate([rows.shared, terms.x], axis=1)
-    raw = Products.of(rows, border)
-    products = raw.without_tolerances(rows)
-    groups, has_terms = rows.groups[1:], bool(np.any(terms.scaled))
+    products = Products.of(rows, border)
+    groups, has_terms = rows.groups, bool(np.any(terms.scaled))
     priors = [NOISE_LEVEL, *(group.prior for group in groups), *([MECHANISM_AMPLITUDE] if has_terms else [])]
     centre, width = np.array(priors, dtype=float).T
 
@@ -248,17 +201,11 @@ def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = ()) -> Ev
 
     rough = min((end(start, _ROUGH) for start in begun), key=lambda each: float(each.fun))
     best = end(rough.x, _PRECISION)
-    return Evidence(rows, terms, raw, np.asarray(best.x), -float(best.fun))
-
-
-def _shifted(own: slice, block: Block) -> slice:
-    """The columns of a process where those of the tolerances are eliminated."""
-    first = block.columns[0].stop
-    return slice(own.start - first, own.stop - first)
+    return Evidence(rows, terms, products, np.asarray(best.x), -float(best.fun))
 
 
 def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(at[1 : len(rows.groups)]))
+    return np.asarray(np.exp(at[1 : 1 + len(rows.groups)]))
 
 
 def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
@@ -275,9 +222,10 @@ def _eliminated(products: Products, rows: Rows, at: FloatArray) -> tuple[FloatAr
     and of each flight L, W and w.
     """
     amplitudes = _amplitudes(rows, at)
-    inner, right, misfit, level, parts = products.across, products.right, products.square, products.level, []
+    parts: _Parts = []
+    inner, right, misfit, level = products.across, products.right, products.square, 0.0
     for block, (gram, with_border, with_y) in zip(rows.blocks, products.blocks, strict=True):
-        scale = np.repeat(amplitudes, [own.stop - own.start for own in block.columns[1:]])
+        scale = np.repeat(amplitudes, [own.stop - own.start for own in block.columns])
         matrix = scale[:, np.newaxis] * gram * scale
         matrix[np.diag_indices_from(matrix)] += 1.0
         factor = cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
@@ -324,8 +272,8 @@ def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: 
     slope, per_noise = np.zeros(at.size), np.exp(-2.0 * at[0])
     for block, mode, variance in zip(rows.blocks, found.modes, found.variances, strict=True):
         each = 1.0 - per_noise * mode**2 - variance
-        for k, own in enumerate(block.columns[1:], start=1):
-            slope[k] += float(np.sum(each[_shifted(own, block)]))
+        for k, own in enumerate(block.columns, start=1):
+            slope[k] += float(np.sum(each[own]))
     slope[0] = products.rows - int(np.sum(np.isinf(rows.spread))) - found.misfit * per_noise
     if np.any(terms.scaled):
         chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])

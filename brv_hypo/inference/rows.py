@@ -5,17 +5,18 @@
 y   derolled rates and transverse force, whitened
 U   what all flights share: the baseline, and moments within the vehicle's tolerances
 X   terms of a hypothesis, and what its knots and delays move
-Z   of each flight: errors of record and vehicle within their tolerances, and the splines of every process
+Z   of each flight: the splines of every process
 e   noise of unit variance
 
-What a flight has without a prior (constants of integration, normal force) is projected out of all of these. Rows of
-different flights have b and c alone in common, so that Z is a block for each flight.
+What a flight has without a prior (constants of integration, normal force) is projected out of all of these. Errors of
+record and vehicle within their tolerances, T with a prior of 1, are noise here: rows are whitened by (1 + T T')^-1/2.
+Rows of different flights have b and c alone in common, so that T and Z are blocks, one a flight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +32,6 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import prediction_slopes
 from brv_hypo.thresholds import MOMENT_AMPLITUDE, RECORD_AMPLITUDE
 
-TOLERANCES = "tolerances"
 TIME_BLOCKS = 12  # of a record, each left out in turn
 # Singular values of unit columns that count, of the largest.
 _CUTOFF = 1e-10
@@ -40,7 +40,7 @@ _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its wi
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of Z that share an amplitude; that of the first group, errors within tolerances, is 1."""
+    """Columns of Z that share an amplitude."""
 
     name: str
     family: str
@@ -48,19 +48,28 @@ class Group:
     """Of the history that the columns make."""
     size: float
     """One unit of the amplitude, in `units`."""
-    splines: int
-    """Columns of one history."""
     prior: tuple[float, float]
     """Centre and 1-sigma of the logarithm of the amplitude."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group."""
+    """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group.
+
+    `raw` is Z before whitening; `errors` (m, rank) are directions that errors within tolerances make, and `shrunk`
+    (rank,) what whitening leaves of each.
+    """
 
     rows: IntArray
     z: FloatArray
     columns: tuple[slice, ...]
+    raw: FloatArray
+    errors: FloatArray
+    shrunk: FloatArray
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Rows of the flight (m, ...) where errors within tolerances are noise."""
+        return np.asarray(rows - self.errors @ (((1.0 - self.shrunk) * (self.errors.T @ rows).T).T))
 
 
 @dataclass(frozen=True)
@@ -100,13 +109,21 @@ class Rows:
         """Rows less what was projected out of them."""
         return int(self.y.size - self.own.shape[1])
 
-    def projected(self, rows: FloatArray) -> FloatArray:
-        """Rows (n, columns) with what has no prior projected out."""
-        return np.asarray(rows - self.own @ (self.own.T @ rows))
+    def whitened(self, raw: FloatArray) -> FloatArray:
+        """Rows (n, columns) at unit noise: what has no prior is projected out, errors within tolerances are noise."""
+        out = raw - self.own @ (self.own.T @ raw)
+        for block in self.blocks:
+            out[block.rows] = block.whitened(out[block.rows])
+        return np.asarray(out)
+
+    def beside_baseline(self, rows: FloatArray) -> FloatArray:
+        """Rows (n, ...) at unit noise less their best fit by the baseline."""
+        basis = self.shared[:, np.isinf(self.spread)]
+        return np.asarray(rows - basis @ (basis.T @ rows))
 
     def of_moments(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """Columns of moments as rows (n, columns)."""
-        return self.projected(self.problem.raw_design(frame, columns)[: self.y.size])
+        return self.whitened(self.problem.raw_design(frame, columns)[: self.y.size])
 
     def terms(self, fit: HypothesisFit | None) -> Terms:
         """X of a fitted hypothesis, with the static moment of its own fit; no columns of the baseline only."""
@@ -120,7 +137,7 @@ class Rows:
             rates = prediction_slopes(fit.nonlinear, fit.columns, fit.values, frame)
             slopes = np.zeros((self.y.size, rates.shape[1]))
             slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
-            x = np.concatenate([x, self.projected(slopes)], axis=1)
+            x = np.concatenate([x, self.whitened(slopes)], axis=1)
             time = frame.coefficient_time
             whole = float(time.max() - time.min())
             ranges = [whole if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
@@ -158,14 +175,12 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     def of_items(chosen: Sequence[int]) -> FloatArray:
         return design[:, [levels + k for k in chosen]]
 
-    present = np.array([items[k].present for k in bounded])
-    y = less(problem.raw_response[:top] - of_items(bounded) @ present)
-    baseline, coefficients = _orthonormal(less(problem.raw_design(frame, problem.baseline)[:top]))
-    allowed = less(of_items([k for k in bounded if items[k].flight is None]))
     blocks = []
     for flight, motion in enumerate(frame.motions):
-        parts = [of_items([k for k in bounded if items[k].flight == flight])]
-        parts += [
+        rows = _rows_of_flight(problem, flight)
+        errors = less(of_items([k for k in bounded if items[k].flight == flight]))[rows]
+        directions, sizes, _ = np.linalg.svd(errors, full_matrices=False)
+        parts = [
             of_items([k for k, item in enumerate(items) if item.name == each.name and item.flight == flight])
             for each in drifts
         ]
@@ -177,16 +192,22 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
             parts.append(moment / max(unit, 1e-300) * _of_process(problem, acting, process, flight)[:top])
         ends = np.cumsum([part.shape[1] for part in parts])
         columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
-        rows = _rows_of_flight(problem, flight)
-        blocks.append(Block(rows, less(np.concatenate(parts, axis=1))[rows], columns))
+        raw = np.concatenate(parts, axis=1)
+        block = Block(rows, raw, columns, raw[rows], directions, 1.0 / np.sqrt(1.0 + sizes**2))
+        blocks.append(replace(block, z=block.whitened(less(raw)[rows])))
     groups = (
-        Group(TOLERANCES, TOLERANCES, "1", 1.0, 1, (0.0, 0.0)),
-        *(Group(each.name, each.family, each.units, each.size, each.splines, RECORD_AMPLITUDE) for each in drifts),
-        *(Group(each.name, each.family, "1", moment, each.splines, MOMENT_AMPLITUDE) for each in moments),
+        *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
+        *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
     )
+    nothing: FloatArray = np.zeros((top, 0))
+    empty = Rows(problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, own)
+    present = np.array([items[k].present for k in bounded])
+    y = empty.whitened((problem.raw_response[:top] - of_items(bounded) @ present)[:, np.newaxis])[:, 0]
+    baseline, coefficients = _orthonormal(empty.whitened(problem.raw_design(frame, problem.baseline)[:top]))
+    allowed = empty.whitened(of_items([k for k in bounded if items[k].flight is None]))
     spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
     shared = np.concatenate([baseline, allowed], axis=1)
-    return Rows(problem, frame, y, shared, spread, coefficients, tuple(blocks), groups, moment, own)
+    return replace(empty, y=y, shared=shared, spread=spread, coefficients=coefficients)
 
 
 def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flight: int) -> FloatArray:

@@ -30,10 +30,9 @@ from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Hypotheses, Progress
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.judgement import Judged, explained, judged, outside, processes
+from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, explained, judged, outside, processes
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings

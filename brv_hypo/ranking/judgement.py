@@ -6,33 +6,44 @@ hypothesis, and what may be there instead, gets its evidence there (`inference`)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import LINEARISATIONS
+from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.io.text import hypothesis
-from brv_hypo.motion.interpolation import time_splines
+from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Alternative, alternatives
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Hypotheses, Progress, linearised, searched
 from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
 from brv_hypo.regression.build import point_of
-from brv_hypo.regression.fit import HypothesisFit, likeliest
-from brv_hypo.regression.own_static_moment import converged
+from brv_hypo.regression.fit import (
+    HypothesisFit,
+    fit_hypothesis,
+    likeliest,
+    plainer,
+    renewed,
+    scanned_finely,
+    self_consistent,
+)
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.uncertainty import with_design
 
 MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
-_HISTORY_POINTS = 200  # of a record at which a process's history is evaluated
+
+
+Progress = Callable[[str], None]
+Hypotheses = Mapping[str, tuple[Mechanism, ...]]
 
 
 @dataclass(frozen=True)
@@ -59,7 +70,7 @@ class Judged:
     @cached_property
     def baseline_residual(self) -> FloatArray:
         """What the baseline without processes does not explain (rows,)."""
-        return self.evidences[self.null].without_processes(self.rows.y[:, np.newaxis])[:, 0]
+        return self.rows.beside_baseline(self.rows.y)
 
     @property
     def null(self) -> int:
@@ -75,26 +86,57 @@ def judged(
     Where another has the larger evidence there, the record is linearised about that one once more.
     """
     problem, settings = settled(reconstructions, config)
-    fits, about = searched(problem, hypotheses, say), set[str]()
+    fits, about = _searched(problem, hypotheses, say), set[str]()
     while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
         about.add(leader.name)
         say(f"linearising about {hypothesis(leader.name)}")
-        fit = converged(problem, replace(leader, log_evidence=None))
+        fit = self_consistent(problem, replace(leader, log_evidence=None))
         point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
         records = cleaned(problem, point, settings)
         if records is None:  # without the leader's errors no motion remains: the record is linearised as it reads
-            point = replace(point, taken=tuple({} for _ in point.taken), acting=tuple({} for _ in point.acting))
+            point = replace(point, errors=tuple({} for _ in point.errors))
             records = cleaned(problem, point, settings)
         assert records is not None
-        settings = replace(settings, taken=point.taken)
         whole = with_processes(point, records, settings, config)
         problem = without_processes(whole, point)
-        fits = linearised(problem, [replace(each, log_evidence=None) for each in fits])
+        fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
         rows = rows_of(whole, next(each for each in fits if each.name == fit.name))
         null = maximised(rows, rows.terms(None))
         evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
         fits = [_estimated(each, own, null) for each, own in zip(fits, evidences, strict=True)]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
+
+
+def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits in a problem linearised about the leader: knots and delays come from where they lie.
+
+    Those that stay out of reach keep theirs. Two of the leader's knots that came to one place become one.
+    """
+    at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
+    there = [renewed(problem, fit, ()) for fit in at]
+    first = likeliest(there)
+    moved = [
+        scanned_finely(problem, renewed(problem, fit)) if _in_reach(stays, first) else stays
+        for fit, stays in zip(at, there, strict=True)
+    ]
+    leader = likeliest(moved)
+    fits = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
+    return [with_design(problem, fit) for fit in fits]
+
+
+def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
+    """Every hypothesis searched on the grid of knots and delays, and refined."""
+    fits: list[HypothesisFit] = []
+    for name, mechanisms in hypotheses.items():
+        say(f"fitting {hypothesis(name)}")
+        rival = min((fit.information for fit in fits), default=math.inf)
+        fits.append(fit_hypothesis(problem, name, mechanisms, rival))
+    return fits
+
+
+def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
+    """Whether a fit may still come near the leader."""
+    return fit.information <= leader.information + SEARCH_OUT_OF_REACH
 
 
 def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:
@@ -115,7 +157,7 @@ def _specific_share(judged: Judged, alternative: Alternative, own: Evidence) -> 
     """The share of what an alternative explains, in squares, that columns specific to the leader make."""
     first, chosen = own.rows.shared.shape[1], list(alternative.specific)
     count = int(np.sum(own.terms.scaled))
-    made = judged.evidences[judged.null].without_processes(own.terms.x[:, :count])
+    made = judged.rows.beside_baseline(own.terms.x[:, :count])
     values = own.solution.border[first : first + count]
     part, whole = made[:, chosen] @ values[chosen], made @ values
     return float(part @ part) / max(float(part @ part) + float(np.sum((whole - part) ** 2)), 1e-300)
@@ -131,18 +173,18 @@ def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisF
 
 def explained(judged: Judged) -> Explained:
     """What the leader explains of the mean square that the baseline's fit without processes has as residual."""
-    leader, null = judged.evidences[judged.leader], judged.evidences[judged.null]
+    leader = judged.evidences[judged.leader]
     residual = judged.baseline_residual
     count = int(np.sum(leader.terms.scaled))
     if not count:
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0))
-    made = null.without_processes(leader.terms.x[:, :count])
+    made = judged.rows.beside_baseline(leader.terms.x[:, :count])
     first = len(judged.fits[judged.leader].columns) - count
     at_mode, covariance = leader.values[first : first + count], leader.covariance[first:, first:][:count, :count]
 
     def shares(coefficients: FloatArray) -> FloatArray:
         remaining = residual[:, np.newaxis] - made @ coefficients
-        return np.asarray(1.0 - np.sum(remaining**2, axis=0) / judged.squares)
+        return np.asarray(np.clip(1.0 - np.sum(remaining**2, axis=0) / judged.squares, 0.0, 1.0))
 
     drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
     share = float(shares(at_mode[:, np.newaxis])[0])
@@ -156,13 +198,12 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     """Every process beside the leader, the one that makes most of the record first."""
     own, rows = judged.evidences[judged.leader], judged.rows
     fit = judged.fits[judged.leader]
-    static = rows.of_moments(rows.frame_of(fit), rows.problem.baseline) @ fit.values[: fit.baseline_size]
+    columns = rows.problem.raw_design(rows.frame_of(fit), rows.problem.baseline)[: rows.y.size]
+    static = columns @ fit.values[: fit.baseline_size]
     whole = float(np.linalg.norm(static))
     found = []
-    for k, group in enumerate(rows.groups[1:]):
-        coefficients, errors = own.spline_coefficients(k)
-        made = float(np.linalg.norm(own.made_by(k)))
-        size, error = (_history_rms(part, group.splines) for part in (coefficients, errors))
+    for k, group in enumerate(rows.groups):
+        size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
         found.append(
             ProcessEstimate(
                 name=group.name,
@@ -170,14 +211,8 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
                 size=size,
                 std_error=error,
                 units=group.units,
-                share_of_moment=made / max(whole, 1e-300),
+                share_of_moment=float(np.linalg.norm(own.made_by(k))) / max(whole, 1e-300),
                 tolerance=float(np.exp(group.prior[0])) * group.size,
             )
         )
     return tuple(sorted(found, key=lambda each: -each.share_of_moment))
-
-
-def _history_rms(coefficients: FloatArray, splines: int) -> float:
-    """rms over time and components of the histories with these coefficients (components x splines,)."""
-    basis = time_splines(np.linspace(0.0, 1.0, _HISTORY_POINTS), 0.0, 1.0, splines)
-    return float(np.sqrt(np.mean((coefficients.reshape(-1, splines) @ basis.T) ** 2)))

@@ -156,7 +156,7 @@ class Explained(NullIsNaN):
 
 
 class ProcessEstimate(NullIsNaN):
-    """A process beside the leader: rms `size` of its course with its standard error, in `units`.
+    """A process beside the leader: rms `size` of its splines' coefficients with their standard error, in `units`.
 
     `share_of_moment`: rms of what it makes of the record over that of the static moment; `tolerance`: one unit of its
     amplitude, an ordinary size, in `units`.

@@ -18,8 +18,6 @@ from brv_hypo.thresholds import NOISE_LEVEL
 
 OTHER = "other"
 NONE = "none"
-# Processes of the baseline only that hold less of the record than this share of the moment are not worth a sentence.
-_WORTH_SAYING = 1e-3
 
 
 @dataclass(frozen=True)
@@ -135,9 +133,7 @@ def judge(
         reason="",
     )
     if decision.outcome == "none adequate":
-        return verdict.model_copy(
-            update={"equivalent": (), "reason": _inadequate(leader, fit, chances, outside, processes)}
-        )
+        return verdict.model_copy(update={"equivalent": (), "reason": _inadequate(leader, fit, chances, outside)})
     if decision.outcome == "named":
         return verdict.model_copy(update={"equivalent": (leader.name,), "reason": _named(verdict, leader)})
     return verdict.model_copy(update={"reason": _undecided(verdict, leader, decision.predicts, outside)})
@@ -194,13 +190,7 @@ def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> 
     return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
-def _inadequate(
-    leader: Candidate,
-    fit: Fit,
-    chances: Mapping[str, float],
-    outside: Sequence[Candidate],
-    processes: Sequence[ProcessEstimate],
-) -> str:
+def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
     name, remedy = hypothesis(leader.name), "`brv-hypo trace` looks for what it is."
     if leader.impossible is not None:
         return f"None of the hypotheses is adequate: {name} fits best, but with {leader.impossible}. {remedy}"
@@ -219,19 +209,13 @@ def _inadequate(
 
 def _named(verdict: Verdict, leader: Candidate) -> str:
     chance = _share(verdict.probability[leader.name])
-    largest = verdict.processes[0] if verdict.processes else None
-    beside = ""
-    if largest is not None and largest.share_of_moment >= _WORTH_SAYING:
-        beside = (
-            f"; the largest process beside it is {largest.name} ({largest.family}), "
-            f"{_percent(largest.share_of_moment)} of the moment"
-        )
     if leader.name == NONE:
-        return f"No mechanism is needed: baseline and processes explain the moments (probability {chance}){beside}."
-    part = ""
-    if verdict.explained is not None:
-        part = f"; it explains {_percent(verdict.explained.share)} of what the baseline does not"
-    return f"{leader.name} explains the moments best (probability {chance}){part}{beside}."
+        return f"No mechanism is needed: baseline and processes explain the moments (probability {chance})."
+    part = f"{100.0 * verdict.explained.share:.3g} %" if verdict.explained is not None else "part"
+    return (
+        f"{leader.name} explains the moments best (probability {chance}): {part} of the mean square that the baseline "
+        "does not."
+    )
 
 
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:
@@ -247,10 +231,6 @@ def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Seq
         f"{other if name == OTHER else hypothesis(name)} {_share(verdict.probability[name])}" for name in names
     )
     return f"The data do not distinguish these: {shares}."
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
 
 
 def _share(chance: float) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
+    CONSISTENT_ROUNDS,
     SCANNED,
     SCANNED_FINELY,
     SEARCH_EQUAL,
@@ -26,7 +27,7 @@ from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
+from brv_hypo.regression.refinement import ROUGH, SETTLED, Nonlinear, Steps, nonlinear_parameters, refine
 from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
 
 
@@ -180,36 +181,16 @@ def fit_hypothesis(
     return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
 
 
-def fit_on_grid(problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], grid: OnGrid | None) -> HypothesisFit:
-    """The likeliest of the best subsets of each size on the grid, knots and delays as they are there.
-
-    `grid` is None for the null hypothesis.
-    """
-    rough = replace(problem, refine=False)
-    if grid is None:
-        return solved(Reduced(rough, rough.frame), name, mechanisms, rough.baseline, 0)
-    start, count = Reduced(rough, grid.frame), grid.offered.count
-    chosen = [*(subsets[0][1] for size, subsets in sorted(grid.best.items()) if size), *grid.episodes]
-    found = [_settled(start, name, mechanisms, (*rough.baseline, *columns), count, frozenset()) for columns in chosen]
-    return replace(likeliest(found), grid=grid.factors)
-
-
 def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
-def scanned(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The same columns, in time order, with their knots and delays scanned and refined."""
-    return settled(problem, fit, _in_order(problem, fit), ())
-
-
-def held(problem: Problem, fit: HypothesisFit, frame: RateFrame, steps: tuple[Steps, ...]) -> HypothesisFit:
-    """The same columns refined in a frame whose C_mw stays as it is."""
-    known = frozenset(fit.selected)
-    reduced = Reduced(problem, frame)
-    found = _refined(reduced, fit.name, fit.mechanisms, fit.columns, fit.searched, known, SCANNED, steps)
-    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same refitted until what lags or sticks follows the static moment C_mw that the fit itself finds."""
+    for _ in range(CONSISTENT_ROUNDS if follows_static_moment(fit.mechanisms) else 1):
+        fit = renewed(problem, fit, SETTLED)
+    return fit
 
 
 def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:

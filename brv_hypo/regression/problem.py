@@ -307,14 +307,6 @@ class Problem:
         """The same under another noise."""
         return replace(self, rows=replace(self.rows, noise=noise))
 
-    def at_efficiency(self, efficiency: float) -> Problem:
-        """The same at another effective share of samples; what was found of its rows already goes with it."""
-        out = replace(self, efficiency=efficiency)
-        for name in ("response", "raw_response", "_own_baseline"):
-            if name in vars(self):
-                vars(out)[name] = vars(self)[name]
-        return out
-
     def solution(self, frame: RateFrame, columns: Sequence[Regressor]) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,), fitted together."""
         design = self.raw_design(frame, columns)

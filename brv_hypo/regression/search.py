@@ -181,21 +181,6 @@ def extended(
     return (*selected, *min(found, key=_rss)[1]) if found else None
 
 
-def in_place_of(
-    problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism], kept: tuple[Regressor, ...], size: int
-) -> list[tuple[Regressor, ...]]:
-    """The model's columns that are kept with so many others: the best two sets of all on offer at finer knots."""
-    offered = offers(_with_finer_knots(problem), frame, mechanisms)
-    reduced = Reduced(problem, frame)
-    found = [
-        subset
-        for offer in _compatible(kept, mechanisms, offered.joint or offered.single)
-        for subset in _factor(reduced, kept, offer).subsets(size, n_best=SEARCH_BEST)
-        if len(subset[1]) == size
-    ]
-    return [(*kept, *chosen) for _, chosen in sorted(found, key=_rss)[:2]]
-
-
 def episodes(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Regressor, ...]]:
     """The best sets of columns in which all terms of a mechanism jump at one of finer knots, and at two.
 
