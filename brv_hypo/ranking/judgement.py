@@ -103,7 +103,7 @@ def judged(
         rows = rows_of(whole, next(each for each in fits if each.name == fit.name))
         null = maximised(rows, rows.terms(None))
         evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
-        fits = [_estimated(each, own, null) for each, own in zip(fits, evidences, strict=True)]
+        fits = [with_design(problem, _estimated(each, own, null)) for each, own in zip(fits, evidences, strict=True)]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
 
 
@@ -120,8 +120,7 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
         for fit, stays in zip(at, there, strict=True)
     ]
     leader = likeliest(moved)
-    fits = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
-    return [with_design(problem, fit) for fit in fits]
+    return [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
 
 
 def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
