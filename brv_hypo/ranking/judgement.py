@@ -103,7 +103,8 @@ def judged(
         rows = rows_of(whole, next(each for each in fits if each.name == fit.name))
         null = maximised(rows, rows.terms(None))
         evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
-        fits = [with_design(problem, _estimated(each, own, null)) for each, own in zip(fits, evidences, strict=True)]
+        fits = [_estimated(each, own, null) for each, own in zip(fits, evidences, strict=True)]
+        fits = [with_design(problem, each) if _in_reach(each, likeliest(fits)) else each for each in fits]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
 
 
@@ -120,7 +121,8 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
         for fit, stays in zip(at, there, strict=True)
     ]
     leader = likeliest(moved)
-    return [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
+    fits = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
+    return [with_design(problem, fit) for fit in fits]
 
 
 def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
