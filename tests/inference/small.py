@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.inference import Evidence, Group, Rows
-from brv_hypo.inference.rows import TOLERANCES, Block, Terms
+from brv_hypo.inference.rows import Block, Terms
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
@@ -26,7 +26,6 @@ class Sizes:
     allowed: int = 1
     terms: int = 2
     shifts: int = 1
-    tolerances: int = 2
     splines: tuple[int, ...] = (3, 4)
     taken_out: int = 0
     """Columns of each flight without a prior."""
@@ -47,22 +46,19 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
 
     baseline = columns(sizes.baseline)
     orthonormal, triangle = np.linalg.qr(baseline)
-    ends = np.cumsum([sizes.tolerances, *sizes.splines])
+    ends = np.cumsum(sizes.splines)
     starts = np.concatenate([[0], ends[:-1]])
     blocks = []
     for flight in range(sizes.flights):
         here = np.arange(flight * sizes.rows, (flight + 1) * sizes.rows)
         z = rng.standard_normal((sizes.rows, int(ends[-1])))
-        basis = own[here]
+        own_z = z - own[here] @ (own[here].T @ z)
+        no_errors = np.zeros((sizes.rows, 0)), np.zeros(0)
         blocks.append(
-            Block(here, z - basis @ (basis.T @ z), tuple(slice(*each) for each in zip(starts, ends, strict=True)))
+            Block(here, own_z, tuple(slice(*each) for each in zip(starts, ends, strict=True)), own_z, *no_errors)
         )
-    groups = (
-        Group(TOLERANCES, TOLERANCES, "1", 1.0, 1, (0.0, 0.0)),
-        *(
-            Group(f"process {k}", "family", "1", 1.0 + 0.5 * k, splines, (-0.5 - 0.3 * k, 1.0))
-            for k, splines in enumerate(sizes.splines)
-        ),
+    groups = tuple(
+        Group(f"process {k}", "family", "1", 1.0 + 0.5 * k, (-0.5 - 0.3 * k, 1.0)) for k in range(len(sizes.splines))
     )
     rows = Rows(
         problem=cast(Problem, None),
@@ -107,7 +103,7 @@ class Dense:
         rows, terms = self.rows, self.terms
         finite = np.isfinite(rows.spread)
         amplitude = np.exp(self.at[-1]) if np.any(terms.scaled) else 1.0
-        amplitudes = [1.0, *np.exp(self.at[1 : len(rows.groups)])]
+        amplitudes = np.exp(self.at[1 : 1 + len(rows.groups)])
         parts = [rows.shared[:, finite], terms.x]
         spreads = [rows.spread[finite], terms.spread * np.where(terms.scaled, amplitude, 1.0)]
         for block in rows.blocks:
@@ -140,7 +136,7 @@ class Dense:
     @property
     def log_prior(self) -> float:
         """That of the amplitudes, but for a constant."""
-        groups = [group.prior for group in self.rows.groups[1:]]
+        groups = [group.prior for group in self.rows.groups]
         priors = [NOISE_LEVEL, *groups, *([MECHANISM_AMPLITUDE] if np.any(self.terms.scaled) else [])]
         centre, width = np.array(priors).T
         return -0.5 * float(np.sum(((self.at - centre) / width) ** 2))

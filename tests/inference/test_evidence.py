@@ -28,7 +28,6 @@ SIZES = st.builds(
     allowed=st.integers(0, 2),
     terms=st.integers(0, 3),
     shifts=st.integers(0, 2),
-    tolerances=st.integers(0, 3),
     splines=st.lists(st.integers(1, 4), min_size=1, max_size=3).map(tuple),
     taken_out=st.integers(0, 2),
 )
@@ -79,7 +78,7 @@ def test_the_gradient_is_that_of_central_differences(sizes: Sizes, seed: int) ->
     rows, terms = small(sizes, seed)
     with pytest.MonkeyPatch.context() as patch:
         cost = cost_of(rows, terms, patch)
-    amplitudes = len(rows.groups) + (1 if sizes.terms else 0)
+    amplitudes = 1 + len(rows.groups) + (1 if sizes.terms else 0)
     at = np.random.default_rng(seed).uniform(-1.0, 0.6, amplitudes)
     step = 1e-5
     each = step * np.eye(amplitudes)
@@ -103,7 +102,7 @@ def test_no_other_amplitudes_are_more_probable(sizes: Sizes, seed: int) -> None:
 def test_from_where_it_ends_a_maximisation_goes_no_further() -> None:
     rows, terms = small(Sizes(), 3)
     best = maximised(rows, terms)
-    assert maximised(rows, terms, [best.at[: len(rows.groups)]]).level == pytest.approx(best.level, abs=1e-3)
+    assert maximised(rows, terms, [best.at[: 1 + len(rows.groups)]]).level == pytest.approx(best.level, abs=1e-3)
 
 
 # ---- Coefficients, processes and their errors ----
@@ -130,10 +129,10 @@ def test_processes_and_their_errors_are_those_of_the_normal_equations(sizes: Siz
     rows, whole = own.rows, dense(own)
     mean, covariance = whole.posterior()
     first = whole.flat.shape[1] + sizes.allowed + sizes.terms + sizes.shifts
-    width = sizes.tolerances + sum(sizes.splines)
+    width = sum(sizes.splines)
     starts = [first + flight * width for flight in range(sizes.flights)]
-    for process, group in enumerate(rows.groups[1:]):
-        place = rows.blocks[0].columns[process + 1]
+    for process, group in enumerate(rows.groups):
+        place = rows.blocks[0].columns[process]
         each = [np.arange(start + place.start, start + place.stop) for start in starts]
         coefficients, errors = own.spline_coefficients(process)
         alone = np.concatenate(each)
@@ -146,7 +145,7 @@ def test_processes_and_their_errors_are_those_of_the_normal_equations(sizes: Siz
 def test_amplitudes_are_in_units_of_the_rows() -> None:
     own = found(Sizes(), 5)
     assert own.noise == pytest.approx(np.exp(own.at[0]))
-    assert own.amplitudes == pytest.approx(np.exp(own.at[0] + own.at[1 : len(own.rows.groups)]))
+    assert own.amplitudes == pytest.approx(np.exp(own.at[0] + own.at[1 : 1 + len(own.rows.groups)]))
 
 
 # ---- Other data: stretches of time left out, and what further columns would find ----
@@ -190,7 +189,7 @@ def test_levels_without_a_stretch_and_predictions_make_the_same_whole() -> None:
 def test_products_of_further_columns_are_projected(sizes: Sizes, seed: int, count: int) -> None:
     own = found(sizes, seed)
     rows = own.rows
-    x = rows.projected(np.random.default_rng(10_000 + seed).standard_normal((rows.y.size, count)))
+    x = rows.whitened(np.random.default_rng(10_000 + seed).standard_normal((rows.y.size, count)))
     information, right = own.projected_products(x)
     p = dense(own).projector
     scale = float(np.max(np.abs(x.T @ p @ x)))
@@ -212,15 +211,34 @@ def test_the_information_of_a_column_is_what_its_flat_coefficient_has() -> None:
     assert 1.0 / information[0, 0] == pytest.approx(covariance[place, place], rel=1e-7)
 
 
-def test_without_processes_only_baseline_and_tolerances_fit() -> None:
-    own = found(Sizes(flights=2), 9)
-    rows = own.rows
-    silent = replace(own, at=np.array([0.0, *(-30.0 for _ in rows.groups[1:]), *own.at[len(rows.groups) :]]))
-    nothing = replace(silent, terms=Terms(np.zeros((rows.y.size, 0)), np.zeros(0), np.zeros(0, dtype=bool)))
-    columns, _ = dense(nothing).bounded
-    mean, _ = dense(nothing).posterior()
-    fitted = np.concatenate([dense(nothing).flat, columns], axis=1) @ mean
-    assert own.without_processes(rows.y[:, np.newaxis])[:, 0] == pytest.approx(rows.y - fitted, abs=1e-8)
+def test_beside_the_baseline_is_the_residual_of_least_squares() -> None:
+    rows, _ = small(Sizes(flights=2), 9)
+    flat = rows.shared[:, np.isinf(rows.spread)]
+    residual = rows.y - flat @ np.linalg.lstsq(flat, rows.y, rcond=None)[0]
+    assert rows.beside_baseline(rows.y) == pytest.approx(residual, abs=1e-12)
+    assert rows.beside_baseline(np.column_stack([rows.y, rows.y])) == pytest.approx(
+        np.column_stack([residual, residual]), abs=1e-12
+    )
+
+
+@pytest.mark.parametrize("flights", [1, 2])
+def test_errors_within_tolerances_are_noise(flights: int) -> None:
+    """Scalar products of whitened rows are those under the inverse of 1 + T T' of each flight."""
+    rng = np.random.default_rng(14)
+    rows, _ = small(Sizes(flights=flights, rows=30, taken_out=1), 13)
+    blocks, expected = [], np.zeros((rows.y.size, rows.y.size))
+    for block in rows.blocks:
+        own = rows.own[block.rows]
+        tolerances = 3.0 * rng.standard_normal((30, 4))
+        tolerances -= own @ (own.T @ tolerances)
+        directions, sizes, _ = np.linalg.svd(tolerances, full_matrices=False)
+        blocks.append(replace(block, errors=directions, shrunk=1.0 / np.sqrt(1.0 + sizes**2)))
+        expected[np.ix_(block.rows, block.rows)] = np.linalg.inv(np.eye(30) + tolerances @ tolerances.T)
+    noisy = replace(rows, blocks=tuple(blocks))
+    given = rng.standard_normal((rows.y.size, 3))
+    known = given - rows.own @ (rows.own.T @ given)
+    assert noisy.whitened(given).T @ noisy.whitened(given) == pytest.approx(known.T @ expected @ known)
+    assert rows.own.T @ noisy.whitened(given) == pytest.approx(np.zeros((flights, 3)), abs=1e-12)
 
 
 # ---- On data that the model itself makes ----
@@ -235,7 +253,7 @@ def drawn(count: int) -> tuple[FloatArray, FloatArray]:
     """
     rng = np.random.default_rng(20261126)
     frame, terms = small(MADE, 10)
-    priors = [NOISE_LEVEL, *(group.prior for group in frame.groups[1:]), MECHANISM_AMPLITUDE]
+    priors = [NOISE_LEVEL, *(group.prior for group in frame.groups), MECHANISM_AMPLITUDE]
     centre, width = np.array(priors).T
     off, fall = [], []
     for _ in range(count):
@@ -280,7 +298,7 @@ def test_a_process_that_is_absent_is_estimated_small_and_one_that_is_there_is_no
     no_terms = Terms(np.zeros((rows.y.size, 0)), np.zeros(0), np.zeros(0, dtype=bool))
     block = rows.blocks[0]
     history = rng.standard_normal(10)
-    y = block.z[:, block.columns[1]] @ history + rng.standard_normal(rows.y.size)
+    y = block.z[:, block.columns[0]] @ history + rng.standard_normal(rows.y.size)
     own = maximised(replace(rows, y=y), no_terms)
     present, absent = own.amplitudes
     assert present == pytest.approx(np.sqrt(np.mean(history**2)), rel=0.3)

@@ -41,7 +41,7 @@ def of_baseline(*flights: Flight) -> Rows:
     point = point_of(problem, fit.frame, fit.columns)
     records = cleaned(problem, point, chosen)
     assert records is not None
-    return rows_of(with_processes(point, records, replace(chosen, taken=point.taken), config), fit)
+    return rows_of(with_processes(point, records, chosen, config), fit)
 
 
 @cache
@@ -80,7 +80,7 @@ def test_rows_of_a_process_are_those_of_the_same_moment_in_the_regression(proces
     shapes = np.array(process.shapes(motion))
     unit = rows.moment / np.sqrt(np.mean(np.abs(shapes) ** 2))
     coefficients = np.random.default_rng(1).standard_normal((len(shapes), process.splines))
-    made = block.z[:, block.columns[place]] @ coefficients.ravel()
+    made = block.raw[:, block.columns[place]] @ coefficients.ravel()
     start, stop = float(motion.time[0]), float(motion.time[-1])
     fit = judged_cone("bodyfixed").fits[judged_cone("bodyfixed").leader]
     expected = np.zeros(rows.y.size)
@@ -88,8 +88,12 @@ def test_rows_of_a_process_are_those_of_the_same_moment_in_the_regression(proces
         mechanism = OneHistory(process=process, shape=shape, coefficients=tuple(own), start=start, stop=stop)
         column = Regressor(mechanism.name, "C", (), TimeBasis("constant"), "1")
         frame = rows.frame_of(fit).with_mechanisms([mechanism])
-        expected += unit * rows.of_moments(frame, [column])[:, 0]
+        expected += unit * rows.problem.raw_design(frame, [column])[: rows.y.size, 0]
     assert made == pytest.approx(expected[block.rows], rel=1e-9, abs=1e-9 * float(np.abs(expected).max()))
+    whitened = rows.whitened(expected[:, np.newaxis])[block.rows, 0]
+    assert block.z[:, block.columns[place]] @ coefficients.ravel() == pytest.approx(
+        whitened, rel=1e-6, abs=1e-6 * float(np.abs(whitened).max())
+    )
 
 
 @pytest.mark.parametrize(
@@ -111,8 +115,8 @@ def test_a_record_process_that_does_not_change_is_the_error_within_tolerance(
     (constant,) = (k for k, item in enumerate(items) if (item.name, item.component) == (tolerance, component))
     own = next(each for each in record_processes() if each.name == process)
     first = own.channels.index(channel) * own.splines
-    columns = rows.blocks[0].z[:, rows.blocks[0].columns[place_of(rows, process)]]
-    expected = rows.projected(design[:, [constant]])[:, 0] * own.size / items[constant].size
+    columns = rows.blocks[0].raw[:, rows.blocks[0].columns[place_of(rows, process)]]
+    expected = design[rows.blocks[0].rows, constant] * own.size / items[constant].size
     made = np.sum(columns[:, first : first + own.splines], axis=1)
     assert np.linalg.norm(made - expected) < 1e-6 * np.linalg.norm(expected)
 
@@ -147,6 +151,27 @@ def test_columns_of_the_baseline_are_orthonormal_and_their_coefficients_those_of
     )
 
 
+@pytest.mark.parametrize("flights", [1, 2])
+def test_errors_within_tolerances_are_noise(flights: int) -> None:
+    """A unit of any of them is at most a unit of the whitened noise, and what is far from all is what it was."""
+    rows = one_flight() if flights == 1 else two_flights()
+    items, processes = rows.problem.rows.nuisances.items, {each.name for each in record_processes()}
+    design = rows.problem.rows.nuisance_design[: rows.y.size, -len(items) :]
+    for flight, block in enumerate(rows.blocks):
+        mine = [
+            k
+            for k, item in enumerate(items)
+            if item.flight == flight and np.isfinite(item.present) and item.name not in processes
+        ]
+        errors = design[:, mine] - rows.own @ (rows.own.T @ design[:, mine])
+        own = errors[block.rows]
+        assert np.all(np.linalg.norm(rows.whitened(errors), axis=0) <= 1.0 + 1e-9)
+        given = np.random.default_rng(2).standard_normal((own.shape[0], 2))
+        noise = np.eye(own.shape[0]) + own @ own.T
+        expected = given.T @ np.linalg.solve(noise, given)
+        assert block.whitened(given).T @ block.whitened(given) == pytest.approx(expected, rel=1e-6)
+
+
 def test_blocks_of_several_flights_are_disjoint_and_make_up_all_rows() -> None:
     rows = two_flights()
     assert len(rows.blocks) == 2
@@ -167,7 +192,7 @@ def test_a_flights_errors_show_in_its_own_rows_alone() -> None:
         mine = [k for k, item in enumerate(items) if item.flight == flight]
         elsewhere = np.setdiff1d(np.arange(rows.y.size), block.rows)
         assert mine
-        outside = rows.projected(design[:, mine])[elsewhere]
+        outside = rows.whitened(design[:, mine])[elsewhere]
         assert np.max(np.abs(outside)) < 1e-9 * np.max(np.abs(design[:, mine]))
 
 
