@@ -412,8 +412,9 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
 
 
 def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
-    """Moments (frame rows,) that a hypothesis does not explain, errors of record and vehicle fitted beside it, processes
-    not: what those explain is to be seen.
+    """Moments (frame rows,) that a hypothesis with errors of record and vehicle does not explain.
+
+    Processes are not fitted here: what they explain is to be seen.
     """
     values, others = problem.solution(fit.frame, fit.columns)
     rest = problem.left(fit.frame, fit.columns, values, others)
