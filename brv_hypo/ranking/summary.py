@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray
-from brv_hypo.constants import CRITERIA_TIE, SEARCH_OUT_OF_REACH
+from brv_hypo.constants import CRITERIA_TIE
 from brv_hypo.flight.record import Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.io.text import hypothesis
@@ -37,8 +37,7 @@ from brv_hypo.ranking.result import (
     TermEstimate,
     Verdict,
 )
-from brv_hypo.regression.build import plain_values
-from brv_hypo.regression.fit import HypothesisFit, likeliest
+from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.subset import stepwise_columns
@@ -412,18 +411,14 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     return tuple(found)
 
 
-def _left(problem: Problem, fit: HypothesisFit, leader: HypothesisFit) -> ComplexArray:
-    """What a hypothesis, with errors of record and vehicle fitted beside it, leaves of the moments (frame rows,).
+def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
+    """Moments (frame rows,) that a hypothesis with errors of record and vehicle does not explain.
 
-    One that is out of the leader's reach has that one's errors: its own make up for what it lacks.
+    Processes are not fitted here: what they explain is to be seen.
     """
-    values, others = fit.values, fit.others
-    if fit.information > leader.information + SEARCH_OUT_OF_REACH:
-        others = leader.others
-        without_errors = problem.left(fit.frame, (), np.zeros(0), others).rates
-        values = plain_values(fit.frame, fit.columns, without_errors)
-    left = problem.left(fit.frame, fit.columns, values, others)
-    return residual_moments(fit.frame, problem.records, left.rates).body
+    values, others = problem.solution(fit.frame, fit.columns)
+    rest = problem.left(fit.frame, fit.columns, values, others)
+    return residual_moments(fit.frame, problem.records, rest.rates).body
 
 
 def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
@@ -431,7 +426,7 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
     frame = problem.frame
     known = residual_moments(frame, problem.records, frame.observed)
     measured = np.where(known.usable, known.body, np.nan)
-    fitted = {fit.name: measured - _left(problem, fit, likeliest(fits)) for fit in fits}
+    fitted = {fit.name: measured - _residual(problem, fit) for fit in fits}
     found = []
     for index, motion in enumerate(frame.motions):
         pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]

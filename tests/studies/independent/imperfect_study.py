@@ -52,6 +52,8 @@ class Outcome:
     chance: float
     amplitude: float
     seconds: float
+    limit: float
+    """That the program allows the planted mechanism, as a share of the moment; NaN where it is withheld."""
 
 
 def drawn_flight(seed: int, number: int, grade: str, world: str) -> tuple[Made, str, float]:
@@ -95,6 +97,7 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
         chance=verdict.probability.get(leads, 0.0),
         amplitude=amplitude,
         seconds=seconds,
+        limit=next((x.share_of_moment_95 for x in verdict.limits if x.mechanism == made.truth), float("nan")),
     )
 
 
@@ -121,6 +124,9 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield count("nothing planted: baseline only is named", [o.winner == "none" for o in empty])
     yield count("nothing planted: 'none adequate'", [o.outcome == "none adequate" for o in empty])
     yield count("records refused", [o.outcome == "record fault" for o in outcomes])
+    yield count(
+        "planted, limits stated: cover the true share", [o.limit >= o.share for o in planted if o.limit == o.limit]
+    )
     yield f"calibration error {calibration_error(outcomes):.3f}"
     seconds = [o.seconds for o in outcomes]
     yield f"CPU seconds: median {np.median(seconds):.1f}, most {max(seconds):.1f}"

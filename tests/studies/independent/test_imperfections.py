@@ -52,5 +52,5 @@ def test_an_onset_has_a_width(onset: float) -> None:
 
 def test_the_report_counts_with_exact_intervals() -> None:
     assert count("x", [True] * 9 + [False]) == "x: 9 of 10 (90 %, 55 % to 100 %)".replace(" %", "%")
-    right = Outcome(1, "slosh", "cone", "lag", 0.1, "named", "lag", "lag", 0.97)
+    right = Outcome(1, "slosh", "cone", "lag", 0.1, "named", "lag", "lag", 0.97, 0.5, 3.0, 0.2)
     assert "planted: named right: 1 of 1" in next(iter(report([right])))
