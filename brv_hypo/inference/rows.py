@@ -100,7 +100,9 @@ class Rows:
     blocks: tuple[Block, ...]
     groups: tuple[Group, ...]
     moment: float
-    """rms of the static moment coefficient at the linearisation point."""
+    """rms of the moment coefficient at the linearisation point."""
+    static: float
+    """What that moment makes of the rows before whitening, as a length."""
     own: FloatArray
     """Orthonormal columns of what is projected out (n, rank)."""
 
@@ -157,9 +159,8 @@ class Rows:
 def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     """The rows of a problem that has the processes of the record among its nuisances, about a fitted hypothesis."""
     known = problem.frame.with_mechanisms(point.mechanisms)
-    static = np.concatenate([np.ravel(each) for each in known.static_moments(point.columns, point.values)])
-    moment = float(np.sqrt(np.mean(static**2)))
     frame = known.with_in_plane_moment(point.columns, point.values)
+    moment = float(np.sqrt(np.mean(np.abs(frame.moments(point.columns) @ point.values) ** 2)))
     top, nuisances = 2 * problem.rows.rates, problem.rows.nuisances
     items, design = nuisances.items, problem.rows.nuisance_design[:top]
     levels = design.shape[1] - len(items)
@@ -199,11 +200,12 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
         *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
     )
-    nothing: FloatArray = np.zeros((top, 0))
-    empty = Rows(problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, own)
+    fixed, nothing = problem.raw_design(frame, problem.baseline)[:top], np.zeros((top, 0))
+    length = float(np.linalg.norm(fixed @ point.values[: fixed.shape[1]]))
+    empty = Rows(problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, length, own)
     present = np.array([items[k].present for k in bounded])
     y = empty.whitened((problem.raw_response[:top] - of_items(bounded) @ present)[:, np.newaxis])[:, 0]
-    baseline, coefficients = _orthonormal(empty.whitened(problem.raw_design(frame, problem.baseline)[:top]))
+    baseline, coefficients = _orthonormal(empty.whitened(fixed))
     allowed = empty.whitened(of_items([k for k in bounded if items[k].flight is None]))
     spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
     shared = np.concatenate([baseline, allowed], axis=1)

@@ -14,7 +14,7 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, so
 from brv_hypo.regression.free_moment import ORDINARY, shape_of
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import nonlinear_parameters
+from brv_hypo.regression.refinement import Nonlinear
 from brv_hypo.regression.unlisted import (
     RATE,
     UnlistedMoment,
@@ -92,8 +92,14 @@ def _event(problem: Problem, leader: HypothesisFit) -> Alternative | None:
     plain = plain_columns(leader) if any(each.characteristic for each in leader.mechanisms) else ()
     specific = tuple(k for k, column in enumerate(leader.selected) if column not in plain)
     words = f"a change of several coefficients at once at {at(frame.common, bases[0].start)}"
-    nonlinear = nonlinear_parameters(columns, fit.baseline_size, frame, problem.knots)
-    return Alternative(words, replace(fit, nonlinear=nonlinear), specific)
+
+    def with_changes(each: Nonlinear) -> Nonlinear:
+        """A knot of the leader that moves what changes there too."""
+        start, first = leader.columns[each.columns[0]].time_basis.start, len(leader.columns)
+        more = (first + j for j, c in enumerate(changing) if each.kind == "knot" and c.time_basis.start == start)
+        return replace(each, columns=(*each.columns, *more))
+
+    return Alternative(words, replace(fit, nonlinear=tuple(map(with_changes, leader.nonlinear))), specific)
 
 
 def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:

@@ -198,10 +198,6 @@ def explained(judged: Judged) -> Explained:
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     """Every process beside the leader, the one that makes most of the record first."""
     own, rows = judged.evidences[judged.leader], judged.rows
-    fit = judged.fits[judged.leader]
-    columns = rows.problem.raw_design(rows.frame_of(fit), rows.problem.baseline)[: rows.y.size]
-    static = columns @ fit.values[: fit.baseline_size]
-    whole = float(np.linalg.norm(static))
     found = []
     for k, group in enumerate(rows.groups):
         size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
@@ -212,7 +208,7 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
                 size=size,
                 std_error=error,
                 units=group.units,
-                share_of_moment=float(np.linalg.norm(own.made_by(k))) / max(whole, 1e-300),
+                share_of_moment=float(np.linalg.norm(own.made_by(k))) / rows.static,
                 tolerance=float(np.exp(group.prior[0])) * group.size,
             )
         )

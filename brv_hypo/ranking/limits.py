@@ -48,8 +48,7 @@ def limits(
     A mechanism of the leader has what was fitted and its margin; any other what it may have beside the leader.
     """
     rows = evidence.rows
-    frame = rows.frame_of(leader)
-    moment = _rms(frame.moments(leader.columns) @ leader.values)
+    frame, moment = rows.frame_of(leader), rows.moment
     own = {mechanism.name for mechanism in leader.mechanisms}
     known: dict[str, float] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():

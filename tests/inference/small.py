@@ -70,6 +70,7 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         blocks=tuple(blocks),
         groups=groups,
         moment=1.0,
+        static=1.0,
         own=own,
     )
     edges = np.linspace(0.0, sizes.stretches, sizes.rows, endpoint=False).astype(int)

@@ -155,11 +155,10 @@ def test_a_share_is_of_the_static_moments_rows(plant: tuple[str, ...]) -> None:
     """Several processes together make no more than the sum of what each does."""
     found = judged_cone(*plant)
     own, rows, fit = found.evidences[found.leader], found.rows, found.fits[found.leader]
-    values = fit.values[: fit.baseline_size]
     columns = rows.problem.raw_design(rows.frame_of(fit), fit.columns[: fit.baseline_size])[: rows.y.size]
-    static = columns @ values
     made = [own.made_by(k) for k in range(len(rows.groups))]
-    whole = float(np.linalg.norm(static))
+    whole = rows.static
+    assert whole == pytest.approx(np.linalg.norm(columns @ fit.values[: fit.baseline_size]), rel=1e-2)
     shares = {group.name: float(np.linalg.norm(one)) / whole for group, one in zip(rows.groups, made, strict=True)}
     assert {name: one.share_of_moment for name, one in held(found).items()} == pytest.approx(shares)
     assert np.linalg.norm(np.sum(made, axis=0)) / whole <= sum(shares.values()) * (1.0 + 1e-12)

@@ -26,6 +26,7 @@ from tests.studies.independent.imperfections import KINDS
 from tests.studies.independent.instruments import GRADES
 from tests.studies.independent.mechanisms import LISTED
 from tests.studies.independent.reporting import fly_and_report
+from tests.studies.independent.study import share_of
 from tests.studies.independent.vehicles import CRAFTS
 
 AMPLITUDE = (0.3, 1.0)  # of a mechanism's full size
@@ -90,7 +91,7 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
         kind=kind,
         vehicle=made.vehicle,
         truth=made.truth,
-        share=made.true.share,
+        share=share_of(made),
         outcome=verdict.outcome,
         winner=verdict.winner,
         leads=leads,

@@ -119,7 +119,7 @@ def fly(
         seed,
         made.vehicle,
         made.truth,
-        _share(made),
+        share_of(made),
         np.inf if known is None else known.f_ratio,
         np.inf if known is None else min(rival.two_ln_l for rival in known.against.values()),
         np.nan if known is None else _reproduced(known),
@@ -134,7 +134,7 @@ def fly(
     )
 
 
-def _share(made: Made) -> float:
+def share_of(made: Made) -> float:
     whole = np.sqrt(np.mean(np.abs(made.true.moment) ** 2))
     return float(np.sqrt(np.mean(np.abs(made.true.contribution) ** 2)) / whole)
 
