@@ -107,6 +107,15 @@ class Evidence:
         return float(np.exp(self.at[0]))
 
     @property
+    def residual(self) -> FloatArray:
+        """Rows (n,) less all that is fitted, under the stated noise."""
+        out = self.rows.y - np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border
+        for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
+            scale = np.repeat(_amplitudes(self.rows, self.at), [own.stop - own.start for own in block.columns])
+            out[block.rows] -= block.z @ (scale * mode)
+        return out
+
+    @property
     def amplitudes(self) -> FloatArray:
         """Of every process (groups,), in its units."""
         return self.noise * _amplitudes(self.rows, self.at)
@@ -159,11 +168,6 @@ class Evidence:
         )
         whole, *rest = [-_cost(each, self.rows, self.terms, self.at) for each in (self.products, *rests)]
         return whole - np.array(rest)
-
-    @property
-    def left_out(self) -> FloatArray:
-        """The level without each stretch of time in turn (stretches,), amplitudes and their priors as they are."""
-        return self.level - self.held_out
 
     def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""

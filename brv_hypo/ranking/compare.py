@@ -158,21 +158,14 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
     """The verdict on hypotheses beside processes, with limits where anything is adequate."""
     listed = [
-        Candidate(
-            fit.name,
-            own.level - 0.5 * fit.bound_cost,
-            own.left_out - 0.5 * fit.bound_cost,
-            own.held_out,
-            _impossible(fit),
-        )
+        Candidate(fit.name, own.level - 0.5 * fit.bound_cost, own.held_out, _impossible(fit))
         for fit, own in zip(beside.fits, beside.evidences, strict=True)
     ]
     instead = [
-        Candidate(each.fit.name, own.level, own.left_out, own.held_out, words=each.words)
-        for each, own in outside(beside, hypotheses)
+        Candidate(each.fit.name, own.level, own.held_out, words=each.words) for each, own in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
-    fit = Fit(leader.noise, beside.rows.size, share.share * beside.squares)
+    fit = Fit(leader.noise * beside.rows.louder, beside.rows.size, share.share * beside.squares * beside.rows.louder**2)
     verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses)
     if verdict.outcome == "none adequate":

@@ -38,6 +38,7 @@ from brv_hypo.regression.fit import (
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import with_design
 
+NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
 MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
 
@@ -100,11 +101,10 @@ def judged(
         whole = with_processes(point, records, settings, config)
         problem = without_processes(whole, point)
         fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
-        rows = rows_of(whole, next(each for each in fits if each.name == fit.name))
+        rows = _rows(whole, next(each for each in fits if each.name == fit.name))
         null = maximised(rows, rows.terms(None))
         evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
-        fits = [_estimated(each, own, null) for each, own in zip(fits, evidences, strict=True)]
-        fits = [with_design(problem, each) if _in_reach(each, likeliest(fits)) else each for each in fits]
+        fits = [with_design(problem, _estimated(*each, null)) for each in zip(fits, evidences, strict=True)]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
 
 
@@ -121,8 +121,7 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
         for fit, stays in zip(at, there, strict=True)
     ]
     leader = likeliest(moved)
-    fits = [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
-    return [with_design(problem, fit) for fit in fits]
+    return [plainer(problem, fit) if fit is leader and fit.mechanisms else fit for fit in moved]
 
 
 def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
@@ -138,6 +137,18 @@ def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[H
 def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
     """Whether a fit may still come near the leader."""
     return fit.information <= leader.information + SEARCH_OUT_OF_REACH
+
+
+def _rows(whole: Problem, leader: HypothesisFit) -> Rows:
+    """The rows about the leader, under the noise that each channel has beside it and all processes."""
+    rows, noise, half = rows_of(whole, leader), whole.rows.noise, whole.rows.rates
+    residual = maximised(rows, rows.terms(leader)).residual
+    rates, force = (float(np.sqrt(np.mean(part**2))) for part in (residual[:half], residual[half:]))
+    if max(abs(np.log(rates)), abs(np.log(force))) < NOISE_APART:
+        return rows
+    louder = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
+    again = rows_of(whole.under(replace(noise, rates=louder[0], force=louder[1])), leader)
+    return replace(again, louder=float(np.hypot(rates, force) / np.sqrt(2.0)))
 
 
 def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:

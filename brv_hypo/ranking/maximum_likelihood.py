@@ -14,8 +14,6 @@ from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import Regressed
 
-CONVERGED = "converged"
-
 
 @dataclass(frozen=True)
 class Likelihoods:
@@ -23,11 +21,6 @@ class Likelihoods:
 
     found: Mapping[str, Identification]
     left_out: frozenset[str]
-
-    @property
-    def converged(self) -> dict[str, Identification]:
-        """Those whose estimates may be used."""
-        return {name: found for name, found in self.found.items() if found.status == CONVERGED}
 
 
 def identify_standing(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,10 +27,8 @@ class Candidate:
     name: str
     level: float
     """Log evidence, but for a constant."""
-    without: FloatArray
-    """The same without each stretch of the record in turn (stretches,)."""
     held_out: FloatArray
-    """Log predictive density of each stretch given the others (stretches,)."""
+    """Log predictive density of each stretch of the record given the others (stretches,)."""
     impossible: str | None = None
     """Which value no body can have, if any."""
     words: str | None = None
@@ -114,7 +112,7 @@ def judge(
 ) -> Verdict:
     """Name a hypothesis that leads beside processes, predicts stretches of the record, and has possible values."""
     whole = decide(listed, outside, fit, other_prior)
-    count = whole.leader.without.size
+    count = whole.leader.held_out.size
     repeated = [_without(listed, outside, fit, other_prior, k) for k in range(count)]
     alike = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
     confirmed = float(np.mean([each.leader.name == whole.leader.name for each in repeated])) if count else 1.0
@@ -167,11 +165,7 @@ def _without(
 ) -> Decision:
     """The decision without one stretch of the record."""
     rest = [
-        [
-            Candidate(c.name, float(c.without[stretch]), c.without[:0], c.held_out, c.impossible, c.words)
-            for c in candidates
-        ]
-        for candidates in (listed, outside)
+        [replace(c, level=c.level - float(c.held_out[stretch])) for c in candidates] for candidates in (listed, outside)
     ]
     return decide(rest[0], rest[1], fit, other_prior)
 
