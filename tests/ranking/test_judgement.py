@@ -127,7 +127,7 @@ def check_louder(flight: Flight, least: float, patch: pytest.MonkeyPatch) -> Non
 
 
 def test_accelerometers_three_times_as_loud_as_stated_have_rows_at_unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the two channels' mean square, (1 + 9) / 2 is 2.2 squared; rates here are a tenth quieter than stated."""
+    """The mean square of both is (1 + 9) / 2, of channels that have 0.85 of what this record states: 1.9 squared."""
 
     def quiet(*given: Any) -> Problem:
         whole = with_processes(*given)
@@ -135,7 +135,7 @@ def test_accelerometers_three_times_as_loud_as_stated_have_rows_at_unit_noise(mo
         return whole.under(replace(whole.rows.noise, force=replace(force, sigma=force.sigma / 3.0)))
 
     monkeypatch.setattr("brv_hypo.ranking.judgement.with_processes", quiet)
-    check_louder(flown("research_cone").flight.window(0.0, 2.5), 2.0, monkeypatch)
+    check_louder(flown("research_cone").flight.window(0.0, 2.5), 1.8, monkeypatch)
 
 
 @pytest.mark.thorough
