@@ -137,7 +137,12 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
 @pytest.mark.parametrize(
     ("name", "folder", "guessed", "told"),
     [
-        ("opportunity", "opportunity", "opportunity_entry.map.yaml", (0, ["Verdict: inplane", "Processes beside inplane"])),
+        (
+            "opportunity",
+            "opportunity",
+            "opportunity_entry.map.yaml",
+            (0, ["Verdict: inplane", "Processes beside inplane"]),
+        ),
         ("rocket", "launch12", "imu.map.yaml", (1, ["degraded", "record fault"])),
     ],
 )

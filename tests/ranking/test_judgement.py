@@ -19,6 +19,7 @@ from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.ranking import CompareConfig, compare
+from brv_hypo.ranking.adequacy import Alternative
 from brv_hypo.ranking.judgement import Judged, explained, judged, outside, processes
 from brv_hypo.ranking.preparation import with_processes
 from brv_hypo.ranking.result import ProcessEstimate
@@ -173,7 +174,8 @@ def test_a_large_mechanism_explains_nearly_all() -> None:
     assert explained(judged_cone("bodyfixed")).unexplained < 0.002
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(1, 5))])
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(5))
 def test_of_a_weak_one_the_share_is_what_was_planted(seed: int) -> None:
     check_share(*weak(seed))
     assert 0.5 < explained(weak(seed)[1]).share < 0.8
@@ -259,13 +261,16 @@ def test_of_air_of_another_density_the_process_of_density_holds_most() -> None:
 # ---- What is outside the list ----
 
 
+@cache
+def outside_the_list() -> list[tuple[Alternative, Evidence]]:
+    return outside(judged_cone("bodyfixed"), {"bodyfixed": (find("bodyfixed"),)})
+
+
 def test_what_begins_with_the_leader_is_the_leader_where_that_explains_most_of_it() -> None:
-    found = judged_cone("bodyfixed")
-    names = {alternative.fit.name for alternative, _ in outside(found, {"bodyfixed": (find("bodyfixed"),)})}
-    assert names == {"unlisted_moment"}
+    assert {alternative.fit.name for alternative, _ in outside_the_list()} == {"unlisted_moment"}
 
 
-@pytest.mark.parametrize("most", [0.0, 1.1])
+@pytest.mark.parametrize("most", [pytest.param(0.0, marks=pytest.mark.thorough), 1.1])
 def test_where_it_explains_less_the_rest_is_something_else(most: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("brv_hypo.ranking.judgement.MOST_OF_IT", most)
     found = judged_cone("bodyfixed")
@@ -275,7 +280,7 @@ def test_where_it_explains_less_the_rest_is_something_else(most: float, monkeypa
 
 def test_what_is_outside_has_an_evidence_on_the_same_rows() -> None:
     found = judged_cone("bodyfixed")
-    for alternative, own in outside(found, {"bodyfixed": (find("bodyfixed"),)}):
+    for alternative, own in outside_the_list():
         assert own.rows is found.rows
         assert own.terms.x.shape[1] == len(alternative.fit.selected) + len(alternative.fit.nonlinear)
         assert own.level < found.evidences[found.leader].level - 100.0
