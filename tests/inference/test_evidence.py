@@ -142,6 +142,15 @@ def test_processes_and_their_errors_are_those_of_the_normal_equations(sizes: Siz
         assert own.made_by(process) == pytest.approx(np.concatenate(made), rel=1e-7, abs=1e-9)
 
 
+@ONE_AND_TWO
+def test_the_residual_is_the_data_less_all_that_the_normal_equations_fit(sizes: Sizes) -> None:
+    own = found(sizes, 4)
+    whole = dense(own)
+    mean, _ = whole.posterior()
+    fitted = np.concatenate([whole.flat, whole.bounded[0]], axis=1) @ mean
+    assert own.residual == pytest.approx(own.rows.y - fitted, rel=1e-7, abs=1e-9)
+
+
 def test_amplitudes_are_in_units_of_the_rows() -> None:
     own = found(Sizes(), 5)
     assert own.noise == pytest.approx(np.exp(own.at[0]))
@@ -157,7 +166,7 @@ def test_a_stretch_left_out_is_a_problem_without_its_rows(sizes: Sizes, seed: in
     own = found(sizes, seed)
     stretches = own.rows.time_blocks
     expected = [dense(own).log_density(stretches != k) + dense(own).log_prior for k in np.unique(stretches)]
-    assert own.left_out == pytest.approx(expected, rel=AGREE)
+    assert own.level - own.held_out == pytest.approx(expected, rel=AGREE)
 
 
 @ONE_AND_TWO
@@ -177,11 +186,6 @@ def test_a_stretch_held_out_has_its_predictive_density(sizes: Sizes) -> None:
         covariance = whole.covariance[np.ix_(here, here)] - across @ whole.covariance[np.ix_(rest, here)]
         expected = stats.multivariate_normal(mean, covariance + beyond @ inner @ beyond.T).logpdf(y[here])
         assert density == pytest.approx(expected + 0.5 * np.sum(here) * np.log(2.0 * np.pi), rel=1e-7)
-
-
-def test_levels_without_a_stretch_and_predictions_make_the_same_whole() -> None:
-    own = found(Sizes(flights=2), 7)
-    assert own.left_out + own.held_out == pytest.approx(np.full(8, own.level), rel=AGREE)
 
 
 @settings(max_examples=10)

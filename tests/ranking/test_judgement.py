@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference import Evidence
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking import CompareConfig, compare
 from brv_hypo.ranking.judgement import Judged, explained, judged, outside, processes
+from brv_hypo.ranking.preparation import with_processes
 from brv_hypo.ranking.result import ProcessEstimate
+from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
+from brv_hypo.thresholds import NOISE_LEVEL
 from tests.chains import judged_cone
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, flown
 
@@ -87,6 +94,59 @@ def test_planted_coefficients_are_within_their_errors() -> None:
             sign = 1.0 if column.time_basis.start < 3.0 else -1.0
             assert abs(value - sign * entry.terms[column.term]) < 4.0 * error
             assert error < 0.1 * abs(value)
+
+
+# ---- Noise beside leader and processes ----
+
+
+def sizes_of_residual(own: Evidence) -> tuple[float, float]:
+    """rms of the residual of rates and of force, in noise of the rows."""
+    rates, force = np.split(own.residual, 2)
+    return float(np.sqrt(np.mean(rates**2))), float(np.sqrt(np.mean(force**2)))
+
+
+def check_louder(flight: Flight, least: float, patch: pytest.MonkeyPatch) -> None:
+    """Rows at unit noise in either channel, and a ratio of the noise to what is stated that says by how much."""
+    known: list[Judged] = []
+
+    def remembered(*given: Any) -> Judged:
+        known.append(judged(*given))
+        return known[0]
+
+    patch.setattr(importlib.import_module("brv_hypo.ranking.compare"), "judged", remembered)
+    config = CompareConfig(mechanisms=("damping",), maximum_likelihood="none", knot_count=3)
+    verdict = compare(flight, config).verdict
+    (found,) = known
+    own = found.evidences[found.leader]
+    assert found.leader == found.null
+    assert sizes_of_residual(own) == pytest.approx((1.0, 1.0), abs=NOISE_LEVEL[1])
+    assert verdict.adequacy is not None
+    assert verdict.adequacy.ratio == pytest.approx(own.noise * found.rows.louder)
+    assert verdict.adequacy.ratio > least
+    assert verdict.adequacy.p_value < 0.01
+
+
+def test_accelerometers_three_times_as_loud_as_stated_have_rows_at_unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mean square of both is (1 + 9) / 2, of channels that have 0.85 of what this record states: 1.9 squared."""
+
+    def quiet(*given: Any) -> Problem:
+        whole = with_processes(*given)
+        force = whole.rows.noise.force
+        return whole.under(replace(whole.rows.noise, force=replace(force, sigma=force.sigma / 3.0)))
+
+    monkeypatch.setattr("brv_hypo.ranking.judgement.with_processes", quiet)
+    check_louder(flown("research_cone").flight.window(0.0, 2.5), 1.8, monkeypatch)
+
+
+@pytest.mark.thorough
+def test_accelerometers_three_times_as_loud_at_low_frequencies_are_louder_than_stated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What a record states is what neighbouring samples differ by: of a noise that lasts that is less than it is."""
+    flight, lasts = flown("research_cone").flight, 0.95
+    noise = lfilter([1.0], [1.0, -lasts], np.random.default_rng(1).standard_normal((2, flight.samples)))
+    y, z = np.sqrt(8.0) * reconstruct(flight).accel_sigma * noise / noise.std()
+    check_louder(replace(flight, ay=flight.ay + y, az=flight.az + z), 1.2, monkeypatch)
 
 
 # ---- What the leader explains ----

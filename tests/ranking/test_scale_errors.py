@@ -24,11 +24,12 @@ def compared(planted: str) -> Comparison:
 @pytest.mark.thorough
 @PLANTED
 def test_no_scale_of_all_moments_stands_in_for_a_large_mechanism(planted: str) -> None:
-    """Linearised about the leader, one of its whole moment would stand in for both."""
+    """Linearised about the leader, one of its whole moment would stand in for both: in the baseline's fit there."""
     found = judged_cone(planted)
     none = found.fits[found.null]
     assert found.fits[found.leader].name == planted
-    (errors,) = found.problem.rows.nuisances.values(none.others, 1)
+    _, others = found.problem.solution(none.frame, none.columns)
+    (errors,) = found.problem.rows.nuisances.values(others, 1)
     sizes = {(item.name, item.component): item.size for item in found.problem.rows.nuisances.items}
     for scale in (("dynamic_pressure_scale", "scale"), ("inertia", "scale")):
         assert abs(errors[scale]) < 5.0 * sizes[scale]

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import CREDIBLE_PROBABILITY, OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.ranking.result import Explained, ProcessEstimate, Verdict
 from brv_hypo.ranking.verdict import NONE, OTHER, Candidate, Fit, decide, judge, probabilities
@@ -25,15 +26,16 @@ LEVELS = st.floats(-1e4, 1e4)
 
 
 def candidate(
-    name: str, level: float, held_out: float = 0.0, without: Sequence[float] | None = None, **others: str
+    name: str, level: float, held_out: float | Sequence[float] | FloatArray | None = None, **others: str
 ) -> Candidate:
-    """One whose evidence without a stretch falls as the rows do, and that predicts each with the same density."""
-    each = np.full(STRETCHES, (1.0 - 1.0 / STRETCHES) * level) if without is None else np.array(without)
-    return Candidate(name, level, each, np.full(each.size, held_out), **others)
+    """One that predicts every stretch with its share of the evidence, so that this falls as the rows do, or so."""
+    density = level / STRETCHES if held_out is None else held_out
+    each = np.full(STRETCHES, density) if np.isscalar(density) else np.array(density, dtype=float)
+    return Candidate(name, level, each, **others)
 
 
 NULL = candidate(NONE, 0.0)
-LAG = candidate("lag", 40.0, 1.0)
+LAG = candidate("lag", 40.0)
 
 
 def side(level: float) -> Candidate:
@@ -137,7 +139,7 @@ def test_a_clear_leader_is_named() -> None:
 
 
 def test_the_baseline_may_be_named() -> None:
-    verdict = said(candidate(NONE, 0.0), candidate("lag", -8.0, -1.0))
+    verdict = said(candidate(NONE, 0.0), candidate("lag", -8.0))
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == (NONE, "named", (NONE,))
     assert verdict.reason == (
         "No mechanism is needed: baseline and processes explain the moments (probability above 0.99)."
@@ -151,7 +153,7 @@ def test_a_name_says_how_much_it_explains(share: float | None, words: str) -> No
 
 
 def test_close_hypotheses_are_told_together() -> None:
-    verdict = said(NULL, LAG, candidate("sticking", 39.5, 1.0))
+    verdict = said(NULL, LAG, candidate("sticking", 39.5))
     assert (verdict.winner, verdict.outcome) == (None, "undecided")
     assert verdict.equivalent == ("lag", "sticking")
     assert verdict.reason == "The data do not distinguish these: lag 0.62, sticking 0.38."
@@ -160,7 +162,7 @@ def test_close_hypotheses_are_told_together() -> None:
 @pytest.mark.parametrize(("level", "named"), [(2.1, False), (2.3, True)])
 def test_a_name_needs_nine_tenths(level: float, named: bool) -> None:
     """Odds of 9 against the baseline alone are 2.2 nats."""
-    verdict = said(NULL, candidate("lag", level, 1.0))
+    verdict = said(NULL, candidate("lag", level))
     assert (verdict.winner == "lag") == named
     assert verdict.outcome == ("named" if named else "undecided")
     assert (verdict.probability["lag"] >= WINNING_PROBABILITY) == named
@@ -197,7 +199,7 @@ def test_the_baseline_need_not_predict_better_than_itself() -> None:
 
 def test_a_value_that_no_body_can_have_makes_none_adequate() -> None:
     eps = "eps = 1.7 from 0.00 to 2.00 s, where 0 to 1 is possible"
-    verdict = said(NULL, candidate("lag", 40.0, 1.0, impossible=eps))
+    verdict = said(NULL, candidate("lag", 40.0, impossible=eps))
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == (None, "none adequate", ())
     assert verdict.probability["lag"] == 0.0
     assert verdict.probability[OTHER] > 0.99
@@ -208,7 +210,7 @@ def test_a_value_that_no_body_can_have_makes_none_adequate() -> None:
 
 
 def test_an_impossible_rival_is_no_matter() -> None:
-    verdict = said(NULL, LAG, candidate("sticking", 2.0, 1.0, impossible="eps = 1.7"))
+    verdict = said(NULL, LAG, candidate("sticking", 2.0, impossible="eps = 1.7"))
     assert verdict.winner == "lag"
     assert "eps" not in verdict.reason
 
@@ -293,7 +295,7 @@ def test_its_prior_is_that_of_the_configuration() -> None:
 def lag_without(confirmed: float, rival: float = 37.0) -> tuple[Candidate, Candidate]:
     """`lag`, and the baseline that leads by `rival` without the other stretches than that share."""
     ahead = np.arange(STRETCHES) < round(confirmed * STRETCHES)
-    return candidate("lag", 40.0, 1.0, np.where(ahead, rival, -rival)), candidate(NONE, 0.0, 0.0, np.zeros(STRETCHES))
+    return candidate("lag", 40.0, 40.0 - np.where(ahead, rival, -rival)), candidate(NONE, 0.0)
 
 
 @pytest.mark.parametrize("stretches", [0, 3, 6, 10])
@@ -314,32 +316,32 @@ def test_a_leader_that_repetitions_do_not_confirm_is_not_named(stretches: int) -
 
 def test_what_the_leader_loses_is_shared_by_probability() -> None:
     lag, null = lag_without(0.5)
-    verdict = judge([null, lag, candidate("sticking", 10.0, 0.5, np.full(STRETCHES, -100.0))], [], GOOD)
+    verdict = judge([null, lag, candidate("sticking", 10.0, 110.0)], [], GOOD)
     assert verdict.probability["sticking"] == pytest.approx(0.5, abs=1e-3)
     assert verdict.probability[NONE] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_repetitions_do_not_raise_a_leader() -> None:
     """Ahead everywhere, and no more probable for that."""
-    verdict = judge([candidate(NONE, 0.0), candidate("lag", 0.5, 1.0)], [], GOOD)
+    verdict = judge([NULL, candidate("lag", 0.5)], [], GOOD)
     assert verdict.stability == 1.0
     assert verdict.probability["lag"] == pytest.approx(1.0 / (1.0 + np.exp(-0.5)))
 
 
 def test_a_name_near_the_border_keeps_its_leader_and_not_its_outcome() -> None:
     """Undecided in some repetitions: they are no voice for another."""
-    lag = candidate("lag", 4.0, 1.0, np.where(np.arange(STRETCHES) < 5, 4.0, 1.0))
-    verdict = judge([candidate(NONE, 0.0, 0.0, np.zeros(STRETCHES)), lag], [], GOOD)
+    verdict = judge([NULL, candidate("lag", 4.0, np.where(np.arange(STRETCHES) < 5, 0.0, 3.0))], [], GOOD)
     assert verdict.winner == "lag"
     assert verdict.stability == pytest.approx(5 / STRETCHES)
     assert verdict.probability["lag"] > WINNING_PROBABILITY
 
 
 def test_without_stretches_there_is_nothing_to_repeat() -> None:
-    verdict = judge(
-        [candidate(NONE, 0.0, without=()), replace(candidate("lag", 9.0, without=()), held_out=np.ones(1))], [], GOOD
-    )
-    assert (verdict.winner, verdict.stability) == ("lag", 1.0)
+    """Nor to predict: the baseline alone may be named."""
+    verdict = judge([candidate(NONE, 9.0, ()), candidate("lag", 0.0, ())], [], GOOD)
+    assert (verdict.winner, verdict.stability) == (NONE, 1.0)
+    verdict = judge([candidate(NONE, 0.0, ()), candidate("lag", 9.0, ())], [], GOOD)
+    assert (verdict.winner, verdict.equivalent, verdict.stability) == (None, ("lag", NONE), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -356,17 +358,25 @@ def test_without_stretches_there_is_nothing_to_repeat() -> None:
 def test_a_repetition_is_judged_by_the_same_rules(
     levels: tuple[float, ...], beyond: float, outcome: str, winner: str | None
 ) -> None:
-    """Whatever the whole record says: there nothing is likelier than the baseline."""
+    """Whatever the whole record and all other repetitions say: there nothing is likelier than the baseline.
+
+    `levels` and `beyond` are the evidences without the first stretch; mechanisms predict the others better.
+    """
+
+    def shaken(name: str, level: float, without_first: float, **others: str) -> Candidate:
+        rest = [0.0 if name == NONE else 100.0] * (STRETCHES - 1)
+        return candidate(name, level, [level - without_first, *rest], **others)
+
     listed = [
-        candidate(name, 50.0 if name == NONE else 0.0, 0.0 if name == NONE else 1.0, np.full(STRETCHES, level))
-        for name, level in zip(NAMES, levels, strict=False)
+        shaken(name, 50.0 if name == NONE else 0.0, without_first)
+        for name, without_first in zip(NAMES, levels, strict=False)
     ]
-    outside = [candidate("side", 0.0, 0.0, np.full(STRETCHES, beyond), words=SIDE)]
-    there = [replace(each, level=float(each.without[0])) for each in listed]
+    outside = [shaken("side", 0.0, beyond, words=SIDE)]
+    there = [replace(each, level=level) for each, level in zip(listed, levels, strict=True)]
     found = decide(there, [replace(outside[0], level=beyond)], GOOD)
     assert (found.outcome, found.winner) == (outcome, winner)
     alike = (outcome, winner) == ("named", NONE)
-    assert judge(listed, outside, GOOD).stability == (1.0 if alike else 0.0)
+    assert judge(listed, outside, GOOD).stability == pytest.approx(1.0 if alike else 1.0 - 1.0 / STRETCHES)
 
 
 # ---- Whatever the evidences ----
@@ -384,7 +394,7 @@ def test_a_verdict_is_whole_whatever_the_evidences(
 ) -> None:
     rng = np.random.default_rng(seed)
     listed = [
-        candidate(name, level, held, level + spread * rng.standard_normal(STRETCHES))
+        candidate(name, level, held + spread * rng.standard_normal(STRETCHES))
         for name, (level, held, spread) in zip(NAMES, rows, strict=False)
     ]
     outside = [side(level) for level in others]
@@ -410,7 +420,7 @@ def test_a_verdict_is_whole_whatever_the_evidences(
 
 @given(st.permutations(range(4)), st.lists(st.floats(-9.0, 9.0), min_size=4, max_size=4, unique=True))
 def test_the_order_of_the_list_is_nothing(order: list[int], levels: list[float]) -> None:
-    listed = [candidate(name, level, level) for name, level in zip(NAMES, levels, strict=False)]
+    listed = [candidate(name, level) for name, level in zip(NAMES, levels, strict=False)]
     one, other = judge(listed, [], GOOD), judge([listed[k] for k in order], [], GOOD)
     assert one.probability == pytest.approx(other.probability)
     assert (one.outcome, one.winner, set(one.equivalent)) == (other.outcome, other.winner, set(other.equivalent))
