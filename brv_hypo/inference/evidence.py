@@ -34,8 +34,8 @@ _LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
 _NOISE = (-1.0, 3.0)  # logarithm of the noise over what the record states: least and most
 _SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
 _ITERATIONS = 80
-# Relative fall of the cost at which a maximisation ends, and at which the best of them does: some 0.1 and 1e-5 nats.
-_ROUGH, _PRECISION = 1e-6, 1e-10
+# Relative fall of the cost at which a maximisation ends, and at which the best of them does: some nats, and 1e-5.
+_ROUGH, _PRECISION = 1e-4, 1e-10
 
 
 _Block = tuple[FloatArray, FloatArray, FloatArray]

@@ -194,9 +194,9 @@ def _rows(whole: Problem, leader: HypothesisFit) -> Rows:
     rates, force = (float(np.sqrt(np.mean(part**2))) for part in (residual[:half], residual[half:]))
     if max(abs(np.log(rates)), abs(np.log(force))) < NOISE_APART:
         return rows
-    louder = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
-    again = rows_of(whole.under(replace(noise, rates=louder[0], force=louder[1])), leader)
-    return replace(again, louder=float(np.hypot(rates, force) / np.sqrt(2.0)))
+    scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
+    again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), leader)
+    return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0)))
 
 
 def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:
