@@ -34,8 +34,8 @@ _LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
 _NOISE = (-1.0, 3.0)  # logarithm of the noise over what the record states: least and most
 _SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
 _ITERATIONS = 80
-# Relative fall of the cost at which a maximisation ends, and at which the best of them does: some 0.1 and 1e-5 nats.
-_ROUGH, _PRECISION = 1e-6, 1e-10
+# Relative fall of the cost at which a maximisation ends, and at which the best of them does: some nats, and 1e-5.
+_ROUGH, _PRECISION = 1e-4, 1e-10
 
 
 _Block = tuple[FloatArray, FloatArray, FloatArray]
@@ -181,8 +181,10 @@ class Evidence:
         return found[:, :-1] / self.noise**2, found[:, -1] / self.noise**2
 
 
-def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = ()) -> Evidence:
-    """The evidence of terms at its most probable amplitudes, from small ones, and from those given."""
+def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = (), quick: bool = False) -> Evidence:
+    """The evidence of terms at its most probable amplitudes, from small ones, and from those given; `quick`: roughly,
+    and from those given alone.
+    """
     border = np.concatenate([rows.shared, terms.x], axis=1)
     products = Products.of(rows, border)
     groups, has_terms = rows.groups, bool(np.any(terms.scaled))
@@ -203,8 +205,8 @@ def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = ()) -> Ev
         options: Any = {"maxiter": _ITERATIONS, "ftol": precision}
         return minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
 
-    rough = min((end(start, _ROUGH) for start in begun), key=lambda each: float(each.fun))
-    best = end(rough.x, _PRECISION)
+    rough = min((end(start, _ROUGH) for start in begun[quick:]), key=lambda each: float(each.fun))
+    best = rough if quick else end(rough.x, _PRECISION)
     return Evidence(rows, terms, products, np.asarray(best.x), -float(best.fun))
 
 

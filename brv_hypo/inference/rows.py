@@ -105,7 +105,7 @@ class Rows:
     """What that moment makes of the rows before whitening, as a length."""
     own: FloatArray
     """Orthonormal columns of what is projected out (n, rank)."""
-    louder: float = 1.0
+    noise_ratio: float = 1.0
     """Their noise over what the record states."""
 
     @property

@@ -16,14 +16,12 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import Nonlinear
 from brv_hypo.regression.unlisted import (
-    RATE,
     UnlistedMoment,
     left_of,
     over,
     particular_share,
     plain_columns,
     shapes_of,
-    turning_moment,
     unlisted_moment,
 )
 
@@ -58,10 +56,6 @@ def alternatives(
     unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
     if unlisted is not None:
         found.append(_instead_of(leader, problem, unlisted))
-    if (stretch := _many_steps(leader)) is not None:
-        turning = turning_moment(problem, tuple(listed.values()), OUTSIDE, *stretch)
-        if turning is not None:
-            found.append(_instead_of(leader, problem, turning))
     return tuple(found)
 
 
@@ -108,19 +102,8 @@ def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> A
     return Alternative(_described(fit), fit)
 
 
-def _many_steps(leader: HypothesisFit) -> tuple[float, float] | None:
-    """The first and last time at which the leader changes, where it does so more often than one stretch needs."""
-    starts = {column.time_basis.start for column in leader.selected if column.time_basis.kind != "constant"}
-    return (min(starts), max(starts)) if len(starts) > ONE_STRETCH else None
-
-
 def _described(fit: HypothesisFit) -> str:
-    shapes = " and ".join(dict.fromkeys(_shape(column) for column in fit.selected))
+    shapes = " and ".join(dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
     since = f" from {at(fit.frame.common, min(starts))}" if starts else ""
     return f"a moment that no mechanism on the list has ({shapes}{since})"
-
-
-def _shape(column: Regressor) -> str:
-    rate = dict(column.theta).get(RATE)
-    return column.term if rate is None else f"turning in the body at {rate:.3g} rad/s"

@@ -19,10 +19,12 @@ from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import Regressor, TimeBasis, delays_among
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Alternative, alternatives
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.intervals import within_bounds
+from brv_hypo.ranking.limits import regions
 from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
 from brv_hypo.regression.build import point_of
@@ -34,16 +36,22 @@ from brv_hypo.regression.fit import (
     renewed,
     scanned_finely,
     self_consistent,
+    solved,
 )
+from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.uncertainty import with_design
 
 NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
+PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
 MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
 
 
 Progress = Callable[[str], None]
+_Pair = tuple[HypothesisFit, Evidence]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]
 
 
@@ -104,7 +112,10 @@ def judged(
         rows = _rows(whole, next(each for each in fits if each.name == fit.name))
         null = maximised(rows, rows.terms(None))
         evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
-        fits = [with_design(problem, _estimated(*each, null)) for each in zip(fits, evidences, strict=True)]
+        at, both = rows.frame_of(fit), zip(fits, evidences, strict=True)
+        pairs = [_plainest(problem, *each, null, at) for each in both]
+        evidences = [own for _, own in pairs]
+        fits = [with_design(problem, _estimated(*each, null)) for each in pairs]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
 
 
@@ -139,6 +150,43 @@ def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
     return fit.information <= leader.information + SEARCH_OUT_OF_REACH
 
 
+def _plainest(problem: Problem, fit: HypothesisFit, own: Evidence, null: Evidence, frame: RateFrame) -> _Pair:
+    """The hypothesis as it is, or acting between two times alone, whichever is likelier beside processes.
+
+    The search, which knows none, describes with many knots what they explain.
+    """
+    rows = null.rows
+    if len(fit.mechanisms) != 1 or not (found := regions(null, frame, fit.mechanisms[0], PLAIN_EDGES)):
+        return fit, own
+    best, known = max(found, key=lambda each: each.peak), frame.with_mechanisms(fit.mechanisms)
+    terms = fit.mechanisms[0].terms(frame.motions[0], dict(best.theta))
+    late = delays_among(fit.mechanisms[0].parameters())
+
+    def acting(selected: Sequence[Regressor]) -> _Pair:
+        plain = solved(Reduced(problem, known), fit.name, fit.mechanisms, (*problem.baseline, *selected), fit.searched)
+        parameters = nonlinear_parameters(plain.columns, plain.baseline_size, known, problem.knots)
+        plain = replace(plain, nonlinear=parameters)
+        return plain, maximised(rows, rows.terms(plain), [null.at], quick=True)
+
+    first, rough = acting(
+        [
+            Regressor(fit.name, term.name, best.theta, TimeBasis("jump", edge), term.units, late_by=late)
+            for edge in best.region
+            if edge < float(frame.coefficient_time.max())
+            for term in terms
+        ]
+    )
+    columns = first.columns
+    for parameter, shift in zip(first.nonlinear, rough.values[len(columns) :].tolist(), strict=True):
+        columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
+    plain, rough = max((first, rough), acting(columns[first.baseline_size :]), key=lambda each: each[1].level)
+    return (
+        (fit, own)
+        if rough.level <= own.level
+        else (plain, maximised(rows, rows.terms(plain), [rough.at[: null.at.size]]))
+    )
+
+
 def _rows(whole: Problem, leader: HypothesisFit) -> Rows:
     """The rows about the leader, under the noise that each channel has beside it and all processes."""
     rows, noise, half = rows_of(whole, leader), whole.rows.noise, whole.rows.rates
@@ -146,9 +194,9 @@ def _rows(whole: Problem, leader: HypothesisFit) -> Rows:
     rates, force = (float(np.sqrt(np.mean(part**2))) for part in (residual[:half], residual[half:]))
     if max(abs(np.log(rates)), abs(np.log(force))) < NOISE_APART:
         return rows
-    louder = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
-    again = rows_of(whole.under(replace(noise, rates=louder[0], force=louder[1])), leader)
-    return replace(again, louder=float(np.hypot(rates, force) / np.sqrt(2.0)))
+    scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
+    again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), leader)
+    return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0)))
 
 
 def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:

@@ -25,13 +25,16 @@ _WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True)
-class _Shape:
+class Shape:
     """One region and theta: `peak` 2 ln L that it gains, `estimate` (terms,), its information and moments' Gram."""
 
     peak: float
     estimate: FloatArray
     information: FloatArray
     gram: FloatArray
+    theta: Theta
+    region: tuple[float, float]
+    """From where to where it acts, s."""
 
     def largest(self, allowed: float) -> float:
         """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate."""
@@ -99,10 +102,7 @@ def _rms(moments: ComplexArray) -> float:
 
 def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
     """The largest rms moment of one mechanism over the record."""
-    acting = frame.with_mechanisms([mechanism])
-    shapes = [
-        shape for theta in theta_grid(mechanism, dense=True) for shape in _shapes(evidence, acting, mechanism, theta)
-    ]
+    shapes = regions(evidence, frame, mechanism, LIMIT_EDGES)
     if not shapes:
         return float("inf")
     best = max(shape.peak for shape in shapes)
@@ -110,9 +110,15 @@ def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
     return max(shape.largest(room) for shape, room in allowed if room > 0.0)
 
 
-def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta) -> list[_Shape]:
+def regions(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, count: int) -> list[Shape]:
+    """Every region between two of so many edges, at every theta of a dense grid."""
+    acting, thetas = frame.with_mechanisms([mechanism]), theta_grid(mechanism, dense=True)
+    return [shape for theta in thetas for shape in _shapes(evidence, acting, mechanism, theta, count)]
+
+
+def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, number: int) -> list[Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
-    edges = np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), LIMIT_EDGES)
+    edges = np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), number)
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
@@ -121,10 +127,8 @@ def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: T
     ]
     rows, moments = evidence.rows.of_moments(frame, parts), frame.moments(parts)
     count, terms = edges.size - 1, len(names)
-    inside = np.array(
-        [(np.arange(count) >= a) & (np.arange(count) < b) for a in range(count) for b in range(a + 1, count + 1)],
-        dtype=float,
-    )
+    ends = [(a, b) for a in range(count) for b in range(a + 1, count + 1)]
+    inside = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends], dtype=float)
 
     def over_regions(products: FloatArray) -> FloatArray:
         """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
@@ -141,4 +145,7 @@ def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: T
     seen = seen[np.linalg.cond(information[seen] / scale[seen, np.newaxis]) <= _WORST_CONDITION]
     estimate = np.linalg.solve(information[seen], right[seen][..., np.newaxis])[..., 0]
     peak = np.einsum("ra,rab,rb->r", estimate, information[seen], estimate)
-    return [_Shape(float(peak[k]), estimate[k], information[region], gram[region]) for k, region in enumerate(seen)]
+    return [
+        Shape(float(peak[k]), estimate[k], information[j], gram[j], theta, (float(edges[a]), float(edges[b])))
+        for k, (j, (a, b)) in enumerate((j, ends[j]) for j in seen.tolist())
+    ]

@@ -122,7 +122,7 @@ def check_louder(flight: Flight, least: float, patch: pytest.MonkeyPatch) -> Non
     assert found.leader == found.null
     assert sizes_of_residual(own) == pytest.approx((1.0, 1.0), abs=NOISE_LEVEL[1])
     assert verdict.adequacy is not None
-    assert verdict.adequacy.ratio == pytest.approx(own.noise * found.rows.louder)
+    assert verdict.adequacy.ratio == pytest.approx(own.noise * found.rows.noise_ratio)
     assert verdict.adequacy.ratio > least
     assert verdict.adequacy.p_value < 0.01
 
