@@ -45,6 +45,7 @@ from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.uncertainty import with_design
 
 NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
+OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
 MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
@@ -109,11 +110,16 @@ def judged(
         whole = with_processes(point, records, settings, config)
         problem = without_processes(whole, point)
         fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
-        rows = _rows(whole, next(each for each in fits if each.name == fit.name))
-        null = maximised(rows, rows.terms(None))
-        evidences = [maximised(rows, rows.terms(each), [null.at]) if each.selected else null for each in fits]
-        at, both = rows.frame_of(fit), zip(fits, evidences, strict=True)
-        pairs = [_plainest(problem, *each, null, at) for each in both]
+        rows, start = _rows(whole, next(each for each in fits if each.name == fit.name))
+        null, at = maximised(rows, rows.terms(None), [start]), rows.frame_of(fit)
+        roughly = [maximised(rows, rows.terms(each), [start], quick=True) if each.selected else null for each in fits]
+        least = max(own.level for own in roughly) - OUT_OF_REACH
+        pairs = [
+            _plainest(problem, each, maximised(rows, rows.terms(each), [start, null.at]), null, at)
+            if each.selected and own.level > least
+            else (each, own)
+            for each, own in zip(fits, roughly, strict=True)
+        ]
         evidences = [own for _, own in pairs]
         fits = [with_design(problem, _estimated(*each, null)) for each in pairs]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
@@ -187,16 +193,19 @@ def _plainest(problem: Problem, fit: HypothesisFit, own: Evidence, null: Evidenc
     )
 
 
-def _rows(whole: Problem, leader: HypothesisFit) -> Rows:
-    """The rows about the leader, under the noise that each channel has beside it and all processes."""
+def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
+    """The rows about the leader, under the noise that each channel has beside it and all processes; the logarithms of
+    noise and amplitudes there.
+    """
     rows, noise, half = rows_of(whole, leader), whole.rows.noise, whole.rows.rates
-    residual = maximised(rows, rows.terms(leader)).residual
+    own = maximised(rows, rows.terms(leader))
+    residual, start = own.residual, own.at[: 1 + len(rows.groups)]
     rates, force = (float(np.sqrt(np.mean(part**2))) for part in (residual[:half], residual[half:]))
     if max(abs(np.log(rates)), abs(np.log(force))) < NOISE_APART:
-        return rows
+        return rows, start
     scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
     again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), leader)
-    return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0)))
+    return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start
 
 
 def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:
