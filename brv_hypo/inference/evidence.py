@@ -34,8 +34,9 @@ _LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
 _NOISE = (-1.0, 3.0)  # logarithm of the noise over what the record states: least and most
 _SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
 _ITERATIONS = 80
-# Relative fall of the cost at which a maximisation ends, and at which the best of them does: some nats, and 1e-5.
-_ROUGH, _PRECISION = 1e-4, 1e-10
+# Relative fall of the cost at which a maximisation ends that is polished, one that is not, and the polished: some nats,
+# 0.1 and 1e-5 of them.
+_ROUGH, _QUICK, _PRECISION = 1e-4, 1e-7, 1e-10
 
 
 _Block = tuple[FloatArray, FloatArray, FloatArray]
@@ -205,7 +206,8 @@ def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = (), quick
         options: Any = {"maxiter": _ITERATIONS, "ftol": precision}
         return minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
 
-    rough = min((end(start, _ROUGH) for start in begun[quick:]), key=lambda each: float(each.fun))
+    first = _QUICK if quick else _ROUGH
+    rough = min((end(start, first) for start in begun[quick:]), key=lambda each: float(each.fun))
     best = rough if quick else end(rough.x, _PRECISION)
     return Evidence(rows, terms, products, np.asarray(best.x), -float(best.fun))
 
