@@ -110,7 +110,7 @@ def judge(
     processes: Sequence[ProcessEstimate] = (),
     other_prior: float = OTHER_PRIOR,
 ) -> Verdict:
-    """Name a hypothesis that leads beside processes, predicts stretches of the record, and has possible values."""
+    """Name a hypothesis that leads beside processes, explains and predicts something, and has possible values."""
     whole = decide(listed, outside, fit, other_prior)
     count = whole.leader.held_out.size
     repeated = [_without(listed, outside, fit, other_prior, k) for k in range(count)]
@@ -155,7 +155,7 @@ def decide(
     if leader.impossible is not None:
         chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
     null = next((candidate for candidate in listed if candidate.name == NONE), leader)
-    predicts = null is leader or bool(np.sum(leader.held_out) > np.sum(null.held_out))
+    predicts = null is leader or bool(fit.explains > 0.0 and np.sum(leader.held_out) > np.sum(null.held_out))
     adequate = fit.adequate and chances[OTHER] < WINNING_PROBABILITY and leader.impossible is None
     return Decision(leader, chances, adequate, predicts)
 
@@ -215,8 +215,8 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:
     if not predicts:
         return (
-            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but the baseline only "
-            "predicts stretches of the record from the others as well or better."
+            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but explains nothing that "
+            "baseline and processes do not, or predicts stretches of the record from the others no better than these."
         )
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
     best = max(outside, key=lambda candidate: candidate.level, default=None)

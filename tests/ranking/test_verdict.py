@@ -178,9 +178,14 @@ def test_a_name_predicts_better_than_the_baseline_only(held_out: float, named: b
     if not named:
         assert (verdict.outcome, verdict.equivalent) == ("undecided", ("lag", NONE))
         assert verdict.reason == (
-            "The data do not name one hypothesis: lag has the largest evidence, but the baseline only predicts "
-            "stretches of the record from the others as well or better."
+            "The data do not name one hypothesis: lag has the largest evidence, but explains nothing that baseline and "
+            "processes do not, or predicts stretches of the record from the others no better than these."
         )
+
+
+def test_what_explains_nothing_is_not_named() -> None:
+    verdict = said(NULL, LAG, fit=Fit(1.0, ROWS, 0.0))
+    assert (verdict.outcome, verdict.winner) == ("undecided", None)
 
 
 def test_all_stretches_count_together() -> None:
@@ -218,10 +223,10 @@ def test_an_impossible_rival_is_no_matter() -> None:
 @pytest.mark.parametrize(
     ("noise", "explains", "adequate"),
     [
-        (0.5, 0.0, True),
-        (1.0, 0.0, True),
-        (1.40, 0.0, True),  # the residual beyond the noise is less than the noise
-        (1.43, 0.0, False),
+        (0.5, 1.0, True),
+        (1.0, 1.0, True),
+        (1.40, 1.0, True),  # the residual beyond the noise is less than the noise
+        (1.43, 1.0, False),
         (3.0, 7.9 * ROWS, False),
         (3.0, 8.1 * ROWS, True),  # and less than what the leader explains
     ],
