@@ -77,10 +77,11 @@ def confidence_p_values(losses: FloatArray) -> FloatArray:
     observed = means[:, np.newaxis] - means
     chance = drawn_means[:, :, np.newaxis] - drawn_means[:, np.newaxis, :] - observed
     spread = np.sqrt(np.mean(chance**2, axis=0) + np.eye(distinct.size))  # the diagonal is 0 / 1
+    statistics, by_chance = observed / spread, chance / spread
     p_value, p_values, kept = 0.0, np.ones(distinct.size), list(range(distinct.size))
     while len(kept) > 1:
-        worse = (observed / spread)[np.ix_(kept, kept)].max(axis=1)
-        largest = (chance / spread)[:, kept][:, :, kept].max(axis=(1, 2))
+        worse = statistics[np.ix_(kept, kept)].max(axis=1)
+        largest = by_chance[:, kept][:, :, kept].max(axis=(1, 2))
         p_value = max(p_value, float(np.mean(worse.max() < largest)))
         p_values[kept.pop(int(worse.argmax()))] = p_value
     return p_values[which]
