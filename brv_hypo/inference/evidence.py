@@ -3,7 +3,7 @@
     y = U b + X c + Z a + e,   a ~ N(0, s^2 S^2),   c ~ N(0, s^2 t^2 T^2),   b ~ flat or N(0, s^2),   e ~ N(0, s^2)
 
 With b, c and a integrated out, log p(y | S, t, s) is maximised together with the logarithms' Gaussian priors over the
-amplitudes S of processes, t of the mechanism and the noise s, by L-BFGS with the exact gradient. Knots and delays are
+amplitudes S of processes, t of the mechanism and the noise s, by Newton's method in a trust region. Knots and delays are
 columns of X, linear about where the search found them, with the spread of a uniform prior: their posterior widths over
 their ranges are Occam's share of what was searched. With M = 1 + S Z' Z S of each flight its processes are eliminated
 first (Woodbury's identity), and what remains is as large as U and X:
@@ -11,7 +11,8 @@ first (Woodbury's identity), and what remains is as large as U and X:
     A = [U X]' [U X] + P - sum of W' W,   W = L^-1 S Z' [U X],   M = L L',   P the prior's precision
     2 log p = -n log s^2 - sum log |M| - log |A| + log |P| - (y' y - sum w' w - u' A^-1 u) / s^2
 
-Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4.
+Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4; the curvature,
+exact for one flight, is that of restricted likelihood (Searle, Casella and McCulloch, Variance Components, 1992, 6.6).
 """
 
 from __future__ import annotations
@@ -23,20 +24,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.inference.rows import Rows, Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
-_LARGEST, _SMALLEST = float(np.log(3.0)), float(np.log(1e-5))  # amplitudes
-_NOISE = (-1.0, 3.0)  # logarithm of the noise over what the record states: least and most
 _SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
-_ITERATIONS = 80
-# Relative fall of the cost at which a maximisation ends that is polished, one that is not, and the polished: some nats,
-# 0.1 and 1e-5 of them.
-_ROUGH, _QUICK, _PRECISION = 1e-4, 1e-7, 1e-10
+# Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
+_SLOPE = 1e-3
+_LARGEST_STEP = 3.0  # of all logarithms together
 
 
 _Block = tuple[FloatArray, FloatArray, FloatArray]
@@ -80,7 +78,7 @@ class Products(NamedTuple):
 
 
 class _Solution(NamedTuple):
-    """b and c with their covariance under noise of 1, and each flight's standardised a with its variances."""
+    """b and c with their covariance under noise of 1, and each flight's standardised a."""
 
     level: float
     """Half of the log determinants."""
@@ -88,7 +86,16 @@ class _Solution(NamedTuple):
     border: FloatArray
     covariance: FloatArray
     modes: tuple[FloatArray, ...]
-    variances: tuple[FloatArray, ...]
+    inverses: tuple[FloatArray, ...]
+    """M^-1 of each flight."""
+    follows: tuple[FloatArray, ...]
+    """By how much its a falls as b and c rise (columns, border)."""
+
+    @property
+    def variances(self) -> tuple[FloatArray, ...]:
+        """Those of each flight's a, under noise of 1."""
+        both = zip(self.inverses, self.follows, strict=True)
+        return tuple(np.diag(inverse) + np.sum((own @ self.covariance) * own, axis=1) for inverse, own in both)
 
 
 @dataclass(frozen=True)
@@ -192,24 +199,34 @@ def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = (), quick
     priors = [NOISE_LEVEL, *(group.prior for group in groups), *([MECHANISM_AMPLITUDE] if has_terms else [])]
     centre, width = np.array(priors, dtype=float).T
 
-    def cost(at: FloatArray) -> tuple[float, FloatArray]:
-        found = _solved(products, rows, terms, at)
-        off = (at - centre) / width
-        value = _value(products, rows, found, at) + 0.5 * float(off @ off)
-        return value, np.asarray(_slope(products, rows, terms, at, found) + off / width)
+    last: dict[bytes, _Solution] = {}
+
+    def found(at: FloatArray) -> _Solution:
+        key = at.tobytes()
+        if key not in last:
+            last.clear()
+            last[key] = _solved(products, rows, terms, at)
+        return last[key]
+
+    def cost(at: FloatArray) -> float:
+        return _value(products, rows, found(at), at) + 0.5 * float(np.sum(((at - centre) / width) ** 2))
+
+    def slope(at: FloatArray) -> FloatArray:
+        return np.asarray(_slope(products, rows, terms, at, found(at)) + (at - centre) / width**2)
+
+    def curvature(at: FloatArray) -> FloatArray:
+        return np.asarray(_curvature(rows, terms, at, found(at)) + np.diag(width**-2.0))
 
     small = np.array([0.0, *(_SMALL for _ in groups), *([centre[-1]] if has_terms else [])])
     begun = [small, *(np.append(s, [centre[-1]] if has_terms else []) for s in starts or [centre[: 1 + len(groups)]])]
-    bounds = [_NOISE, *[(_SMALLEST, _LARGEST)] * (centre.size - 1)]
-
-    def end(start: FloatArray, precision: float) -> Any:
-        options: Any = {"maxiter": _ITERATIONS, "ftol": precision}
-        return minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-
-    first = _QUICK if quick else _ROUGH
-    rough = min((end(start, first) for start in begun[quick:]), key=lambda each: float(each.fun))
-    best = rough if quick else end(rough.x, _PRECISION)
-    return Evidence(rows, terms, products, np.asarray(best.x), -float(best.fun))
+    options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}
+    ends = [
+        minimize(cost, start, jac=slope, hess=curvature, method="trust-exact", options=options)
+        for start in begun[quick:]
+    ]
+    best = np.asarray(min(ends, key=lambda each: float(each.fun)).x)
+    polished = best - np.linalg.solve(curvature(best), slope(best))
+    return Evidence(rows, terms, products, polished, -cost(polished))
 
 
 def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:
@@ -256,13 +273,15 @@ def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray, with_m
     border = cho_solve((outer, True), right, check_finite=False)
     level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))
     covariance = cho_solve((outer, True), np.eye(border.size), check_finite=False)
-    modes, variances = [], []
+    modes, inverses, falls = [], [], []
     for factor, made, own in parts if with_modes else ():
-        inverse, _ = dtrtri(factor, lower=1)
-        follows = inverse.T @ made
-        modes.append(inverse.T @ own - follows @ border)
-        variances.append(np.einsum("ij,ij->j", inverse, inverse) + np.sum((follows @ covariance) * follows, axis=1))
-    return _Solution(level, misfit - float(right @ border), border, covariance, tuple(modes), tuple(variances))
+        both = solve_triangular(factor, np.column_stack([made, own]), lower=True, trans="T", check_finite=False)
+        lower, _ = dpotri(factor, lower=1)
+        inverses.append(np.tril(lower) + np.tril(lower, -1).T)
+        falls.append(both[:, :-1])
+        modes.append(both[:, -1] - both[:, :-1] @ border)
+    rest = misfit - float(right @ border)
+    return _Solution(level, rest, border, covariance, tuple(modes), tuple(inverses), tuple(falls))
 
 
 def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> float:
@@ -289,3 +308,45 @@ def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: 
         squares = per_noise * found.border[chosen] ** 2 + np.diag(found.covariance)[chosen]
         slope[-1] = float(np.sum(1.0 - precision * squares))
     return slope
+
+
+def _curvature(rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> FloatArray:
+    """Second derivatives of `_value`.
+
+    With Q = 1 - C of the standardised unknowns u = [a c] of covariance C and mode m, d Q_ij / d log S_k takes Q_ik Q_kj
+    and d m_i / d log S_k takes Q_ik m_k. Processes of different flights have what they share alone in common, so that
+    of two flights sums over their columns suffice.
+    """
+    per_noise, mechanism = np.exp(-2.0 * at[0]), bool(np.any(terms.scaled))
+    squares, traces, pairs = np.zeros(at.size - 1), np.zeros(at.size - 1), np.zeros((at.size - 1, at.size - 1))
+    chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
+    precision = np.where(chosen, 1.0 / _spreads(rows, terms, at), 0.0)
+    sums, grams = np.zeros((at.size - 1, chosen.size)), np.zeros((at.size - 1, chosen.size, chosen.size))
+
+    def gather(mode: FloatArray, makes: FloatArray, inverse: FloatArray, groups: Sequence[slice], first: int) -> None:
+        """What unknowns of one flight, or of all, have among themselves; `makes` of each by what all share."""
+        places, starts = np.arange(first, first + len(groups)), [own.start for own in groups]
+        through = makes @ found.covariance @ makes.T
+        q = np.eye(mode.size) - inverse - through
+        both = 4.0 * per_noise * mode[:, np.newaxis] * (q + through) * mode - 2.0 * (q**2 - through**2)
+        pairs[np.ix_(places, places)] += np.add.reduceat(np.add.reduceat(both, starts, axis=0), starts, axis=1)
+        squares[places] += np.add.reduceat(per_noise * mode**2, starts)
+        traces[places] += np.add.reduceat(np.diag(q), starts)
+        for place, own in zip(places, groups, strict=True):
+            sums[place] += makes[own].T @ mode[own]
+            grams[place] += makes[own].T @ makes[own]
+
+    for block, mode, inverse, follows in zip(rows.blocks, found.modes, found.inverses, found.follows, strict=True):
+        gather(mode, -follows, inverse, block.columns, 0)
+    if mechanism:
+        makes = np.diag(precision)[chosen]
+        mode = makes @ found.border
+        gather(mode, makes, np.zeros((mode.size, mode.size)), [slice(0, mode.size)], at.size - 2)
+    pairs -= 4.0 * per_noise * sums @ found.covariance @ sums.T
+    through = grams @ found.covariance
+    pairs -= 2.0 * np.einsum("iab,jba->ij", through, through)
+    out = np.zeros((at.size, at.size))
+    out[1:, 1:] = pairs + np.diag(2.0 * (traces - squares))
+    out[0, 1:] = out[1:, 0] = 2.0 * squares
+    out[0, 0] = 2.0 * found.misfit * per_noise
+    return out

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -57,34 +57,43 @@ def test_hypotheses_of_one_problem_differ_by_what_their_densities_differ_by(size
     assert own.level - null.level == pytest.approx(dense(own).log_evidence - dense(null).log_evidence, abs=1e-8)
 
 
-def cost_of(rows: Rows, terms: Terms, patch: pytest.MonkeyPatch) -> Callable[[FloatArray], tuple[float, FloatArray]]:
-    """What is minimised, with its gradient."""
-    asked: list[Any] = []
+class Cost(NamedTuple):
+    """What is minimised, with its first and second derivatives."""
 
-    def stays(cost: Any, start: FloatArray, **options: Any) -> SimpleNamespace:
-        asked.append(cost)
-        return SimpleNamespace(x=start, fun=cost(start)[0])
+    value: Callable[[FloatArray], float]
+    slope: Callable[[FloatArray], FloatArray]
+    curvature: Callable[[FloatArray], FloatArray]
+
+
+def cost_of(rows: Rows, terms: Terms, patch: pytest.MonkeyPatch) -> Cost:
+    asked: list[Cost] = []
+
+    def stays(cost: Any, start: FloatArray, *, jac: Any, hess: Any, **options: Any) -> SimpleNamespace:
+        asked.append(Cost(cost, jac, hess))
+        return SimpleNamespace(x=start, fun=cost(start))
 
     with patch.context() as context:
         context.setattr(evidence, "minimize", stays)
         maximised(rows, terms)
-    cost: Callable[[FloatArray], tuple[float, FloatArray]] = asked[0]
-    return cost
+    return asked[0]
+
+
+def differences(of: Callable[[FloatArray], Any], at: FloatArray) -> FloatArray:
+    """Central ones."""
+    step = 1e-5
+    return np.array([(of(at + one) - of(at - one)) / (2.0 * step) for one in step * np.eye(at.size)])
 
 
 @settings(max_examples=10)
 @given(sizes=SIZES, seed=st.integers(0, 1000))
-def test_the_gradient_is_that_of_central_differences(sizes: Sizes, seed: int) -> None:
+def test_slope_and_curvature_are_those_of_central_differences(sizes: Sizes, seed: int) -> None:
     rows, terms = small(sizes, seed)
     with pytest.MonkeyPatch.context() as patch:
         cost = cost_of(rows, terms, patch)
-    amplitudes = 1 + len(rows.groups) + (1 if sizes.terms else 0)
-    at = np.random.default_rng(seed).uniform(-1.0, 0.6, amplitudes)
-    step = 1e-5
-    each = step * np.eye(amplitudes)
-    differences = [(cost(at + one)[0] - cost(at - one)[0]) / (2.0 * step) for one in each]
-    assert cost(at)[0] == pytest.approx(-Dense(rows, terms, at).log_evidence, rel=AGREE)
-    assert cost(at)[1] == pytest.approx(differences, rel=1e-6, abs=1e-6)
+    at = np.random.default_rng(seed).uniform(-1.0, 0.6, 1 + len(rows.groups) + (1 if sizes.terms else 0))
+    assert cost.value(at) == pytest.approx(-Dense(rows, terms, at).log_evidence, rel=AGREE)
+    assert cost.slope(at) == pytest.approx(differences(cost.value, at), rel=1e-6, abs=1e-6)
+    assert np.allclose(cost.curvature(at), differences(cost.slope, at), rtol=1e-6, atol=1e-6)
 
 
 @ONE_AND_TWO
