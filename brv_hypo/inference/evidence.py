@@ -31,7 +31,6 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.inference.rows import Rows, Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
-_SMALL = np.log(1e-3)  # amplitudes from which one maximisation begins
 # Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
 _SLOPE = 1e-3
 _LARGEST_STEP = 3.0  # of all logarithms together
@@ -150,6 +149,17 @@ class Evidence:
         made[known:, first:] = np.eye(count)
         return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
 
+    def level_without(self, chosen: Sequence[int]) -> float:
+        """Log evidence without some columns of X, at the same amplitudes (Savage and Dickey: Verdinelli and Wasserman
+        1995).
+        """
+        places = self.rows.shared.shape[1] + np.array(chosen)
+        covariance = self.solution.covariance[np.ix_(places, places)]
+        at_mode, spread = self.solution.border[places], _spreads(self.rows, self.terms, self.at)[places]
+        _, level = np.linalg.slogdet(covariance / np.outer(spread, spread))
+        squares = float(at_mode @ np.linalg.solve(covariance, at_mode)) / self.noise**2
+        return self.level - 0.5 * (squares + float(level))
+
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""
         out, amplitude = np.zeros(self.rows.y.size), _amplitudes(self.rows, self.at)[process]
@@ -189,9 +199,9 @@ class Evidence:
         return found[:, :-1] / self.noise**2, found[:, -1] / self.noise**2
 
 
-def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = (), quick: bool = False) -> Evidence:
-    """The evidence of terms at its most probable amplitudes, from small ones, and from those given; `quick`: roughly,
-    and from those given alone.
+def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evidence:
+    """The evidence of terms at its most probable amplitudes, from ordinary ones, or from the `start` of noise and
+    processes.
     """
     border = np.concatenate([rows.shared, terms.x], axis=1)
     products = Products.of(rows, border)
@@ -217,14 +227,10 @@ def maximised(rows: Rows, terms: Terms, starts: Sequence[FloatArray] = (), quick
     def curvature(at: FloatArray) -> FloatArray:
         return np.asarray(_curvature(rows, terms, at, found(at)) + np.diag(width**-2.0))
 
-    small = np.array([0.0, *(_SMALL for _ in groups), *([centre[-1]] if has_terms else [])])
-    begun = [small, *(np.append(s, [centre[-1]] if has_terms else []) for s in starts or [centre[: 1 + len(groups)]])]
+    ordinary = centre[: 1 + len(groups)] if start is None else start
     options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}
-    ends = [
-        minimize(cost, start, jac=slope, hess=curvature, method="trust-exact", options=options)
-        for start in begun[quick:]
-    ]
-    best = np.asarray(min(ends, key=lambda each: float(each.fun)).x)
+    begun = np.append(ordinary, centre[ordinary.size :])
+    best = minimize(cost, begun, jac=slope, hess=curvature, method="trust-exact", options=options).x
     polished = best - np.linalg.solve(curvature(best), slope(best))
     return Evidence(rows, terms, products, polished, -cost(polished))
 

@@ -53,7 +53,7 @@ def test_the_level_is_the_log_density_of_the_whole_covariance(sizes: Sizes, seed
 def test_hypotheses_of_one_problem_differ_by_what_their_densities_differ_by(sizes: Sizes) -> None:
     rows, terms = small(sizes, 2)
     null = maximised(rows, Terms(np.zeros((rows.y.size, 0)), np.zeros(0), np.zeros(0, dtype=bool)))
-    own = maximised(rows, terms, [null.at])
+    own = maximised(rows, terms, null.at)
     assert own.level - null.level == pytest.approx(dense(own).log_evidence - dense(null).log_evidence, abs=1e-8)
 
 
@@ -111,7 +111,7 @@ def test_no_other_amplitudes_are_more_probable(sizes: Sizes, seed: int) -> None:
 def test_from_where_it_ends_a_maximisation_goes_no_further() -> None:
     rows, terms = small(Sizes(), 3)
     best = maximised(rows, terms)
-    assert maximised(rows, terms, [best.at[: 1 + len(rows.groups)]]).level == pytest.approx(best.level, abs=1e-3)
+    assert maximised(rows, terms, best.at[: 1 + len(rows.groups)]).level == pytest.approx(best.level, abs=1e-3)
 
 
 # ---- Coefficients, processes and their errors ----
