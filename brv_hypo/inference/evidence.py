@@ -27,53 +27,13 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
-from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.inference.rows import Rows, Terms
+from brv_hypo.arrays import FloatArray
+from brv_hypo.inference.rows import Products, Rows, Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
 # Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
 _SLOPE = 1e-3
 _LARGEST_STEP = 3.0  # of all logarithms together
-
-
-_Block = tuple[FloatArray, FloatArray, FloatArray]
-
-
-class Products(NamedTuple):
-    """Scalar products of rows: what the likelihood needs of the data. `blocks`: Z'Z, Z'[U X] and Z'y of each flight."""
-
-    rows: int
-    square: float
-    across: FloatArray
-    right: FloatArray
-    blocks: tuple[_Block, ...]
-
-    @classmethod
-    def of(cls, rows: Rows, border: FloatArray, chosen: BoolArray | None = None) -> Products:
-        """Of all rows, or of those chosen (n,)."""
-        use = np.ones(rows.y.size, dtype=bool) if chosen is None else chosen
-        y_used, own = rows.y[use], border[use]
-        blocks = []
-        for block in rows.blocks:
-            here = use[block.rows]
-            z, those = block.z[here], block.rows[here]
-            blocks.append((z.T @ z, z.T @ border[those], z.T @ rows.y[those]))
-        count = rows.size if chosen is None else int(np.sum(use))
-        return cls(count, float(y_used @ y_used), own.T @ own, own.T @ y_used, tuple(blocks))
-
-    def less(self, other: Products) -> Products:
-        """Of all rows but those of `other`."""
-        blocks = tuple(
-            (mine[0] - less[0], mine[1] - less[1], mine[2] - less[2])
-            for mine, less in zip(self.blocks, other.blocks, strict=True)
-        )
-        return Products(
-            self.rows - other.rows,
-            self.square - other.square,
-            self.across - other.across,
-            self.right - other.right,
-            blocks,
-        )
 
 
 class _Solution(NamedTuple):
@@ -179,20 +139,15 @@ class Evidence:
     @cached_property
     def held_out(self) -> FloatArray:
         """Log predictive density of each stretch of time given the others (stretches,)."""
-        border = np.concatenate([self.rows.shared, self.terms.x], axis=1)
-        rests = (
-            self.products.less(Products.of(self.rows, border, self.rows.time_blocks == k))
-            for k in np.unique(self.rows.time_blocks)
-        )
+        rests = (self.products.less(each.beside(self.rows, self.terms.x)) for each in self.rows.stretch_products)
         whole, *rest = [-_cost(each, self.rows, self.terms, self.at) for each in (self.products, *rests)]
         return whole - np.array(rest)
 
     def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
-        border = np.concatenate([self.rows.shared, self.terms.x, x], axis=1)
-        products = Products.of(self.rows, border)
-        inner, right, *_ = _eliminated(products, self.rows, self.at)
-        first = border.shape[1] - x.shape[1]
+        both = np.concatenate([self.terms.x, x], axis=1)
+        inner, right, *_ = _eliminated(self.rows.products.beside(self.rows, both), self.rows, self.at)
+        first = right.size - x.shape[1]
         inner[:first, :first] += np.diag(_spreads(self.rows, self.terms, self.at) ** -2.0)
         known = np.linalg.solve(inner[:first, :first], np.column_stack([inner[:first, first:], right[:first]]))
         found = np.column_stack([inner[first:, first:], right[first:]]) - inner[first:, :first] @ known
@@ -203,8 +158,7 @@ def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evid
     """The evidence of terms at its most probable amplitudes, from ordinary ones, or from the `start` of noise and
     processes.
     """
-    border = np.concatenate([rows.shared, terms.x], axis=1)
-    products = Products.of(rows, border)
+    products = rows.products.beside(rows, terms.x)
     groups, has_terms = rows.groups, bool(np.any(terms.scaled))
     priors = [NOISE_LEVEL, *(group.prior for group in groups), *([MECHANISM_AMPLITUDE] if has_terms else [])]
     centre, width = np.array(priors, dtype=float).T
@@ -245,7 +199,7 @@ def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
     return np.concatenate([rows.spread, np.where(terms.scaled, amplitude, 1.0) * terms.spread])
 
 
-_Parts = list[_Block]
+_Parts = list[tuple[FloatArray, FloatArray, FloatArray]]
 
 
 def _eliminated(products: Products, rows: Rows, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float, _Parts]:

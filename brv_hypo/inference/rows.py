@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,6 +71,51 @@ class Block:
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows of the flight (m, ...) where errors within tolerances are noise."""
         return np.asarray(rows - self.errors @ (((1.0 - self.shrunk) * (self.errors.T @ rows).T).T))
+
+
+class Products(NamedTuple):
+    """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and of each
+    flight Z'Z, Z'[U X] and Z'y.
+    """
+
+    rows: int
+    square: float
+    across: FloatArray
+    right: FloatArray
+    blocks: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    chosen: tuple[IntArray, ...]
+    """Which rows of each flight (count,)."""
+
+    @classmethod
+    def of(cls, rows: Rows, use: BoolArray, count: int) -> Products:
+        """Of some rows (n,) without a hypothesis."""
+        chosen = tuple(np.flatnonzero(use[block.rows]) for block in rows.blocks)
+        y, shared, blocks = rows.y[use], rows.shared[use], []
+        for block, here in zip(rows.blocks, chosen, strict=True):
+            z, those = block.z[here], block.rows[here]
+            blocks.append((z.T @ z, z.T @ rows.shared[those], z.T @ rows.y[those]))
+        return cls(count, float(y @ y), shared.T @ shared, shared.T @ y, tuple(blocks), chosen)
+
+    def beside(self, rows: Rows, x: FloatArray) -> Products:
+        """With columns of a hypothesis (n, k)."""
+        across, right, blocks = np.zeros((x.shape[1], rows.shared.shape[1])), np.zeros(x.shape[1]), []
+        own = np.zeros((x.shape[1], x.shape[1]))
+        for block, here, known in zip(rows.blocks, self.chosen, self.blocks, strict=True):
+            those = block.rows[here]
+            columns = x[those]
+            across += columns.T @ rows.shared[those]
+            right += columns.T @ rows.y[those]
+            own += columns.T @ columns
+            blocks.append((known[0], np.concatenate([known[1], block.z[here].T @ columns], axis=1), known[2]))
+        whole = np.block([[self.across, across.T], [across, own]])
+        return self._replace(across=whole, right=np.append(self.right, right), blocks=tuple(blocks))
+
+    def less(self, other: Products) -> Products:
+        """Of all rows but those of `other`."""
+        pairs = zip(self.blocks, other.blocks, strict=True)
+        blocks = tuple((a[0] - b[0], a[1] - b[1], a[2] - b[2]) for a, b in pairs)
+        across, right = self.across - other.across, self.right - other.right
+        return Products(self.rows - other.rows, self.square - other.square, across, right, blocks, ())
 
 
 @dataclass(frozen=True)
@@ -151,6 +197,17 @@ class Rows:
     def frame_of(self, fit: HypothesisFit) -> RateFrame:
         """The frame in which C_mw is that of a fit."""
         return self.frame.with_mechanisms(fit.mechanisms).with_in_plane_moment(fit.columns, fit.values)
+
+    @cached_property
+    def products(self) -> Products:
+        """Those of all rows."""
+        return Products.of(self, np.ones(self.y.size, dtype=bool), self.size)
+
+    @cached_property
+    def stretch_products(self) -> tuple[Products, ...]:
+        """Those of each stretch of time."""
+        chosen = [self.time_blocks == k for k in np.unique(self.time_blocks)]
+        return tuple(Products.of(self, use, int(np.sum(use))) for use in chosen)
 
     @cached_property
     def time_blocks(self) -> IntArray:

@@ -6,23 +6,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from brv_hypo.constants import ONE_STRETCH, OUTSIDE
+from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, solved
+from brv_hypo.ranking.limits import even_edges
+from brv_hypo.ranking.with_processes import PLAIN_EDGES, acting
+from brv_hypo.regression.fit import HypothesisFit, likeliest, solved
+from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.free_moment import ORDINARY, shape_of
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import Nonlinear
 from brv_hypo.regression.unlisted import (
+    RATE,
     UnlistedMoment,
     left_of,
     over,
     particular_share,
     plain_columns,
     shapes_of,
-    unlisted_moment,
+    turning_moments,
+    unlisted_moments,
 )
 
 
@@ -39,7 +47,7 @@ class Alternative:
 def alternatives(
     problem: Problem, hypotheses: Mapping[str, Sequence[Mechanism]], fits: Sequence[HypothesisFit]
 ) -> tuple[Alternative, ...]:
-    """The best moment of shapes that nothing on the list has, and a change that many things bring.
+    """Changes that many things bring, as hypotheses.
 
     A leader whose characteristic terms explain next to nothing is such a change, and no likelier than that. What begins
     when the leader does, but with more coefficients than it claims, is another.
@@ -52,10 +60,6 @@ def alternatives(
         found.append(Alternative(f"a change of {terms} alone, which is not specific to {leader.name}", leader))
     if (event := _event(problem, leader)) is not None:
         found.append(event)
-    listed = {mechanism.name: mechanism for group in hypotheses.values() for mechanism in group}
-    unlisted = unlisted_moment(problem, tuple(listed.values()), OUTSIDE)
-    if unlisted is not None:
-        found.append(_instead_of(leader, problem, unlisted))
     return tuple(found)
 
 
@@ -96,14 +100,32 @@ def _event(problem: Problem, leader: HypothesisFit) -> Alternative | None:
     return Alternative(words, replace(fit, nonlinear=tuple(map(with_changes, leader.nonlinear))), specific)
 
 
-def _instead_of(leader: HypothesisFit, problem: Problem, moment: Mechanism) -> Alternative:
-    """The best fit of a moment as a mechanism."""
-    fit = fit_hypothesis(problem, moment.name, (moment,), leader.information)
-    return Alternative(_described(fit), fit)
+def unlisted(
+    problem: Problem, hypotheses: Mapping[str, Sequence[Mechanism]], fits: Sequence[HypothesisFit], null: Evidence
+) -> list[tuple[Alternative, Evidence]]:
+    """The best moment of a shape that nothing on the list has, and the best that turns in the body while the leader
+    acts, each between two times.
+    """
+    leader = likeliest(fits)
+    listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
+    frame = null.rows.frame_of(leader)
+    like = replace(leader, frame=frame)
+    found = [acting(problem, like, unlisted_moments(problem, listed, OUTSIDE), null, even_edges(frame, PLAIN_EDGES))]
+    if (stretch := _stretch(leader, frame)) is not None:
+        found.append(acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch)))
+    return [(Alternative(_described(pair[0]), pair[0]), pair[1]) for pair in found if pair is not None]
+
+
+def _stretch(leader: HypothesisFit, frame: RateFrame) -> tuple[float, float] | None:
+    """From where to where the leader acts, s; None where it changes at no time."""
+    bases = [column.time_basis for column in leader.selected if column.time_basis.kind != "constant"]
+    starts = sorted({basis.start for basis in bases})
+    return (starts[0], starts[-1] if len(starts) > 1 else float(frame.coefficient_time.max())) if starts else None
 
 
 def _described(fit: HypothesisFit) -> str:
-    shapes = " and ".join(dict.fromkeys(column.term for column in fit.selected))
+    rates = {f"turning in the body at {value:.3g} rad/s" for c in fit.selected for name, value in c.theta if name == RATE}
+    shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
     since = f" from {at(fit.frame.common, min(starts))}" if starts else ""
     return f"a moment that no mechanism on the list has ({shapes}{since})"

@@ -22,12 +22,12 @@ from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, delays_among
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking.adequacy import Alternative, alternatives
+from brv_hypo.ranking.adequacy import Alternative, alternatives, unlisted
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.intervals import within_bounds
-from brv_hypo.ranking.limits import regions
 from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
+from brv_hypo.ranking.with_processes import plainest
 from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -47,16 +47,11 @@ from brv_hypo.regression.uncertainty import with_design
 
 NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
-_LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
-KNOT_STEPS = 4  # of knots and delays beside processes, at most
-_GAIN = 0.3  # nats by which such a step has to raise the evidence
-PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
 MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
 
 
 Progress = Callable[[str], None]
-_Pair = tuple[HypothesisFit, Evidence]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]
 
 
@@ -119,7 +114,7 @@ def judged(
         first = [maximised(rows, rows.terms(each), start) if each.selected else null for each in fits]
         least = max(own.level for own in first) - OUT_OF_REACH
         pairs = [
-            _plainest(problem, (each, own), null, at) if each.selected and own.level > least else (each, own)
+            plainest(problem, (each, own), null, at) if each.selected and own.level > least else (each, own)
             for each, own in zip(fits, first, strict=True)
         ]
         evidences = [own for _, own in pairs]
@@ -160,81 +155,6 @@ def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
     return fit.information <= leader.information + SEARCH_OUT_OF_REACH
 
 
-def _plainest(problem: Problem, pair: _Pair, null: Evidence, frame: RateFrame) -> _Pair:
-    """The hypothesis as it is, or acting between two times alone, whichever is likelier beside processes; then without
-    the changes that are not wanted there, its knots and delays where they are likeliest.
-
-    The search, which knows no processes, describes with many knots what they explain.
-    """
-    fit, known = pair[0], frame.with_mechanisms(pair[0].mechanisms)
-    like = replace(fit, frame=known)
-    pairs = [pair]
-    if len(fit.mechanisms) == 1 and (found := regions(null, frame, fit.mechanisms[0], PLAIN_EDGES)):
-        best = max(found, key=lambda each: each.peak)
-        terms = fit.mechanisms[0].terms(frame.motions[0], dict(best.theta))
-        late = delays_among(fit.mechanisms[0].parameters())
-        acting = [
-            Regressor(fit.name, term.name, best.theta, TimeBasis("jump", edge), term.units, late_by=late)
-            for edge in best.region
-            if edge < float(frame.coefficient_time.max())
-            for term in terms
-        ]
-        pairs.append(_moved(problem, _beside(problem, like, acting, null)))
-    found_best = max(pairs, key=lambda each: each[1].level)
-    return _moved(problem, _without_unwanted(problem, found_best))
-
-
-def _beside(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], start: Evidence) -> _Pair:
-    """The hypothesis of a fit with other columns, beside processes."""
-    columns, rows = (*problem.baseline, *selected), start.rows
-    fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
-    parameters = nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots)
-    fit = replace(fit, nonlinear=parameters, ended_early=like.ended_early, grid=like.grid)
-    return fit, maximised(rows, rows.terms(fit), start.at[: 1 + len(rows.groups)])
-
-
-def _moved(problem: Problem, pair: _Pair) -> _Pair:
-    """With knots and delays moved to where they are likeliest, while that gains."""
-    for _ in range(KNOT_STEPS):
-        fit, own = pair
-        columns = fit.columns
-        for parameter, shift in zip(fit.nonlinear, own.values[len(columns) :].tolist(), strict=True):
-            columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
-        moved = _beside(problem, fit, columns[fit.baseline_size :], own)
-        if moved[1].level < own.level + _GAIN:
-            break
-        pair = moved
-    return pair
-
-
-def _without_unwanted(problem: Problem, pair: _Pair) -> _Pair:
-    """Without changes at knots that lower the evidence, the least wanted first, and one of two within a sample."""
-    step = max(record.flight.step for record in problem.records)
-    while True:
-        fit, own = pair
-        bases = sorted({(column.time_basis, column.theta) for column in fit.selected}, key=lambda each: each[0].start)
-        if len(bases) < 2:
-            return pair
-        levels = {basis: _level_without(fit, own, basis) for basis in bases}
-        close = [b for a, b in pairwise(bases) if b[1] == a[1] and b[0].start - a[0].start < step]
-        least = max(close or bases, key=levels.__getitem__)
-        if not close and levels[least] < own.level - _LINEAR:
-            return pair
-        rest = [column for column in fit.selected if (column.time_basis, column.theta) != least]
-        fewer = _moved(problem, _beside(problem, fit, rest, own))
-        if not close and fewer[1].level < own.level:
-            return pair
-        pair = fewer
-
-
-def _level_without(fit: HypothesisFit, own: Evidence, basis: tuple[TimeBasis, Theta]) -> float:
-    """The log evidence without what changes with a time basis, and without the knot or delay that moves nothing else.
-    """
-    mine = [k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis]
-    alone = [k for k, p in enumerate(fit.nonlinear) if {j - fit.baseline_size for j in p.columns} <= set(mine)]
-    return own.level_without([*mine, *(len(fit.selected) + k for k in alone)])
-
-
 def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
     """The rows about the leader, under the noise that each channel has beside it and all processes; the logarithms of
     noise and amplitudes there.
@@ -255,13 +175,14 @@ def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, E
 
     What begins when the leader does is the leader beside something, where the leader's specific terms explain most.
     """
-    null = judged.evidences[judged.null]
+    null, problem = judged.evidences[judged.null], judged.problem
     known = {id(fit): own for fit, own in zip(judged.fits, judged.evidences, strict=True)}
     found = [
         (each, known.get(id(each.fit)) or maximised(judged.rows, judged.rows.terms(each.fit), null.at))
-        for each in alternatives(judged.problem, hypotheses, judged.fits)
+        for each in alternatives(problem, hypotheses, judged.fits)
     ]
-    return [(each, own) for each, own in found if _specific_share(judged, each, own) < MOST_OF_IT]
+    kept = [(each, own) for each, own in found if _specific_share(judged, each, own) < MOST_OF_IT]
+    return [*kept, *unlisted(problem, hypotheses, judged.fits, null)]
 
 
 def _specific_share(judged: Judged, alternative: Alternative, own: Evidence) -> float:

@@ -102,7 +102,7 @@ def _rms(moments: ComplexArray) -> float:
 
 def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
     """The largest rms moment of one mechanism over the record."""
-    shapes = regions(evidence, frame, mechanism, LIMIT_EDGES)
+    shapes = regions(evidence, frame, mechanism, even_edges(frame, LIMIT_EDGES))
     if not shapes:
         return float("inf")
     best = max(shape.peak for shape in shapes)
@@ -110,19 +110,23 @@ def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
     return max(shape.largest(room) for shape, room in allowed if room > 0.0)
 
 
-def regions(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, count: int) -> list[Shape]:
-    """Every region between two of so many edges, at every theta of a dense grid."""
+def even_edges(frame: RateFrame, count: int) -> FloatArray:
+    """So many times over the record (count,), s."""
+    return np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), count)
+
+
+def regions(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, edges: FloatArray) -> list[Shape]:
+    """Every region between two edges, at every theta of a dense grid."""
     acting, thetas = frame.with_mechanisms([mechanism]), theta_grid(mechanism, dense=True)
-    return [shape for theta in thetas for shape in _shapes(evidence, acting, mechanism, theta, count)]
+    return [shape for theta in thetas for shape in _shapes(evidence, acting, mechanism, theta, edges)]
 
 
-def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, number: int) -> list[Shape]:
+def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, edges: FloatArray) -> list[Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
-    edges = np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), number)
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
-        for start, stop in zip(edges[:-1], [*edges[1:-1], np.inf], strict=True)
+        for start, stop in zip(edges[:-1], np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf), strict=True)
         for name, units in names
     ]
     rows, moments = evidence.rows.of_moments(frame, parts), frame.moments(parts)

@@ -12,10 +12,10 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN
+from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
 from brv_hypo.mechanisms.checked import checked_terms
-from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.model.term import Regressor
+from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
+from brv_hypo.model.term import Regressor, theta_grid
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.fit import HypothesisFit, settled
 from brv_hypo.regression.free_moment import SHAPES, shape_of
@@ -47,21 +47,62 @@ def _terms_of(name: str, motion: Motion) -> tuple[Term, ...]:
     )
 
 
-def unlisted_moment(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> UnlistedMoment | None:
-    """The shapes that have more than the share `beyond` of their rms beyond what each listed mechanism reproduces.
+def unlisted_moments(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> tuple[UnlistedMoment, ...]:
+    """One of each shape with more than the share `beyond` of its rms beyond what each listed mechanism reproduces.
 
-    Over all flights; None where there is none. A mechanism with nonlinear parameters has no shape of its own, and
-    leaves all of them.
+    Over all flights. A mechanism with nonlinear parameters has no shape of its own, and leaves all of them.
     """
     motions = problem.frame.motions
     known = shapes_of(listed, motions)
-    shapes = tuple(
-        name
+    return tuple(
+        UnlistedMoment(shapes=(name,))
         for name in SHAPES
         for components in [over(motions, partial(shape_of, name))]
         if all(left_of(components, basis) > beyond for basis in known)
     )
-    return UnlistedMoment(shapes=shapes) if shapes else None
+
+
+RATE = "rate"
+
+
+class TurningMoment(Mechanism):
+    """A transverse moment of constant size whose direction in body axes turns at `rate` rad/s; `about` s, where both
+    components stand along the axes.
+    """
+
+    name = "turning_moment"
+    title = "a moment that turns in the body"
+    claims = "nothing specific: a moment as of separated flow, a wake or loose mass"
+    source = "a rotating vector in body axes"
+    terms_enter_together = True
+
+    about: float
+    rate: float
+    apart: float
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The rate, to half-way to its neighbours: not to a moment at rest."""
+        reach = (self.rate - 0.5 * self.apart, self.rate + 0.5 * self.apart)
+        return (Parameter(RATE, "rad/s", (self.rate,), reach, "rate of turning in body axes"),)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """The two components."""
+        along = np.exp(1j * (motion.windward_meridian - theta[RATE] * (motion.time - self.about)))
+        components = zip(("turning y", "turning z"), (along, 1j * along), strict=True)
+        return tuple(Term(name, each.real, each.imag) for name, each in components)
+
+
+def turning_moments(
+    problem: Problem, listed: Sequence[Mechanism], beyond: float, start: float, stop: float
+) -> tuple[TurningMoment, ...]:
+    """Of rates that turn by half a turn or more from `start` to `stop` s, half a turn apart, but for those at which a
+    listed mechanism reproduces all but the share `beyond` of its rms.
+    """
+    motions, apart = problem.frame.motions, np.pi / (stop - start)
+    known = shapes_of(listed, motions)
+    count = min(int(max(map(fastest_turning, motions)) / apart), TURNING_RATES // 2)
+    every = (TurningMoment(about=start, rate=apart * k, apart=apart) for k in range(-count, count + 1) if k)
+    return tuple(each for each in every if all(left_of(_complex(each, motions), basis) > beyond for basis in known))
 
 
 def shapes_of(listed: Sequence[Mechanism], motions: Sequence[Motion]) -> list[FloatArray]:
@@ -82,10 +123,17 @@ def left_of(components: Sequence[ComplexArray], basis: FloatArray) -> float:
 
 
 def _basis(mechanism: Mechanism, motions: Sequence[Motion]) -> FloatArray:
-    def components(motion: Motion) -> list[ComplexArray]:
-        return [term.in_plane + 1j * term.out_of_plane for term in checked_terms(mechanism, motion, {})]
+    return np.asarray(np.linalg.qr(_stacked(_complex(mechanism, motions)))[0])
 
-    return np.asarray(np.linalg.qr(_stacked(over(motions, components)))[0])
+
+def _complex(mechanism: Mechanism, motions: Sequence[Motion]) -> list[ComplexArray]:
+    """Its terms over all flights, at the first point of its grid."""
+
+    def components(motion: Motion) -> list[ComplexArray]:
+        terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
+        return [term.in_plane + 1j * term.out_of_plane for term in terms]
+
+    return over(motions, components)
 
 
 def _stacked(components: Sequence[ComplexArray]) -> FloatArray:
