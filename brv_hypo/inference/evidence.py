@@ -3,10 +3,10 @@
     y = U b + X c + Z a + e,   a ~ N(0, s^2 S^2),   c ~ N(0, s^2 t^2 T^2),   b ~ flat or N(0, s^2),   e ~ N(0, s^2)
 
 With b, c and a integrated out, log p(y | S, t, s) is maximised together with the logarithms' Gaussian priors over the
-amplitudes S of processes, t of the mechanism and the noise s, by Newton's method in a trust region. Knots and delays are
-columns of X, linear about where the search found them, with the spread of a uniform prior: their posterior widths over
-their ranges are Occam's share of what was searched. With M = 1 + S Z' Z S of each flight its processes are eliminated
-first (Woodbury's identity), and what remains is as large as U and X:
+amplitudes S of processes, t of the mechanism and the noise s, by Newton's method in a trust region. Knots and delays
+are columns of X, linear about where they are, with the spread of a uniform prior: their posterior widths over their
+ranges are Occam's share of what was searched. With M = 1 + S Z' Z S of each flight its processes are eliminated first
+(Woodbury's identity), and what remains is as large as U and X:
 
     A = [U X]' [U X] + P - sum of W' W,   W = L^-1 S Z' [U X],   M = L L',   P the prior's precision
     2 log p = -n log s^2 - sum log |M| - log |A| + log |P| - (y' y - sum w' w - u' A^-1 u) / s^2

@@ -44,9 +44,7 @@ class Alternative:
     """Which of its selected columns are specific to the leader: it is no alternative where they explain most of it."""
 
 
-def alternatives(
-    problem: Problem, hypotheses: Mapping[str, Sequence[Mechanism]], fits: Sequence[HypothesisFit]
-) -> tuple[Alternative, ...]:
+def alternatives(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Alternative, ...]:
     """Changes that many things bring, as hypotheses.
 
     A leader whose characteristic terms explain next to nothing is such a change, and no likelier than that. What begins
@@ -112,7 +110,9 @@ def unlisted(
     like = replace(leader, frame=frame)
     found = [acting(problem, like, unlisted_moments(problem, listed, OUTSIDE), null, even_edges(frame, PLAIN_EDGES))]
     if (stretch := _stretch(leader, frame)) is not None:
-        found.append(acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch)))
+        found.append(
+            acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch))
+        )
     return [(Alternative(_described(pair[0]), pair[0]), pair[1]) for pair in found if pair is not None]
 
 
@@ -124,7 +124,9 @@ def _stretch(leader: HypothesisFit, frame: RateFrame) -> tuple[float, float] | N
 
 
 def _described(fit: HypothesisFit) -> str:
-    rates = {f"turning in the body at {value:.3g} rad/s" for c in fit.selected for name, value in c.theta if name == RATE}
+    rates = {
+        f"turning in the body at {value:.3g} rad/s" for c in fit.selected for name, value in c.theta if name == RATE
+    }
     shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
     starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
     since = f" from {at(fit.frame.common, min(starts))}" if starts else ""

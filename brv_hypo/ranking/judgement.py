@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta, TimeBasis, delays_among
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Alternative, alternatives, unlisted
 from brv_hypo.ranking.config import CompareConfig
@@ -37,12 +35,9 @@ from brv_hypo.regression.fit import (
     renewed,
     scanned_finely,
     self_consistent,
-    solved,
 )
-from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import SETTLED, nonlinear_parameters
+from brv_hypo.regression.refinement import SETTLED
 from brv_hypo.regression.uncertainty import with_design
 
 NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
@@ -179,7 +174,7 @@ def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, E
     known = {id(fit): own for fit, own in zip(judged.fits, judged.evidences, strict=True)}
     found = [
         (each, known.get(id(each.fit)) or maximised(judged.rows, judged.rows.terms(each.fit), null.at))
-        for each in alternatives(problem, hypotheses, judged.fits)
+        for each in alternatives(problem, judged.fits)
     ]
     kept = [(each, own) for each, own in found if _specific_share(judged, each, own) < MOST_OF_IT]
     return [*kept, *unlisted(problem, hypotheses, judged.fits, null)]

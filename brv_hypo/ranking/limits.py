@@ -126,7 +126,9 @@ def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: T
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
-        for start, stop in zip(edges[:-1], np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf), strict=True)
+        for start, stop in zip(
+            edges[:-1], np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf), strict=True
+        )
         for name, units in names
     ]
     rows, moments = evidence.rows.of_moments(frame, parts), frame.moments(parts)

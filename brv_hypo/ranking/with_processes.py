@@ -109,8 +109,7 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
 
 
 def _level_without(fit: HypothesisFit, own: Evidence, basis: tuple[TimeBasis, Theta]) -> float:
-    """The log evidence without what changes with a time basis, and without the knot or delay that moves nothing else.
-    """
+    """The log evidence without what changes with a time basis, and without a knot or delay that moves nothing else."""
     mine = [k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis]
     alone = [k for k, p in enumerate(fit.nonlinear) if {j - fit.baseline_size for j in p.columns} <= set(mine)]
     return own.level_without([*mine, *(len(fit.selected) + k for k in alone)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -10,11 +9,11 @@ import numpy as np
 import pytest
 
 from brv_hypo.constants import ONE_STRETCH, OUTSIDE
-from brv_hypo.mechanisms import Mechanism, find
+from brv_hypo.mechanisms import find
 from brv_hypo.model.term import TimeBasis, candidates, theta_grid
 from brv_hypo.ranking.adequacy import Alternative, alternatives
 from brv_hypo.regression.fit import HypothesisFit, settled
-from brv_hypo.regression.free_moment import ORDINARY, SHAPES
+from brv_hypo.regression.free_moment import ORDINARY
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.unlisted import UnlistedMoment
 from tests.chains import prepared
@@ -23,10 +22,9 @@ from tests.ranking.pulse import fitted, problem
 EVENT = "event"
 
 
-def of(*fits: HypothesisFit, listed: Sequence[Mechanism] = (), where: Problem | None = None) -> dict[str, Alternative]:
-    """What is found of these fits and of mechanisms listed beside theirs, by the name of its fit."""
-    hypotheses = {fit.name: fit.mechanisms for fit in fits} | {each.name: (each,) for each in listed}
-    return {each.fit.name: each for each in alternatives(where or problem(), hypotheses, fits)}
+def of(*fits: HypothesisFit, where: Problem | None = None) -> dict[str, Alternative]:
+    """What is found of these fits, by the name of its fit."""
+    return {each.fit.name: each for each in alternatives(where or problem(), fits)}
 
 
 @cache
@@ -100,27 +98,6 @@ def test_what_changes_too_often_is_no_event() -> None:
     terms = [(term, "jump", time) for time in times for term in ("C_b cos(phi_b)", "C_b sin(phi_b)")]
     found = of(fitted("none"), with_terms("bodyfixed", *terms))
     assert EVENT not in found
-    assert "turning_moment" not in beside_the_pulse()
-
-
-# ---- Moments of other shapes ----
-
-
-def test_the_best_moment_of_another_shape_is_tried_in_the_leaders_place() -> None:
-    found = beside_the_pulse()["unlisted_moment"]
-    assert found.specific == ()
-    assert {column.mechanism for column in found.fit.selected} == {UnlistedMoment.name}
-    assert all("body-fixed" not in column.term for column in found.fit.selected)
-    assert found.words.startswith("a moment that no mechanism on the list has (")
-    assert all(column.term in found.words for column in found.fit.selected)
-
-
-def test_where_the_list_has_every_shape_there_is_none() -> None:
-    assert "unlisted_moment" not in of(fitted("none"), fitted("bodyfixed"), listed=[UnlistedMoment(shapes=SHAPES)])
-
-
-def test_it_is_not_likelier_than_what_was_planted() -> None:
-    assert beside_the_pulse()["unlisted_moment"].fit.information > fitted("bodyfixed").information + 100.0
 
 
 # ---- Leaders of which nothing is specific ----

@@ -267,7 +267,13 @@ def outside_the_list() -> list[tuple[Alternative, Evidence]]:
 
 
 def test_what_begins_with_the_leader_is_the_leader_where_that_explains_most_of_it() -> None:
-    assert {alternative.fit.name for alternative, _ in outside_the_list()} == {"unlisted_moment"}
+    found = {alternative.fit.name: alternative for alternative, _ in outside_the_list()}
+    assert set(found) == {"unlisted_moment", "turning_moment"}
+    terms = {column.term for column in found["unlisted_moment"].fit.selected}
+    assert not any("body-fixed" in term for term in terms)
+    assert found["unlisted_moment"].words.startswith("a moment that no mechanism on the list has (")
+    assert all(term in found["unlisted_moment"].words for term in terms)
+    assert "turning in the body at" in found["turning_moment"].words
 
 
 @pytest.mark.parametrize("most", [pytest.param(0.0, marks=pytest.mark.thorough), 1.1])
@@ -275,7 +281,7 @@ def test_where_it_explains_less_the_rest_is_something_else(most: float, monkeypa
     monkeypatch.setattr("brv_hypo.ranking.judgement.MOST_OF_IT", most)
     found = judged_cone("bodyfixed")
     names = {alternative.fit.name for alternative, _ in outside(found, {"bodyfixed": (find("bodyfixed"),)})}
-    assert names == (set() if most == 0.0 else {"unlisted_moment", "event"})
+    assert names == {"unlisted_moment", "turning_moment"} | (set() if most == 0.0 else {"event"})
 
 
 def test_what_is_outside_has_an_evidence_on_the_same_rows() -> None:
