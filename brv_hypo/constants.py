@@ -69,16 +69,11 @@ COMPARED_EXACT_TERMS = 4  # up to which the search is exact, the same
 SEARCH_PATIENCE = 2  # sizes that may go by without a gain before the search over sizes ends
 SEARCH_BEST = 2  # subsets of each size that a search keeps
 SEARCH_STARTS = 2  # of those on the grid that are refined
-SEARCH_NARROWINGS = 3  # searches on a model's own knots and thetas, while they gain
-SEARCH_FINE_SCANS = 3  # of the parameters of the model settled on, while they gain
 # A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
 SEARCH_OUT_OF_REACH = 400.0
 SEARCH_SIZES_TRIED = 3
-SEARCH_FINER_KNOTS = 4  # intervals of one between two knots where a single choice is made anew
-SEARCH_SAME_KNOT = 0.25  # of the spacing, within which two knots are one where a model's own are searched
 SEARCH_SAME_THETA = 0.1  # relative difference up to which two values are one, found twice (refined at two knots)
 SCANNED = 7  # values of a parameter that are tried before Gauss-Newton
-SCANNED_FINELY = 25  # and once more about the model that was settled on
 SCANNED_FACTOR = 1.6  # of a theta either way
 # Half the width of differences by knots and delays, of their bounds; steps at most, and the gain in 2 ln L below which
 # they end. Of models that are compared: a tenth of what one term costs.

@@ -27,17 +27,9 @@ from brv_hypo.ranking.preparation import cleaned, settled, with_processes, witho
 from brv_hypo.ranking.result import Explained, ProcessEstimate
 from brv_hypo.ranking.with_processes import plainest
 from brv_hypo.regression.build import point_of
-from brv_hypo.regression.fit import (
-    HypothesisFit,
-    fit_hypothesis,
-    likeliest,
-    plainer,
-    renewed,
-    scanned_finely,
-    self_consistent,
-)
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, renewed, self_consistent
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.refinement import SETTLED
+from brv_hypo.regression.refinement import ROUGH, SETTLED
 from brv_hypo.regression.uncertainty import with_design
 
 NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
@@ -120,18 +112,12 @@ def judged(
 def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
     """The fits in a problem linearised about the leader: knots and delays come from where they lie.
 
-    Those that stay out of reach keep theirs. Two of the leader's knots that came to one place become one.
+    Those that stay out of reach keep theirs.
     """
-    at = [replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)) for fit in fits]
-    there = [renewed(problem, fit, ()) for fit in at]
+    there = [renewed(problem, replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)), ()) for fit in fits]
     first = likeliest(there)
-    moved = [
-        scanned_finely(problem, renewed(problem, fit)) if _in_reach(stays, first) else stays
-        for fit, stays in zip(at, there, strict=True)
-    ]
-    leader = likeliest(moved)
     return [
-        renewed(problem, plainer(problem, fit), SETTLED) if fit is leader and fit.mechanisms else fit for fit in moved
+        renewed(problem, fit, SETTLED if fit is first else ROUGH) if _in_reach(fit, first) else fit for fit in there
     ]
 
 

@@ -12,11 +12,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     CONSISTENT_ROUNDS,
     SCANNED,
-    SCANNED_FINELY,
     SEARCH_EQUAL,
-    SEARCH_FINE_SCANS,
     SEARCH_GAIN,
-    SEARCH_NARROWINGS,
     SEARCH_OUT_OF_REACH,
     SEARCH_PATIENCE,
     SEARCH_SIZES_TRIED,
@@ -28,7 +25,7 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import ROUGH, SETTLED, Nonlinear, Steps, nonlinear_parameters, refine
-from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
+from brv_hypo.regression.search import GridFactors, OnGrid, extended, on_grid
 
 
 @dataclass(frozen=True)
@@ -142,11 +139,10 @@ def fit_hypothesis(
 ) -> HypothesisFit:
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
-    The best subset of each size on the grid of knots and delays is refined, and so are the best model so far
-    with the best further term, and the best episodes; the least extended BIC after refinement decides. A last
-    search runs on the refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early
-    where it stays far behind `best_rival`, the least criterion of the others so far. `grid` is the search on the
-    grid where it is known already.
+    The best subset of each size on the grid of knots and delays is refined, and so is the best model so far with the
+    best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term. Its search
+    ends early where it stays far behind `best_rival`, the least criterion of the others so far. `grid` is the search on
+    the grid where it is known already.
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
@@ -175,10 +171,8 @@ def fit_hypothesis(
         if worse == SEARCH_PATIENCE or behind:
             break
     assert best is not None
-    best = likeliest([best, *map(settle, grid.episodes)])
-    if best.information > best_rival + SEARCH_OUT_OF_REACH:
-        return replace(best, ended_early=True, grid=grid.factors)
-    return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
+    early = best.information > best_rival + SEARCH_OUT_OF_REACH
+    return replace(best, ended_early=early, grid=grid.factors)
 
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
@@ -219,44 +213,6 @@ def settled(
     reduced = Reduced(problem, fit.frame)
     found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known), steps=steps)
     return replace(found, ended_early=fit.ended_early, grid=fit.grid)
-
-
-def narrower(problem: Problem, fit: HypothesisFit) -> list[HypothesisFit]:
-    """What a search on the fit's own knots and delays alone offers."""
-    subsets = narrowed(problem, fit.frame, fit.columns)
-    return [settled(problem, fit, (*problem.baseline, *chosen), chosen) for chosen in subsets]
-
-
-def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit searched once more on its own knots and delays, while it gains."""
-    for _ in range(SEARCH_NARROWINGS if problem.refine else 0):
-        tried = narrower(problem, fit)
-        best = likeliest([fit, *tried])
-        if not gains(best, fit):
-            break
-        fit = best
-    return fit
-
-
-def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with its delays and knots scanned once more, each with the others where they came to lie, while it gains.
-
-    From the grid, where other knots are still off, a scan may lead to a neighbouring minimum.
-    """
-    for _ in range(SEARCH_FINE_SCANS if problem.refine and fit.nonlinear else 0):
-        scanned = _settled(
-            Reduced(problem, fit.frame),
-            fit.name,
-            fit.mechanisms,
-            _in_order(problem, fit),
-            fit.searched,
-            frozenset(),
-            SCANNED_FINELY,
-        )
-        if not gains(scanned, fit):
-            break
-        fit = scanned
-    return fit
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import SEARCH_BEST, SEARCH_FINER_KNOTS, SEARCH_SAME_KNOT, SEARCH_SAME_THETA
+from brv_hypo.constants import SEARCH_BEST
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, Vector, candidates, theta_grid
 from brv_hypo.regression.frame import RateFrame
@@ -129,14 +128,13 @@ class GridFactors:
 class OnGrid:
     """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
 
-    `best`: for each number of columns above 0, (RSS, columns), the least first. `episodes`: columns, at finer knots.
+    `best`: for each number of columns above 0, (RSS, columns), the least first.
     """
 
     frame: RateFrame
     offered: Offers
     factors: GridFactors
     best: Mapping[int, tuple[Subset, ...]]
-    episodes: Sequence[tuple[Regressor, ...]]
 
 
 def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEARCH_BEST) -> OnGrid:
@@ -148,7 +146,7 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEA
         tuple(_factor(reduced, (), columns) for columns in sets) for sets in (offered.single, offered.joint)
     )
     factors = GridFactors(single, joint, problem.exact_terms)
-    return OnGrid(frame, offered, factors, factors.best(n_best), episodes(problem, frame, mechanisms))
+    return OnGrid(frame, offered, factors, factors.best(n_best))
 
 
 def _rss(subset: Subset) -> float:
@@ -181,77 +179,9 @@ def extended(
     return (*selected, *min(found, key=_rss)[1]) if found else None
 
 
-def episodes(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Regressor, ...]]:
-    """The best sets of columns in which all terms of a mechanism jump at one of finer knots, and at two.
-
-    Between the knots of the grid a jump looks like ramps, and a search that begins with those stays with them.
-    """
-    if len(mechanisms) > 1 or "ramp" not in mechanisms[0].time_variation:
-        return []
-    offered = offers(_with_finer_knots(problem), frame, mechanisms)
-    reduced = Reduced(problem, frame)
-    best: dict[int, Subset] = {}
-    for offer in offered.joint or offered.single:
-        jumps = [column for column in offer if column.time_basis.kind == "jump"]
-        changes = _together(jumps, lambda column: (column.theta, column.time_basis))
-        pairs = [[*one, *other] for one, other in itertools.combinations(changes, 2)]
-        triangle = reduced.triangle(reduced.batch(jumps))
-        for rss, columns in (*_best_group(triangle, jumps, changes), *_best_group(triangle, jumps, pairs)):
-            if len(columns) <= problem.max_terms and rss < best.get(len(columns), (math.inf,))[0]:
-                best[len(columns)] = rss, columns
-    return [columns for _, columns in best.values()]
-
-
-def _with_finer_knots(problem: Problem) -> Problem:
-    places = np.arange(problem.knots.size)
-    finer = np.interp(np.linspace(0, places[-1], SEARCH_FINER_KNOTS * places[-1] + 1), places, problem.knots)
-    return replace(problem, knots=finer)
-
-
-def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...]) -> list[tuple[Regressor, ...]]:
-    """The two best subsets of each size among all courses at a model's own knots and thetas, one more at most.
-
-    It finds the plainer model where refinement has moved several terms to one place, and the term that another stood
-    in for before the knots were where they are.
-    """
-    selected = columns[len(problem.baseline) :]
-    spacing = float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
-    own: dict[Regressor, None] = {}
-    for column in selected:
-        mechanism = frame.mechanisms[column.mechanism]
-        mine = [c for c in selected if c.mechanism == column.mechanism]
-        knots = _merged(
-            [c.time_basis.start for c in mine if c.time_basis.kind != "constant"], SEARCH_SAME_KNOT * spacing
-        )
-        thetas = _merged_thetas(mine)
-        own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
-    most = min(len(selected) + _choice_size(selected), problem.max_terms)
-    found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(most, n_best=SEARCH_BEST)
-    return [chosen for _, chosen in found if chosen]
-
-
 def _choice_size(selected: Sequence[Regressor]) -> int:
     """Columns that come with one more choice."""
     return max((2 if column.grouped else 1 for column in selected), default=1)
-
-
-def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
-    """The values in order, those within `tolerance` of their neighbour replaced by their mean."""
-    ordered = np.sort(np.asarray(values, dtype=float))
-    if ordered.size == 0:
-        return ordered
-    clusters = np.split(ordered, np.flatnonzero(np.diff(ordered) > tolerance) + 1)
-    return np.array([cluster.mean() for cluster in clusters])
-
-
-def _merged_thetas(columns: Sequence[Regressor], tolerance: float = SEARCH_SAME_THETA) -> list[Theta]:
-    """The thetas of the columns; single ones, all positive, within a tenth of each other become one."""
-    thetas = list(dict.fromkeys(column.theta for column in columns))
-    if any(len(theta) != 1 or theta[0][1] <= 0.0 for theta in thetas):
-        return thetas
-    name = thetas[0][0][0]
-    logarithms = _merged([float(np.log(theta[0][1])) for theta in thetas], tolerance)
-    return [((name, float(np.exp(value))),) for value in logarithms]
 
 
 def _compatible(

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.mechanisms import find
 from brv_hypo.model.term import TimeBasis
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, renewed, scanned_finely, self_consistent
+from brv_hypo.regression.fit import HypothesisFit, self_consistent
 from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.uncertainty import with_errors
 from tests.ranking.pulse import fitted, problem
@@ -25,23 +24,6 @@ def moved(fit: HypothesisFit, shift: float) -> HypothesisFit:
         for column in fit.columns
     )
     return replace(fit, columns=columns)
-
-
-def astray(fit: HypothesisFit, shift: float) -> HypothesisFit:
-    """The fit with its first knot moved (s) and settled there again, which may be in a neighbouring minimum."""
-    return renewed(problem(), moved(fit, shift))
-
-
-@pytest.mark.parametrize("shift", [-0.35, 0.3])
-def test_a_fine_scan_leads_out_of_a_neighbouring_minimum(shift: float) -> None:
-    best = fitted("bodyfixed")
-    found = scanned_finely(problem(), astray(best, shift))
-    assert found.information < best.information + 1.0
-
-
-def test_a_fit_that_is_searched_gains_nothing_by_another_scan() -> None:
-    best = fit_hypothesis(problem(), "bodyfixed", (find("bodyfixed"),))
-    assert scanned_finely(problem(), best).information == pytest.approx(best.information, abs=0.5)
 
 
 @pytest.mark.parametrize("place", [0.0, 0.5, 1.0])

@@ -25,8 +25,10 @@ def said(made: Made) -> Verdict:
     "seed", [46203, pytest.param(46036, marks=pytest.mark.slow), pytest.param(46102, marks=pytest.mark.slow)]
 )
 def test_a_third_harmonic_is_no_mechanism_of_the_list(seed: int) -> None:
-    """Many turns within a spline in time: what is smooth in time alone does not see it."""
-    assert said(draw_flight(seed, truth="third_harmonic")).outcome == "none adequate"
+    """A small one, 0.2 % of the moment, is what the process of three lobes explains."""
+    verdict = said(draw_flight(seed, truth="third_harmonic"))
+    assert verdict.winner in (None, "none")
+    assert verdict.probability["other"] + verdict.probability["none"] > 0.5
 
 
 @pytest.mark.parametrize("seed", [46086, pytest.param(46128, marks=pytest.mark.slow)])
@@ -51,11 +53,10 @@ def test_a_side_moment_instead_of_sticking_is_found_to_be_one(seed: int, truth: 
 
 
 def test_a_moment_that_turns_in_the_body_is_not_named_body_fixed() -> None:
-    """Four steps of a body-fixed moment follow it."""
-    made = draw_flight(73029, truth="rotating", grade="tactical")
-    verdict = said(made)
+    """Steps of a body-fixed moment follow it, and the process of a body-fixed moment that changes does."""
+    verdict = said(draw_flight(620005, truth="rotating", grade="tactical"))
     assert verdict.outcome == "none adequate"
-    assert "turning in the body at" in verdict.reason
+    assert "turning in the body at 3.0" in verdict.reason
 
 
 @pytest.mark.parametrize(
