@@ -132,7 +132,6 @@ ONE_STRETCH = 2  # times that a leader may change for one stretch: it begins and
 # The same for values: of the squares of errors (in tolerances) that the data ask of record and vehicle, and of the
 # square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
 SECOND_ORDER_VALUES = 5e-3
-BOUND_SIGMAS = 3.0  # standard errors by which a coefficient may lie outside its mechanism's bounds
 COMPARED_BLOCKS = 8  # of time, of which each is held out in turn, if a user says nothing else
 CRITERIA_TIE = 1e-6  # relative difference of residual sums of squares below which two subsets are equally good
 

@@ -253,4 +253,13 @@ MOMENT_AMPLITUDE = threshold(
 MECHANISM_AMPLITUDE = threshold(
     (-2.3, 1.2), "log units", "how large a mechanism's terms may be, of the static moment's rms", _PROCESS_STUDY
 )
+BOUND_COSTS = threshold(
+    0.5, "1", "a mechanism is impossible: part of what it gains that values within its bounds lose", _PROCESS_STUDY
+)
+ALWAYS = threshold(
+    0.1,
+    "1",
+    "that a mechanism acts from before the record begins, which a vehicle's own asymmetry does",
+    _PROCESS_STUDY,
+)
 NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _PROCESS_STUDY)

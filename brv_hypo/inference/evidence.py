@@ -109,6 +109,13 @@ class Evidence:
         made[known:, first:] = np.eye(count)
         return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
 
+    @property
+    def informed(self) -> float:
+        """By how much the data narrow the coefficients of X: log of the prior's over the posterior's volume."""
+        first = self.rows.shared.shape[1]
+        covariance, spread = self.solution.covariance[first:, first:], _spreads(self.rows, self.terms, self.at)[first:]
+        return float(-0.5 * np.linalg.slogdet(covariance / np.outer(spread, spread))[1])
+
     def level_without(self, chosen: Sequence[int]) -> float:
         """Log evidence without some columns of X, at the same amplitudes (Savage and Dickey: Verdinelli and Wasserman
         1995).
@@ -186,7 +193,7 @@ def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evid
     begun = np.append(ordinary, centre[ordinary.size :])
     best = minimize(cost, begun, jac=slope, hess=curvature, method="trust-exact", options=options).x
     polished = best - np.linalg.solve(curvature(best), slope(best))
-    return Evidence(rows, terms, products, polished, -cost(polished))
+    return Evidence(rows, terms, products, polished, terms.prior - cost(polished))
 
 
 def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:

@@ -31,8 +31,9 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.held_out import block_of_whitened_row
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import prediction_slopes
-from brv_hypo.thresholds import MOMENT_AMPLITUDE, RECORD_AMPLITUDE
+from brv_hypo.thresholds import ALWAYS, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
 
+SETTLING = 8  # samples
 TIME_BLOCKS = 12  # of a record, each left out in turn
 # Singular values of unit columns that count, of the largest.
 _CUTOFF = 1e-10
@@ -127,6 +128,8 @@ class Terms:
     """Prior 1-sigma (k,) of each coefficient, of terms at a mechanism's amplitude of 1."""
     scaled: BoolArray
     """Which of them (k,) the mechanism's amplitude multiplies: the terms."""
+    prior: float = 0.0
+    """Log probability of these terms before the data."""
 
 
 @dataclass(frozen=True)
@@ -151,17 +154,20 @@ class Rows:
     """What that moment makes of the rows before whitening, as a length."""
     own: FloatArray
     """Orthonormal columns of what is projected out (n, rank)."""
+    settled: BoolArray
+    """Which rows (n,) count: not the first of a record, where the filters of instruments still settle."""
     noise_ratio: float = 1.0
     """Their noise over what the record states."""
 
     @property
     def size(self) -> int:
-        """Rows less what was projected out of them."""
-        return int(self.y.size - self.own.shape[1])
+        """Rows that count less what was projected out of them."""
+        return int(np.sum(self.settled)) - self.own.shape[1]
 
     def whitened(self, raw: FloatArray) -> FloatArray:
         """Rows (n, columns) at unit noise: what has no prior is projected out, errors within tolerances are noise."""
-        out = raw - self.own @ (self.own.T @ raw)
+        out = np.where(self.settled[:, np.newaxis], raw, 0.0)
+        out -= self.own @ (self.own.T @ out)
         for block in self.blocks:
             out[block.rows] = block.whitened(out[block.rows])
         return np.asarray(out)
@@ -192,7 +198,8 @@ class Rows:
             whole = float(time.max() - time.min())
             ranges = [whole if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
             spread = np.concatenate([spread, _UNIFORM * np.array(ranges)])
-        return Terms(x, spread, np.arange(spread.size) < len(fit.selected))
+        always = all(column.time_basis.kind == "constant" for column in fit.selected)
+        return Terms(x, spread, np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0)
 
     def frame_of(self, fit: HypothesisFit) -> RateFrame:
         """The frame in which C_mw is that of a fit."""
@@ -227,9 +234,11 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     names = {each.name for each in drifts}
     bounded = [k for k in nuisances.bounded.tolist() if items[k].name not in names]
     free = sorted(set(range(len(items))) - set(nuisances.bounded.tolist()))
-    own, _ = _orthonormal(design[:, [*range(levels), *(levels + k for k in free)]])
+    use = _settled(problem)
+    own, _ = _orthonormal(use[:, np.newaxis] * design[:, [*range(levels), *(levels + k for k in free)]])
 
     def less(rows: FloatArray) -> FloatArray:
+        rows = use[:, np.newaxis] * rows
         return np.asarray(rows - own @ (own.T @ rows))
 
     def of_items(chosen: Sequence[int]) -> FloatArray:
@@ -261,7 +270,9 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     )
     fixed, nothing = problem.raw_design(frame, problem.baseline)[:top], np.zeros((top, 0))
     length = float(np.linalg.norm(fixed @ point.values[: fixed.shape[1]]))
-    empty = Rows(problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, length, own)
+    empty = Rows(
+        problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, length, own, use
+    )
     present = np.array([items[k].present for k in bounded])
     y = empty.whitened((problem.raw_response[:top] - of_items(bounded) @ present)[:, np.newaxis])[:, 0]
     baseline, coefficients = _orthonormal(empty.whitened(fixed))
@@ -283,10 +294,22 @@ def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flig
 
 def _rows_of_flight(problem: Problem, flight: int) -> IntArray:
     """Which rows are of one flight."""
+    flights = problem.frame.flight_of_row[problem.rows.part.rows]
+    return np.flatnonzero(np.tile(flights[_samples(problem)], 4) == flight)
+
+
+def _samples(problem: Problem) -> IntArray:
+    """The first sample of each row of one channel."""
     rows = problem.rows
-    flights = problem.frame.flight_of_row[rows.part.rows]
-    starts = np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
-    return np.flatnonzero(np.tile(flights[starts], 4) == flight)
+    return np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
+
+
+def _settled(problem: Problem) -> BoolArray:
+    """Rows (n,) from `SETTLING` samples after the first of their flight on."""
+    samples = _samples(problem)
+    flights = problem.frame.flight_of_row[problem.rows.part.rows][samples]
+    first = np.array([samples[flights == flight].min() for flight in flights])
+    return np.tile(samples - first >= SETTLING, 4)
 
 
 def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:

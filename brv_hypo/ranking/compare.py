@@ -16,7 +16,6 @@ from scipy.linalg import qr
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import BOUND_SIGMAS
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -45,6 +44,7 @@ from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
+from brv_hypo.thresholds import BOUND_COSTS
 
 # ---- The seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows ----
 
@@ -178,9 +178,10 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
 
 
 def _impossible(fit: HypothesisFit) -> str | None:
-    """The value that no body has, in words, where it lies beyond its error."""
+    """The value that no body has, in words, where without it most of what the fit gains is lost."""
     excess = out_of_bounds(fit)
-    return None if excess is None or excess.sigmas <= BOUND_SIGMAS else excess.words
+    gain = 2.0 * (fit.log_evidence or 0.0)
+    return None if excess is None or excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words
 
 
 def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses) -> tuple[Hypotheses, tuple[str, ...]]:

@@ -143,7 +143,8 @@ def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
     rows, noise, half = rows_of(whole, leader), whole.rows.noise, whole.rows.rates
     own = maximised(rows, rows.terms(leader))
     residual, start = own.residual, own.at[: 1 + len(rows.groups)]
-    rates, force = (float(np.sqrt(np.mean(part**2))) for part in (residual[:half], residual[half:]))
+    channels = (slice(0, half), slice(half, None))
+    rates, force = (float(np.sqrt(np.mean(residual[own][rows.settled[own]] ** 2))) for own in channels)
     if max(abs(np.log(rates)), abs(np.log(force))) < NOISE_APART:
         return rows, start
     scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]

@@ -14,7 +14,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta, TimeBasis, delays_among
+from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column
 from brv_hypo.ranking.limits import even_edges, regions
 from brv_hypo.regression.fit import HypothesisFit, solved
 from brv_hypo.regression.frame import RateFrame
@@ -23,6 +23,7 @@ from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters
 
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
+_INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
 KNOT_STEPS = 4  # of knots and delays beside processes, at most
 _GAIN = 0.3  # nats by which such a step has to raise the evidence
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
@@ -54,11 +55,13 @@ def acting(
         return None
     mechanism, best = max(found, key=lambda each: each[1].peak)
     frame = like.frame.with_mechanisms([mechanism])
-    late = delays_among(mechanism.parameters())
+    always, time = "constant" in mechanism.time_variation, frame.coefficient_time
     columns = [
-        Regressor(mechanism.name, term.name, best.theta, TimeBasis("jump", edge), term.units, late_by=late)
+        term_column(
+            mechanism, term, best.theta, TimeBasis("jump", edge) if edge > time.min() else TimeBasis("constant")
+        )
         for edge in best.region
-        if edge < float(frame.coefficient_time.max())
+        if edge < time.max() and (edge > time.min() or always)
         for term in mechanism.terms(frame.motions[0], dict(best.theta))
     ]
     own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
@@ -103,7 +106,7 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
             return pair
         rest = [column for column in fit.selected if (column.time_basis, column.theta) != least]
         fewer = moved(problem, fitted(problem, fit, rest, own))
-        if not close and fewer[1].level < own.level:
+        if fewer[1].informed < _INFORMED or (not close and fewer[1].level < own.level):
             return pair
         pair = fewer
 

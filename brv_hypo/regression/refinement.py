@@ -35,6 +35,7 @@ from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
+KNOT_MARGIN = 0.25  # of the knots' spacing, by which one stays away from the ends of the record
 
 
 class Steps(NamedTuple):
@@ -163,7 +164,8 @@ def nonlinear_parameters(
 ) -> tuple[Nonlinear, ...]:
     """The delays and knots of a model: knots may move by their spacing, delays within their bounds.
 
-    A knot stays within the record: outside of it nothing depends on where it is.
+    A knot stays within the record, away from its ends: beyond them nothing depends on where it is, and next to them it
+    is hardly another motion at the beginning.
     """
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())
@@ -177,7 +179,8 @@ def nonlinear_parameters(
     out = []
     for (kind, mechanism, value, name, _), members in found.items():
         if kind == "knot":
-            bounds, units = (max(value - reach, start), min(value + reach, stop)), "s"
+            inside = (min(start + KNOT_MARGIN * reach, value), max(stop - KNOT_MARGIN * reach, value))
+            bounds, units = (max(value - reach, inside[0]), min(value + reach, inside[1])), "s"
         else:
             parameter = next(p for p in frame.mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units

@@ -12,6 +12,7 @@ import pytest
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference import Rows, rows_of
+from brv_hypo.inference.rows import SETTLING
 from brv_hypo.mechanisms import Mechanism, MomentProcess, Term, registry, use_plugin_files
 from brv_hypo.mechanisms.registry import moment_processes, record_processes, requested
 from brv_hypo.model.reconstruction import reconstruct
@@ -135,7 +136,8 @@ def test_what_has_no_prior_is_in_nothing(flights: int) -> None:
     for part in parts:
         lengths = np.maximum(np.linalg.norm(part, axis=0), 1e-12)
         assert np.max(np.abs(rows.own.T @ (part / lengths)), initial=0.0) < 1e-9
-    assert rows.size == rows.y.size - rows.own.shape[1]
+    assert rows.size == np.sum(rows.settled) - rows.own.shape[1]
+    assert np.sum(~rows.settled) == 4 * flights * SETTLING // rows.problem.rows.noise.thinning
     assert rows.own.T @ rows.own == pytest.approx(np.eye(rows.own.shape[1]), abs=1e-9)
 
 
@@ -163,7 +165,8 @@ def test_errors_within_tolerances_are_noise(flights: int) -> None:
             for k, item in enumerate(items)
             if item.flight == flight and np.isfinite(item.present) and item.name not in processes
         ]
-        errors = design[:, mine] - rows.own @ (rows.own.T @ design[:, mine])
+        errors = rows.settled[:, np.newaxis] * design[:, mine]
+        errors -= rows.own @ (rows.own.T @ errors)
         own = errors[block.rows]
         assert np.all(np.linalg.norm(rows.whitened(errors), axis=0) <= 1.0 + 1e-9)
         given = np.random.default_rng(2).standard_normal((own.shape[0], 2))
