@@ -154,7 +154,7 @@ class Rows:
     """What that moment makes of the rows before whitening, as a length."""
     own: FloatArray
     """Orthonormal columns of what is projected out (n, rank)."""
-    settled: BoolArray
+    counted: BoolArray
     """Which rows (n,) count: not the first of a record, where the filters of instruments still settle."""
     noise_ratio: float = 1.0
     """Their noise over what the record states."""
@@ -162,11 +162,11 @@ class Rows:
     @property
     def size(self) -> int:
         """Rows that count less what was projected out of them."""
-        return int(np.sum(self.settled)) - self.own.shape[1]
+        return int(np.sum(self.counted)) - self.own.shape[1]
 
     def whitened(self, raw: FloatArray) -> FloatArray:
         """Rows (n, columns) at unit noise: what has no prior is projected out, errors within tolerances are noise."""
-        out = np.where(self.settled[:, np.newaxis], raw, 0.0)
+        out = np.where(self.counted[:, np.newaxis], raw, 0.0)
         out -= self.own @ (self.own.T @ out)
         for block in self.blocks:
             out[block.rows] = block.whitened(out[block.rows])
@@ -234,7 +234,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     names = {each.name for each in drifts}
     bounded = [k for k in nuisances.bounded.tolist() if items[k].name not in names]
     free = sorted(set(range(len(items))) - set(nuisances.bounded.tolist()))
-    use = _settled(problem)
+    use = _counted(problem)
     own, _ = _orthonormal(use[:, np.newaxis] * design[:, [*range(levels), *(levels + k for k in free)]])
 
     def less(rows: FloatArray) -> FloatArray:
@@ -304,7 +304,7 @@ def _samples(problem: Problem) -> IntArray:
     return np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
 
 
-def _settled(problem: Problem) -> BoolArray:
+def _counted(problem: Problem) -> BoolArray:
     """Rows (n,) from `SETTLING` samples after the first of their flight on."""
     samples = _samples(problem)
     flights = problem.frame.flight_of_row[problem.rows.part.rows][samples]

@@ -144,7 +144,7 @@ def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
     own = maximised(rows, rows.terms(leader))
     residual, start = own.residual, own.at[: 1 + len(rows.groups)]
     channels = (slice(0, half), slice(half, None))
-    rates, force = (float(np.sqrt(np.mean(residual[own][rows.settled[own]] ** 2))) for own in channels)
+    rates, force = (float(np.sqrt(np.mean(residual[own][rows.counted[own]] ** 2))) for own in channels)
     if max(abs(np.log(rates)), abs(np.log(force))) < NOISE_APART:
         return rows, start
     scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
@@ -186,7 +186,11 @@ def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisF
 
 
 def explained(judged: Judged) -> Explained:
-    """What the leader explains of the mean square that the baseline's fit without processes has as residual."""
+    """What the leader explains of the mean square that the baseline's fit without processes has as residual.
+
+    Of a residual r = m + z + e of mechanism, processes and noise, m has the share m'r / r'r, and all shares add up to
+    one (Pratt, Proc. 2nd Tampere Conf. Statist., 1987), also where mechanism and processes oppose one another.
+    """
     leader = judged.evidences[judged.leader]
     residual = judged.baseline_residual
     count = int(np.sum(leader.terms.scaled))
@@ -197,8 +201,7 @@ def explained(judged: Judged) -> Explained:
     at_mode, covariance = leader.values[first : first + count], leader.covariance[first:, first:][:count, :count]
 
     def shares(coefficients: FloatArray) -> FloatArray:
-        remaining = residual[:, np.newaxis] - made @ coefficients
-        return np.asarray(np.clip(1.0 - np.sum(remaining**2, axis=0) / judged.squares, 0.0, 1.0))
+        return np.asarray(np.clip(residual @ made @ coefficients / judged.squares, 0.0, 1.0))
 
     drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
     share = float(shares(at_mode[:, np.newaxis])[0])

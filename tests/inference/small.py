@@ -72,7 +72,7 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         moment=1.0,
         static=1.0,
         own=own,
-        settled=np.ones(count, dtype=bool),
+        counted=np.ones(count, dtype=bool),
     )
     edges = np.linspace(0.0, sizes.stretches, sizes.rows, endpoint=False).astype(int)
     vars(rows)["time_blocks"] = np.concatenate([edges + flight * sizes.stretches for flight in range(sizes.flights)])

@@ -136,8 +136,8 @@ def test_what_has_no_prior_is_in_nothing(flights: int) -> None:
     for part in parts:
         lengths = np.maximum(np.linalg.norm(part, axis=0), 1e-12)
         assert np.max(np.abs(rows.own.T @ (part / lengths)), initial=0.0) < 1e-9
-    assert rows.size == np.sum(rows.settled) - rows.own.shape[1]
-    assert np.sum(~rows.settled) == 4 * flights * SETTLING // rows.problem.rows.noise.thinning
+    assert rows.size == np.sum(rows.counted) - rows.own.shape[1]
+    assert np.sum(~rows.counted) == 4 * flights * SETTLING // rows.problem.rows.noise.thinning
     assert rows.own.T @ rows.own == pytest.approx(np.eye(rows.own.shape[1]), abs=1e-9)
 
 
@@ -165,7 +165,7 @@ def test_errors_within_tolerances_are_noise(flights: int) -> None:
             for k, item in enumerate(items)
             if item.flight == flight and np.isfinite(item.present) and item.name not in processes
         ]
-        errors = rows.settled[:, np.newaxis] * design[:, mine]
+        errors = rows.counted[:, np.newaxis] * design[:, mine]
         errors -= rows.own @ (rows.own.T @ errors)
         own = errors[block.rows]
         assert np.all(np.linalg.norm(rows.whitened(errors), axis=0) <= 1.0 + 1e-9)

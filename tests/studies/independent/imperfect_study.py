@@ -5,7 +5,8 @@ By hand: python -m tests.studies.independent.imperfect_study --seed 1000 --fligh
 Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--world all`: every kind at half of its ordinary
 size; `--world tolerances`: none). Nothing and one of the five mechanisms take turns, one in three empty; the mechanism
 has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform.
-Counts come with exact 95 % intervals (Clopper and Pearson 1934).
+Counts come with exact 95 % intervals (Clopper and Pearson 1934). Of right names, stated errors are counted: every
+value of the mechanism, its delay and its onset, against what was planted.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from joblib import delayed
 from scipy.stats import beta
 
 from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking import CompareConfig, Comparison
+from tests.studies.identification.study import NORMAL_95
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfections import KINDS
 from tests.studies.independent.instruments import GRADES
@@ -55,6 +57,8 @@ class Outcome:
     seconds: float
     limit: float
     """That the program allows the planted mechanism, as a share of the moment; NaN where it is withheld."""
+    misses: dict[str, float]
+    """Of a right name: estimate less truth, over its standard error."""
 
 
 def drawn_flight(seed: int, number: int, grade: str, world: str) -> tuple[Made, str, float]:
@@ -83,7 +87,8 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     begun = process_time()
-    verdict = compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+    comparison = compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
+    verdict = comparison.verdict
     seconds = process_time() - begun
     leads = max(verdict.probability, key=verdict.probability.__getitem__, default="record fault")
     return Outcome(
@@ -98,8 +103,37 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
         chance=verdict.probability.get(leads, 0.0),
         amplitude=amplitude,
         seconds=seconds,
+        misses=misses(made, comparison) if verdict.winner == made.truth != "none" else {},
         limit=next((x.share_of_moment_95 for x in verdict.limits if x.mechanism == made.truth), float("nan")),
     )
+
+
+def misses(made: Made, found: Comparison) -> dict[str, float]:
+    """What the leader states, less what was planted, in standard errors: values at mid-region, delays, onsets."""
+    planted, fitted = made.true.planted, found.ranking[0]
+    angle = planted.values.get("angle", 0.0)
+    true = {
+        "C_damping": planted.amplitude,
+        "C_m0": planted.amplitude * planted.values.get("offset", np.nan),
+        "C_malpha": planted.amplitude * planted.values.get("slope", np.nan),
+        "C_b cos(phi_b)": planted.amplitude * np.cos(angle),
+        "C_b sin(phi_b)": planted.amplitude * np.sin(angle),
+        "lag fraction": 1.0,
+        "eps": planted.amplitude,
+    }
+    middle = 0.5 * (planted.start + planted.stop)
+    out = {
+        each.name: (each.value - true[each.name]) / each.std_error
+        for interval in fitted.intervals
+        if interval.start_s <= middle < interval.stop_s
+        for each in interval.values
+        if each.name in true
+    }
+    delays = [each for each in fitted.derived if each.name.endswith(" delay")]
+    onsets = [each for each in fitted.derived if each.name.endswith(" knot")]
+    out |= {each.name: (each.value - planted.delay) / each.std_error for each in delays[:1]}
+    first = min(onsets, key=lambda each: abs(each.value - planted.start), default=None)
+    return out | ({} if first is None else {"onset": (first.value - planted.start) / first.std_error})
 
 
 def line(found: Outcome) -> str:
@@ -107,7 +141,7 @@ def line(found: Outcome) -> str:
     return (
         f"{found.seed} {found.kind} {found.vehicle} {found.truth} share {found.share:.3f}: {found.outcome} "
         f"{found.winner}, {found.leads} leads with {found.chance:.2f}; size {found.amplitude:.2f}, "
-        f"{found.seconds:.1f} s"
+        f"{found.seconds:.1f} s {', '.join(f'{name} {miss:.1f}' for name, miss in found.misses.items())}"
     )
 
 
@@ -128,6 +162,10 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield count(
         "planted, limits stated: cover the true share", [o.limit >= o.share for o in planted if o.limit == o.limit]
     )
+    stated = [(name, abs(miss)) for o in outcomes for name, miss in o.misses.items()]
+    yield count("right names, stated errors: within 1.96", [miss <= NORMAL_95 for _, miss in stated])
+    for name in sorted({name for name, _ in stated}):
+        yield count(f"  {name}", [miss <= NORMAL_95 for own, miss in stated if own == name])
     yield f"calibration error {calibration_error(outcomes):.3f}"
     seconds = [o.seconds for o in outcomes]
     yield f"CPU seconds: median {np.median(seconds):.1f}, most {max(seconds):.1f}"
