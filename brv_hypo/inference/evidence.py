@@ -31,6 +31,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.rows import Products, Rows, Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
+# Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.
+_LARGEST, _WALL = float(np.log(3.0)), 0.1
 # Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
 _SLOPE = 1e-3
 _LARGEST_STEP = 3.0  # of all logarithms together
@@ -110,6 +112,20 @@ class Evidence:
         return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
 
     @property
+    def errors(self) -> FloatArray:
+        """Of record and vehicle within tolerances (nuisances,), as the problem has its unknowns; elsewhere 0."""
+        nuisances, residual = self.rows.problem.rows.nuisances, self.residual
+        out = np.zeros(len(nuisances.items))
+        for block in self.rows.blocks:
+            within = list(block.items)
+            out[within] = block.estimates @ (block.errors.T @ residual[block.rows])
+        shared = [k for k in nuisances.bounded.tolist() if nuisances.items[k].flight is None]
+        out[shared] = self.solution.border[self.rows.coefficients.shape[1] : self.rows.shared.shape[1]]
+        known = [*shared, *(k for block in self.rows.blocks for k in block.items)]
+        out[known] += [nuisances.items[k].present for k in known]
+        return out
+
+    @property
     def informed(self) -> float:
         """By how much the data narrow the coefficients of X: log of the prior's over the posterior's volume."""
         first = self.rows.shared.shape[1]
@@ -179,14 +195,20 @@ def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evid
             last[key] = _solved(products, rows, terms, at)
         return last[key]
 
+    def beyond(at: FloatArray) -> FloatArray:
+        return np.concatenate([[0.0], np.maximum(at[1:] - _LARGEST, 0.0)])
+
     def cost(at: FloatArray) -> float:
-        return _value(products, rows, found(at), at) + 0.5 * float(np.sum(((at - centre) / width) ** 2))
+        off = 0.5 * float(np.sum(((at - centre) / width) ** 2) + np.sum((beyond(at) / _WALL) ** 2))
+        return _value(products, rows, found(at), at) + off
 
     def slope(at: FloatArray) -> FloatArray:
-        return np.asarray(_slope(products, rows, terms, at, found(at)) + (at - centre) / width**2)
+        own = _slope(products, rows, terms, at, found(at))
+        return np.asarray(own + (at - centre) / width**2 + beyond(at) / _WALL**2)
 
     def curvature(at: FloatArray) -> FloatArray:
-        return np.asarray(_curvature(rows, terms, at, found(at)) + np.diag(width**-2.0))
+        prior = width**-2.0 + (beyond(at) > 0.0) / _WALL**2
+        return np.asarray(_curvature(rows, terms, at, found(at)) + np.diag(prior))
 
     ordinary = centre[: 1 + len(groups)] if start is None else start
     options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}

@@ -59,7 +59,8 @@ class Block:
     """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group.
 
     `raw` is Z before whitening; `errors` (m, rank) are directions that errors within tolerances make, and `shrunk`
-    (rank,) what whitening leaves of each.
+    (rank,) what whitening leaves of each; `estimates` (errors, rank) makes those errors, in tolerances, of what a model
+    does not explain along each, and `items` says which nuisances they are.
     """
 
     rows: IntArray
@@ -68,6 +69,8 @@ class Block:
     raw: FloatArray
     errors: FloatArray
     shrunk: FloatArray
+    estimates: FloatArray
+    items: tuple[int, ...]
 
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows of the flight (m, ...) where errors within tolerances are noise."""
@@ -162,7 +165,7 @@ class Rows:
     @property
     def size(self) -> int:
         """Rows that count less what was projected out of them."""
-        return int(np.sum(self.counted)) - self.own.shape[1]
+        return int(np.sum(self.counted) - self.own.shape[1])
 
     def whitened(self, raw: FloatArray) -> FloatArray:
         """Rows (n, columns) at unit noise: what has no prior is projected out, errors within tolerances are noise."""
@@ -247,8 +250,9 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     blocks = []
     for flight, motion in enumerate(frame.motions):
         rows = _rows_of_flight(problem, flight)
-        errors = less(of_items([k for k in bounded if items[k].flight == flight]))[rows]
-        directions, sizes, _ = np.linalg.svd(errors, full_matrices=False)
+        within = tuple(k for k in bounded if items[k].flight == flight)
+        directions, sizes, right = np.linalg.svd(less(of_items(within))[rows], full_matrices=False)
+        shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
         parts = [
             of_items([k for k, item in enumerate(items) if item.name == each.name and item.flight == flight])
             for each in drifts
@@ -262,7 +266,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         ends = np.cumsum([part.shape[1] for part in parts])
         columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
         raw = np.concatenate(parts, axis=1)
-        block = Block(rows, raw, columns, raw[rows], directions, 1.0 / np.sqrt(1.0 + sizes**2))
+        block = Block(rows, raw, columns, raw[rows], directions, shrunk, right.T * (sizes * shrunk), within)
         blocks.append(replace(block, z=block.whitened(less(raw)[rows])))
     groups = (
         *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),

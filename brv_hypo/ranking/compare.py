@@ -149,7 +149,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
         ml=finished - selected,
         total=finished - begun,
     )
-    warnings = (*warnings, *tolerance_warnings(problem, fits, verdict))
+    leader = beside.leader
+    warnings = (*warnings, *tolerance_warnings(fits[leader].name, beside.evidences[leader], verdict))
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict, warnings)
     histories = {"coefficients": coefficient_series(fits, likelihoods.found), "sizes": size_series(problem, fits)}
     return comparison.model_copy(update=histories)

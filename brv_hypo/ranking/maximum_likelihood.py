@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.identification import Identification, IdentificationConfig, identify
+from brv_hypo.inference.evidence import Evidence
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.result import Verdict
@@ -53,14 +54,14 @@ def identify_standing(
 # ---- Errors of record and vehicle that the data want larger than their tolerances let expect ----
 
 
-def tolerance_warnings(problem: Problem, fits: Sequence[HypothesisFit], verdict: Verdict) -> tuple[str, ...]:
+def tolerance_warnings(leader: str, evidence: Evidence, verdict: Verdict) -> tuple[str, ...]:
     """A sentence on those of the leader; none where it is not adequate, for what it lacks poses as errors."""
     if verdict.outcome == "none adequate":
         return ()
-    leader = likeliest(fits)
-    found = problem.rows.nuisances.beyond_tolerance(leader.others, len(problem.records))
+    problem = evidence.rows.problem
+    found = problem.rows.nuisances.beyond_tolerance(evidence.errors, len(problem.records))
     if not found:
         return ()
     more = len(found) - BEYOND_TOLERANCE_NAMED
     told = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {hypothesis(leader.name)}, errors exceed the tolerances of the record: {told} (see --instruments)",)
+    return (f"with {hypothesis(leader)}, errors exceed the tolerances of the record: {told} (see --instruments)",)

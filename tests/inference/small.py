@@ -53,7 +53,7 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         here = np.arange(flight * sizes.rows, (flight + 1) * sizes.rows)
         z = rng.standard_normal((sizes.rows, int(ends[-1])))
         own_z = z - own[here] @ (own[here].T @ z)
-        no_errors = np.zeros((sizes.rows, 0)), np.zeros(0)
+        no_errors = np.zeros((sizes.rows, 0)), np.zeros(0), np.zeros((0, 0)), ()
         blocks.append(
             Block(here, own_z, tuple(slice(*each) for each in zip(starts, ends, strict=True)), own_z, *no_errors)
         )

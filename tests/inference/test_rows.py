@@ -297,3 +297,19 @@ def test_a_process_of_a_file_that_was_named_is_in_every_comparison(tmp_path) -> 
     path.write_text(FOREIGN)
     use_plugin_files([path])
     assert "four_lobes" in {group.name for group in again().groups}
+
+
+def test_errors_within_tolerances_are_those_of_the_normal_equations() -> None:
+    """Of record and vehicle at once, given what baseline, mechanism and processes explain."""
+    own = judged_cone("bodyfixed").evidences[judged_cone("bodyfixed").leader]
+    (block,), nuisances = own.rows.blocks, own.rows.problem.rows.nuisances
+    present = np.array([nuisances.items[k].present for k in block.items])
+    top = own.rows.y.size
+    design = own.rows.problem.rows.nuisance_design[:top, -len(nuisances.items) :][:, list(block.items)]
+    errors = np.where(own.rows.counted[:, np.newaxis], design, 0.0)
+    errors -= own.rows.own @ (own.rows.own.T @ errors)
+    whole = np.eye(top) + errors @ errors.T
+    values, vectors = np.linalg.eigh(whole)
+    unexplained = vectors @ (np.sqrt(values) * (vectors.T @ own.residual))
+    expected = errors.T @ np.linalg.solve(whole, unexplained)
+    assert own.errors[list(block.items)] - present == pytest.approx(expected, abs=1e-5)

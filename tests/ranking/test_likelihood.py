@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
+from brv_hypo.ranking.maximum_likelihood import identify_standing
 from brv_hypo.ranking.result import Verdict
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.uncertainty import with_design
@@ -42,4 +42,3 @@ def test_what_none_explains_is_left_to_the_regression(asked: str, adequate: bool
     found = identify_standing(problem, [fit], verdict, config, said.append)
     assert (len(found.found), found.left_out) == (run, frozenset() if run else frozenset({"none"}))
     assert len(said) == run
-    assert tolerance_warnings(problem, [fit], verdict) == ()
