@@ -15,19 +15,28 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
+from brv_hypo.flight.record import Flight
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.adequacy import Alternative, alternatives, unlisted
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
-from brv_hypo.ranking.with_processes import plainest
+from brv_hypo.ranking.with_processes import moved, plainest
 from brv_hypo.regression.build import point_of
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest, renewed, self_consistent
+from brv_hypo.regression.fit import (
+    HypothesisFit,
+    fit_hypothesis,
+    follows_static_moment,
+    likeliest,
+    renewed,
+    self_consistent,
+)
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import ROUGH, SETTLED
 from brv_hypo.regression.uncertainty import with_design
@@ -104,6 +113,8 @@ def judged(
             plainest(problem, (each, own), null, at) if each.selected and own.level > least else (each, own)
             for each, own in zip(fits, first, strict=True)
         ]
+        best = max(range(len(pairs)), key=lambda k: pairs[k][1].level)
+        pairs[best] = moved(problem, pairs[best], closely=True)
         evidences = [own for _, own in pairs]
         fits = [with_design(problem, _estimated(*each, null)) for each in pairs]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
@@ -179,10 +190,37 @@ def _specific_share(judged: Judged, alternative: Alternative, own: Evidence) -> 
 
 def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisFit:
     """The fit with the criterion, coefficients and errors of its evidence."""
-    count = len(fit.columns)
+    count, covariance = len(fit.columns), own.covariance.copy()
     values = own.values[:count] if fit.selected else own.values
-    found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=own.covariance)
+    if fit.selected and not follows_static_moment(fit.mechanisms):
+        terms = np.arange(fit.baseline_size, count)
+        covariance[np.ix_(terms, terms)] += _scale_variance(null.rows.problem) * np.outer(values[terms], values[terms])
+    found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
+
+
+def _scale_variance(problem: Problem) -> float:
+    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
+
+    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
+    """
+    effects = {effect.name: effect for effect in nuisance_effects()}
+    flights = [record.flight for record in problem.records]
+    found = 0.0
+    for item in problem.rows.nuisances.items:
+        if item.name in effects and np.isfinite(item.present):
+            acting = flights if item.flight is None else [flights[item.flight]]
+            moved = (effects[item.name].perturb(flight, item.component, item.size) for flight in acting)
+            changes = [
+                _moment_per_rate(there) / _moment_per_rate(own) - 1.0 for there, own in zip(moved, acting, strict=True)
+            ]
+            found += (sum(changes) / len(flights)) ** 2
+    return found
+
+
+def _moment_per_rate(flight: Flight) -> float:
+    """Mean of inertia over dynamic pressure."""
+    return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
 
 
 def explained(judged: Judged) -> Explained:

@@ -24,7 +24,8 @@ from brv_hypo.regression.refinement import nonlinear_parameters
 
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
-KNOT_STEPS = 4  # of knots and delays beside processes, at most
+KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
+STAYS = 0.03  # standard errors by which they move no more
 _GAIN = 0.3  # nats by which such a step has to raise the evidence
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
 
@@ -77,17 +78,25 @@ def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor],
     return fit, maximised(rows, rows.terms(fit), start.at[: 1 + len(rows.groups)])
 
 
-def moved(problem: Problem, pair: Pair) -> Pair:
-    """With knots and delays moved to where they are likeliest, while that gains."""
-    for _ in range(KNOT_STEPS):
+def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
+    """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay."""
+    share = 1.0
+    for _ in range(CLOSE_STEPS if closely else KNOT_STEPS):
         fit, own = pair
-        columns = fit.columns
-        for parameter, shift in zip(fit.nonlinear, own.values[len(columns) :].tolist(), strict=True):
+        columns, count = fit.columns, len(fit.columns)
+        shifts, errors = own.values[count:], np.sqrt(np.diag(own.covariance)[count:])
+        if np.all(np.abs(shifts) <= STAYS * errors):
+            break
+        for parameter, shift in zip(fit.nonlinear, (share * shifts).tolist(), strict=True):
             columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
         there = fitted(problem, fit, columns[fit.baseline_size :], own)
-        if there[1].level < own.level + _GAIN:
+        gain = there[1].level - own.level
+        if gain > (-_GAIN if closely else _GAIN):
+            pair = there
+        elif closely:
+            share *= 0.5
+        else:
             break
-        pair = there
     return pair
 
 
