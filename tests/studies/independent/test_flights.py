@@ -253,6 +253,7 @@ STUDIES = (
     "sisters.py",
     "descriptions.py",
     "near_zero.py",
+    "integrals.py",
     "instrument_errors.py",
     "imperfect_study.py",
     "test_near_zero.py",
