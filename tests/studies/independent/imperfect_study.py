@@ -71,7 +71,7 @@ def drawn_flight(seed: int, number: int, grade: str, world: str) -> tuple[Made, 
     truth, amplitude = str(rng.choice(LISTED)), float(rng.uniform(*AMPLITUDE))
     if world == "tolerances":
         amplitude = float(np.exp(rng.uniform(np.log(SMALLEST), 0.0)))
-    if (number // len(KINDS) + number) % EMPTY_EVERY == 0:
+    if sum(divmod(number, len(KINDS))) % EMPTY_EVERY == 0:  # every kind in turn
         truth = "none"
     kind = KINDS[number % len(KINDS)] if world == "one" else world
     kinds = {"tolerances": (), "all": KINDS}.get(world, (kind,))
