@@ -128,7 +128,6 @@ WAVERING_SPEED = 5e-5
 # Share of a shape's rms beyond what a listed mechanism reproduces, from which the shape is something else. The studies
 # call an effect reproduced by what holds 90 % of it.
 OUTSIDE = 0.1
-ONE_STRETCH = 2  # times that a leader may change for one stretch: it begins and ends. With more, it may follow turns
 # The same for values: of the squares of errors (in tolerances) that the data ask of record and vehicle, and of the
 # square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
 SECOND_ORDER_VALUES = 5e-3

@@ -28,10 +28,11 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.adequacy import outside
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, explained, judged, outside, processes
+from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, explained, judged, processes
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
@@ -163,7 +164,8 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         for fit, own in zip(beside.fits, beside.evidences, strict=True)
     ]
     instead = [
-        Candidate(each.fit.name, own.level, own.held_out, words=each.words) for each, own in outside(beside, hypotheses)
+        Candidate(each.fit.name, each.evidence.level, each.evidence.held_out, words=each.words)
+        for each in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
     fit = Fit(

@@ -22,7 +22,6 @@ from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking.adequacy import Alternative, alternatives, unlisted
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
@@ -43,7 +42,6 @@ from brv_hypo.regression.uncertainty import with_design
 
 NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
-MOST_OF_IT = 0.5  # share of what an event explains, from which it is the leader beside something
 _DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
 
 
@@ -161,31 +159,6 @@ def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
     scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
     again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), leader)
     return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start
-
-
-def outside(judged: Judged, hypotheses: Hypotheses) -> list[tuple[Alternative, Evidence]]:
-    """What outside the list may be there instead of the leader, with its evidence.
-
-    What begins when the leader does is the leader beside something, where the leader's specific terms explain most.
-    """
-    null, problem = judged.evidences[judged.null], judged.problem
-    known = {id(fit): own for fit, own in zip(judged.fits, judged.evidences, strict=True)}
-    found = [
-        (each, known.get(id(each.fit)) or maximised(judged.rows, judged.rows.terms(each.fit), null.at))
-        for each in alternatives(problem, judged.fits)
-    ]
-    kept = [(each, own) for each, own in found if _specific_share(judged, each, own) < MOST_OF_IT]
-    return [*kept, *unlisted(problem, hypotheses, judged.fits, null)]
-
-
-def _specific_share(judged: Judged, alternative: Alternative, own: Evidence) -> float:
-    """The share of what an alternative explains, in squares, that columns specific to the leader make."""
-    first, chosen = own.rows.shared.shape[1], list(alternative.specific)
-    count = int(np.sum(own.terms.scaled))
-    made = judged.rows.beside_baseline(own.terms.x[:, :count])
-    values = own.solution.border[first : first + count]
-    part, whole = made[:, chosen] @ values[chosen], made @ values
-    return float(part @ part) / max(float(part @ part) + float(np.sum((whole - part) ** 2)), 1e-300)
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisFit:

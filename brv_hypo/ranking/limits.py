@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
@@ -20,6 +20,7 @@ from brv_hypo.regression.frame import RateFrame
 
 # Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
 _SPENT = 1e-8
+_DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
 # Condition number of a region's scaled information above which its terms cannot be distinguished.
 _WORST_CONDITION = 1e10
 
@@ -56,8 +57,7 @@ def limits(
     known: dict[str, float] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            size, margin = _fitted(leader, frame)
-            known[mechanism.name] = min((size + margin) / moment, 1.0)
+            known[mechanism.name] = min(_fitted(leader, frame) / moment, 1.0)
         else:
             known[mechanism.name] = _limit(evidence, frame, mechanism) / moment
     return tuple(
@@ -67,37 +67,13 @@ def limits(
     )
 
 
-def _fitted(fit: HypothesisFit, frame: RateFrame) -> tuple[float, float]:
-    """The rms moment of what was fitted, and by how much more it may be at 95 %.
-
-    Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
-    lag do, the moment is known better than they are.
-    """
-    count = fit.baseline_size
-    values = fit.values[count:]
+def _fitted(fit: HypothesisFit, frame: RateFrame) -> float:
+    """The rms moment that what was fitted has at most, at 95 %: coefficients err together."""
+    first, count = fit.baseline_size, len(fit.columns)
+    terms = fit.joint_covariance[first:count, first:count]
+    drawn = np.random.default_rng(_SEED).multivariate_normal(fit.values[first:], terms, _DRAWS, method="svd")
     moments = frame.moments(fit.selected)
-    size = _rms(moments @ values)
-    along = np.real(np.conj(moments).T @ (moments @ values)) / (moments.shape[0] * max(size, 1e-300))
-    gradient = np.concatenate([along, _slopes(fit, frame)])
-    variance = float(gradient @ fit.joint_covariance[count:, count:] @ gradient)
-    return size, math.sqrt(LIMIT_FALL * max(variance, 0.0))
-
-
-def _slopes(fit: HypothesisFit, frame: RateFrame) -> FloatArray:
-    """Derivatives of the rms moment by each delay and knot (nonlinear,), across one standard error of it."""
-    out = []
-    for parameter, error in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
-        low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds)
-        ends = [
-            _rms(frame.moments(moved[fit.baseline_size :]) @ fit.values[fit.baseline_size :])
-            for moved in (parameter.moved(fit.columns, float(low)), parameter.moved(fit.columns, float(high)))
-        ]
-        out.append((ends[1] - ends[0]) / (high - low) if high > low else 0.0)
-    return np.array(out)
-
-
-def _rms(moments: ComplexArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(moments) ** 2)))
+    return float(np.quantile(np.sqrt(np.mean(np.abs(moments @ drawn.T) ** 2, axis=0)), 0.95))
 
 
 def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:

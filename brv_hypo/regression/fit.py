@@ -11,7 +11,6 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     CONSISTENT_ROUNDS,
-    SCANNED,
     SEARCH_EQUAL,
     SEARCH_GAIN,
     SEARCH_OUT_OF_REACH,
@@ -25,7 +24,7 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import ROUGH, SETTLED, Nonlinear, Steps, nonlinear_parameters, refine
-from brv_hypo.regression.search import GridFactors, OnGrid, extended, on_grid
+from brv_hypo.regression.search import GridFactors, extended, on_grid
 
 
 @dataclass(frozen=True)
@@ -131,22 +130,17 @@ def extended_bic(rss: float, samples: int, effective: float, parameters: int, se
 
 
 def fit_hypothesis(
-    problem: Problem,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    best_rival: float = math.inf,
-    grid: OnGrid | None = None,
+    problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
 ) -> HypothesisFit:
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
     The best subset of each size on the grid of knots and delays is refined, and so is the best model so far with the
     best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term. Its search
-    ends early where it stays far behind `best_rival`, the least criterion of the others so far. `grid` is the search on
-    the grid where it is known already.
+    ends early where it stays far behind `best_rival`, the least criterion of the others so far.
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
-    grid = on_grid(problem, mechanisms) if grid is None else grid
+    grid = on_grid(problem, mechanisms)
     searched, offered = grid.offered.count, grid.offered
     start = Reduced(problem, grid.frame)
 
@@ -234,7 +228,6 @@ def _settled(
     columns: tuple[Regressor, ...],
     searched: int,
     known: frozenset[Regressor],
-    points: int = SCANNED,
     steps: tuple[Steps, ...] = ROUGH,
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
@@ -244,25 +237,10 @@ def _settled(
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:
         return solved(reduced, name, mechanisms, columns, searched)
-    return _refined(reduced, name, mechanisms, columns, searched, known, points, steps)
-
-
-def _refined(
-    reduced: Reduced,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Regressor, ...],
-    searched: int,
-    known: frozenset[Regressor],
-    points: int,
-    steps: tuple[Steps, ...],
-) -> HypothesisFit:
-    """Fitted and refined; `known` are not scanned."""
-    problem = reduced.problem
     size, frame = len(problem.baseline), reduced.frame
     parameters = nonlinear_parameters(columns, size, frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced, points, steps)
+    refined = refine(columns, parameters, fresh, reduced, steps)
     return HypothesisFit(
         name,
         mechanisms,

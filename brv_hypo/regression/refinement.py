@@ -110,17 +110,16 @@ def refine(
     nonlinear: tuple[Nonlinear, ...],
     fresh: frozenset[int],
     reduced: Reduced,
-    points: int = SCANNED,
     steps: tuple[Steps, ...] = ROUGH,
 ) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
     `columns` are the baseline's and then the chosen ones. Parameters that move a column of `fresh` are scanned over
-    their bounds first, at so many `points`.
+    their bounds first.
     """
     size = len(reduced.problem.baseline)
     own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
-    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh), points)
+    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh))
     for some in steps if nonlinear else ():
         state = _stepped(reduced, state, some)
     return Refined(
@@ -189,18 +188,14 @@ def nonlinear_parameters(
 
 
 def _scanned(
-    reduced: Reduced,
-    nonlinear: tuple[Nonlinear, ...],
-    columns: tuple[Regressor, ...],
-    fresh: frozenset[int],
-    points: int,
+    reduced: Reduced, nonlinear: tuple[Nonlinear, ...], columns: tuple[Regressor, ...], fresh: frozenset[int]
 ) -> _State:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     batch = reduced.batch(columns)
     settled = []
     for parameter in nonlinear:
         if not fresh.isdisjoint(parameter.columns):
-            values = (parameter.value, *parameter.others(points))
+            values = (parameter.value, *parameter.others(SCANNED))
             best, moved = _best_of(reduced, batch, columns, parameter, values)
             columns = parameter.moved(columns, values[best])
             batch = batch.with_columns(parameter.columns, moved)

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
+from brv_hypo.constants import OUTSIDE, TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
 from brv_hypo.mechanisms.checked import checked_terms
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.term import Regressor, theta_grid
@@ -167,3 +167,8 @@ def particular_share(problem: Problem, null: HypothesisFit, fit: HypothesisFit) 
         return 0.0
     without = settled(problem, fit, (*problem.baseline, *plain), plain)
     return (without.rss - fit.rss) / max(null.rss - fit.rss, 1e-300)
+
+
+def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> bool:
+    """Whether what is characteristic of its mechanisms explains more of what a fit does than next to nothing."""
+    return particular_share(problem, null, fit) > OUTSIDE**2

@@ -19,8 +19,7 @@ from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.ranking import CompareConfig, compare
-from brv_hypo.ranking.adequacy import Alternative
-from brv_hypo.ranking.judgement import Judged, explained, judged, outside, processes
+from brv_hypo.ranking.judgement import Judged, explained, judged, processes
 from brv_hypo.ranking.preparation import with_processes
 from brv_hypo.ranking.result import ProcessEstimate
 from brv_hypo.regression.problem import Problem
@@ -256,37 +255,3 @@ def test_air_of_another_density_is_no_mechanism_and_a_process_holds_it() -> None
 )
 def test_of_air_of_another_density_the_process_of_density_holds_most() -> None:
     assert processes(in_other_air())[0].name == "density_change"
-
-
-# ---- What is outside the list ----
-
-
-@cache
-def outside_the_list() -> list[tuple[Alternative, Evidence]]:
-    return outside(judged_cone("bodyfixed"), {"bodyfixed": (find("bodyfixed"),)})
-
-
-def test_what_begins_with_the_leader_is_the_leader_where_that_explains_most_of_it() -> None:
-    found = {alternative.fit.name: alternative for alternative, _ in outside_the_list()}
-    assert set(found) == {"unlisted_moment", "turning_moment"}
-    terms = {column.term for column in found["unlisted_moment"].fit.selected}
-    assert not any("body-fixed" in term for term in terms)
-    assert found["unlisted_moment"].words.startswith("a moment that no mechanism on the list has (")
-    assert all(term in found["unlisted_moment"].words for term in terms)
-    assert "turning in the body at" in found["turning_moment"].words
-
-
-@pytest.mark.parametrize("most", [pytest.param(0.0, marks=pytest.mark.thorough), 1.1])
-def test_where_it_explains_less_the_rest_is_something_else(most: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("brv_hypo.ranking.judgement.MOST_OF_IT", most)
-    found = judged_cone("bodyfixed")
-    names = {alternative.fit.name for alternative, _ in outside(found, {"bodyfixed": (find("bodyfixed"),)})}
-    assert names == {"unlisted_moment", "turning_moment"} | (set() if most == 0.0 else {"event"})
-
-
-def test_what_is_outside_has_an_evidence_on_the_same_rows() -> None:
-    found = judged_cone("bodyfixed")
-    for alternative, own in outside_the_list():
-        assert own.rows is found.rows
-        assert own.terms.x.shape[1] == len(alternative.fit.selected) + len(alternative.fit.nonlinear)
-        assert own.level < found.evidences[found.leader].level - 100.0
