@@ -68,12 +68,22 @@ def limits(
 
 
 def _fitted(fit: HypothesisFit, frame: RateFrame) -> float:
-    """The rms moment that what was fitted has at most, at 95 %: coefficients err together."""
-    first, count = fit.baseline_size, len(fit.columns)
-    terms = fit.joint_covariance[first:count, first:count]
-    drawn = np.random.default_rng(_SEED).multivariate_normal(fit.values[first:], terms, _DRAWS, method="svd")
-    moments = frame.moments(fit.selected)
-    return float(np.quantile(np.sqrt(np.mean(np.abs(moments @ drawn.T) ** 2, axis=0)), 0.95))
+    """The rms moment that what was fitted has at most, at 95 %.
+
+    Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
+    lag do, the moment is known better than they are.
+    """
+    first, values = fit.baseline_size, fit.values[fit.baseline_size :]
+    columns = [frame.moments(fit.selected)]
+    for parameter, error in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
+        low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds).tolist()
+        ends = [frame.moments(parameter.moved(fit.columns, end)[first:]) @ values for end in (low, high)]
+        columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
+    at_mode = np.append(values, np.zeros(len(fit.nonlinear)))
+    covariance = fit.joint_covariance[first:, first:]
+    drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
+    moments = np.concatenate(columns, axis=1) @ drawn.T
+    return float(np.quantile(np.sqrt(np.mean(np.abs(moments) ** 2, axis=0)), 0.95))
 
 
 def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
