@@ -139,7 +139,8 @@ CRITERIA_TIE = 1e-6  # relative difference of residual sums of squares below whi
 WINNING_PROBABILITY = 0.9  # posterior from which a hypothesis is named, or none adequate; convention that users quote
 CREDIBLE_PROBABILITY = 0.02  # posterior from which a rival stands beside the leader
 OTHER_PRIOR = 0.2  # prior that something outside the list moved the vehicle (contract of `compare --json`)
-LIMIT_FALL = 2.71  # of 2 ln L, of a 95 % one-sided limit (chi-squared of one degree, 90 % two-sided)
+LIMIT_FALL = 3.84  # of 2 ln L: the upper end of a 95 % interval (chi-squared of one degree), and its quantile
+LIMIT_QUANTILE = 0.975
 LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
 
 # ---- Verdict: stability ----

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL
+from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_QUANTILE
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
@@ -68,7 +68,7 @@ def limits(
 
 
 def _fitted(fit: HypothesisFit, frame: RateFrame) -> float:
-    """The rms moment that what was fitted has at most, at 95 %.
+    """The rms moment that what was fitted has at most.
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
     lag do, the moment is known better than they are.
@@ -83,7 +83,7 @@ def _fitted(fit: HypothesisFit, frame: RateFrame) -> float:
     covariance = fit.joint_covariance[first:, first:]
     drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
     moments = np.concatenate(columns, axis=1) @ drawn.T
-    return float(np.quantile(np.sqrt(np.mean(np.abs(moments) ** 2, axis=0)), 0.95))
+    return float(np.quantile(np.sqrt(np.mean(np.abs(moments) ** 2, axis=0)), LIMIT_QUANTILE))
 
 
 def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
@@ -101,10 +101,12 @@ def even_edges(frame: RateFrame, count: int) -> FloatArray:
     return np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), count)
 
 
-def regions(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, edges: FloatArray) -> list[Shape]:
-    """Every region between two edges, at every theta of a dense grid."""
-    acting, thetas = frame.with_mechanisms([mechanism]), theta_grid(mechanism, dense=True)
-    return [shape for theta in thetas for shape in _shapes(evidence, acting, mechanism, theta, edges)]
+def regions(
+    evidence: Evidence, frame: RateFrame, mechanism: Mechanism, edges: FloatArray, thetas: Sequence[Theta] = ()
+) -> list[Shape]:
+    """Every region between two edges, at every theta of a dense grid, or of those given."""
+    acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
+    return [shape for theta in grid for shape in _shapes(evidence, acting, mechanism, theta, edges)]
 
 
 def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, edges: FloatArray) -> list[Shape]:

@@ -27,6 +27,7 @@ _INFORMED = 1.0  # nats by which the data have to narrow what remains: that whic
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
 STAYS = 0.03  # standard errors by which they move no more
 _GAIN = 0.3  # nats by which such a step has to raise the evidence
+FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
 
 Pair = tuple[HypothesisFit, Evidence]
@@ -42,7 +43,7 @@ def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> 
         found = acting(problem, like, fit.mechanisms, null, even_edges(frame, PLAIN_EDGES))
         pairs += [] if found is None else [found]
     best = max(pairs, key=lambda each: each[1].level)
-    return moved(problem, _without_unwanted(problem, best))
+    return moved(problem, _completed(problem, _without_unwanted(problem, best)))
 
 
 def acting(
@@ -57,6 +58,12 @@ def acting(
     mechanism, best = max(found, key=lambda each: each[1].peak)
     frame = like.frame.with_mechanisms([mechanism])
     always, time = "constant" in mechanism.time_variation, frame.coefficient_time
+    reach = float(edges[1] - edges[0])
+    for _ in range(FINER if edges.size > 2 else 0):
+        near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
+        closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
+        best = max(regions(null, like.frame, mechanism, closer, [best.theta]), key=lambda each: each.peak)
+        reach *= 2.0 / (FINER_EDGES - 1)
     columns = [
         term_column(
             mechanism, term, best.theta, TimeBasis("jump", edge) if edge > time.min() else TimeBasis("constant")
@@ -98,6 +105,27 @@ def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
         else:
             break
     return pair
+
+
+def _completed(problem: Problem, pair: Pair) -> Pair:
+    """With all terms of a mechanism where some jump, unless that is far less likely: a term that a process explains as
+    well is uncertain, not absent.
+    """
+    fit, own = pair
+    if len(fit.mechanisms) != 1 or any(column.time_basis.kind == "ramp" for column in fit.selected):
+        return pair
+    (mechanism,), motion = fit.mechanisms, fit.frame.motions[0]
+    bases = dict.fromkeys((column.time_basis, column.theta) for column in fit.selected)
+    whole = [
+        term_column(mechanism, term, theta, basis)
+        for basis, theta in bases
+        if basis.kind == "jump" or "constant" in mechanism.time_variation
+        for term in mechanism.terms(motion, dict(theta))
+    ]
+    if len(whole) == len(fit.selected):
+        return pair
+    there = moved(problem, fitted(problem, fit, whole, own))
+    return there if there[1].level > own.level - _LINEAR else pair
 
 
 def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
