@@ -80,23 +80,13 @@ SCANNED_FACTOR = 1.6  # of a theta either way
 REFINED_WIDTH = 2e-3
 REFINED_STEPS = 6
 REFINED_GAIN = 0.2
-# Fall of 2 ln L by which one model has to beat another to take its place. The same model found again, by way of
-# another, differs by what steps left, or by rounding alone, which must decide nothing: of three flights in another
-# order (seed 4941 of `tests.harness.invariance`) another model was chosen, 17 of 2 ln L apart.
+# Fall of 2 ln L by which one model has to beat another to take its place, more than steps and rounding leave.
 SEARCH_GAIN = REFINED_GAIN
 SEARCH_EQUAL = 1e-3  # of 2 ln L, within which the first that was found is taken
 REFINED_HALVINGS = 4  # lengths of a step that are tried
-# Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
-# began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow
-# ones lead on, to where there is none: a wide one that reaches over the next sample stops short of it.
+# Of one that is reported, or linearised about.
 REFIT_STEPS = 40
 REFIT_GAIN = 1e-6
-REFIT_LAST_STEPS = 10
-REFIT_LAST_WIDTH = 1e-5
-# Steps that are taken as they are, and what one may lose of 2 ln L: by a limit that rounding passes (6e-4) a knot of
-# the cone stopped 3e-10 s short, 1.3e-6 standard errors.
-REFIT_WHOLE_STEPS = 2
-REFIT_LOSS = 1e-2
 CONSISTENT_ROUNDS = 4  # refits in which C_mw and what follows it come to agree
 # A moment that turns in the body: rates tried at most, half to either side (beyond half a turn a record apart they are
 # independent), and times the motion's own (roll, and the meridian's in nine tenths of the time) up to which it turns.

@@ -256,6 +256,9 @@ MECHANISM_AMPLITUDE = threshold(
 BOUND_COSTS = threshold(
     0.5, "1", "a mechanism is impossible: part of what it gains that values within its bounds lose", _PROCESS_STUDY
 )
+SPECIFIC = threshold(
+    5.0, "nats", "terms that are characteristic of a mechanism are significant", "Kass and Raftery 1995: very strong"
+)
 ALWAYS = threshold(
     0.1,
     "1",

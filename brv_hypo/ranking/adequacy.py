@@ -17,7 +17,8 @@ from brv_hypo.ranking.limits import even_edges
 from brv_hypo.ranking.with_processes import PLAIN_EDGES, acting
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.unlisted import RATE, is_particular, plain_columns, turning_moments, unlisted_moments
+from brv_hypo.regression.unlisted import RATE, plain_columns, turning_moments, unlisted_moments
+from brv_hypo.thresholds import SPECIFIC
 
 
 class Alternative(NamedTuple):
@@ -32,7 +33,7 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     """What may be there instead of the leader: a change that many things bring, the best moment of a shape that nothing
     on the list has, and the best that turns in the body while the leader acts, each between two times.
 
-    A leader whose characteristic terms explain next to nothing is such a change, and no likelier than that.
+    A leader whose characteristic terms are not wanted is such a change, and no likelier than that.
     """
     problem, leader, null = judged.problem, judged.fits[judged.leader], judged.evidences[judged.null]
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
@@ -44,11 +45,20 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
             acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch))
         )
     moments = [Alternative(_described(pair[0]), *pair) for pair in found if pair is not None]
-    if is_particular(problem, judged.fits[judged.null], leader):
+    if is_specific(leader, judged.evidences[judged.leader]):
         return moments
     terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
     words = f"a change of {terms} alone, which is not specific to {leader.name}"
     return [Alternative(words, leader, judged.evidences[judged.leader]), *moments]
+
+
+def is_specific(fit: HypothesisFit, own: Evidence) -> bool:
+    """Whether the evidence wants what is characteristic of a fit's mechanisms; of one that names none, all is."""
+    plain = plain_columns(fit)
+    telling = [k for k, column in enumerate(fit.selected) if column not in plain]
+    if not plain or not any(mechanism.characteristic for mechanism in fit.mechanisms):
+        return True
+    return bool(telling) and own.level - own.level_without(telling) > SPECIFIC
 
 
 def _stretch(leader: HypothesisFit, frame: RateFrame) -> tuple[float, float] | None:

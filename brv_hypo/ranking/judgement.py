@@ -13,17 +13,16 @@ from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
-from brv_hypo.flight.record import Flight
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.intervals import within_bounds
+from brv_hypo.ranking.limits import scale_variance
 from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
 from brv_hypo.ranking.with_processes import moved, plainest
@@ -37,12 +36,12 @@ from brv_hypo.regression.fit import (
     self_consistent,
 )
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.refinement import ROUGH, SETTLED
+from brv_hypo.regression.refinement import ROUGH, SETTLED, Steps
 from brv_hypo.regression.uncertainty import with_design
 
 NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
-_DRAWS, _SEED = 400, 20261126  # of coefficients, for the interval of a share
+NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
 
 
 Progress = Callable[[str], None]
@@ -123,7 +122,10 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
 
     Those that stay out of reach keep theirs.
     """
-    there = [renewed(problem, replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)), ()) for fit in fits]
+    there = [
+        renewed(problem, replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)), Steps(0, 0.0))
+        for fit in fits
+    ]
     first = likeliest(there)
     return [
         renewed(problem, fit, SETTLED if fit is first else ROUGH) if _in_reach(fit, first) else fit for fit in there
@@ -167,59 +169,32 @@ def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisF
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):
         terms = np.arange(fit.baseline_size, count)
-        covariance[np.ix_(terms, terms)] += _scale_variance(null.rows.problem) * np.outer(values[terms], values[terms])
+        covariance[np.ix_(terms, terms)] += scale_variance(null.rows.problem) * np.outer(values[terms], values[terms])
     found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
 
 
-def _scale_variance(problem: Problem) -> float:
-    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
-
-    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
-    """
-    effects = {effect.name: effect for effect in nuisance_effects()}
-    flights = [record.flight for record in problem.records]
-    found = 0.0
-    for item in problem.rows.nuisances.items:
-        if item.name in effects and np.isfinite(item.present):
-            acting = flights if item.flight is None else [flights[item.flight]]
-            moved = (effects[item.name].perturb(flight, item.component, item.size) for flight in acting)
-            changes = [
-                _moment_per_rate(there) / _moment_per_rate(own) - 1.0 for there, own in zip(moved, acting, strict=True)
-            ]
-            found += (sum(changes) / len(flights)) ** 2
-    return found
-
-
-def _moment_per_rate(flight: Flight) -> float:
-    """Mean of inertia over dynamic pressure."""
-    return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
-
-
 def explained(judged: Judged) -> Explained:
-    """What the leader explains of the mean square that the baseline's fit without processes has as residual.
+    """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual.
 
-    Of a residual r = m + z + e of mechanism, processes and noise, m has the share m'r / r'r, and all shares add up to
-    one (Pratt, Proc. 2nd Tampere Conf. Statist., 1987), also where mechanism and processes oppose one another.
+    The rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and
+    Stein, Ann. Statist. 9, 1981): it knows of what a model lacks, as errors of coefficients do not.
     """
-    leader = judged.evidences[judged.leader]
-    residual = judged.baseline_residual
+    leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
     count = int(np.sum(leader.terms.scaled))
     if not count:
         return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0))
     made = judged.rows.beside_baseline(leader.terms.x[:, :count])
-    first = len(judged.fits[judged.leader].columns) - count
-    at_mode, covariance = leader.values[first : first + count], leader.covariance[first:, first:][:count, :count]
 
-    def shares(coefficients: FloatArray) -> FloatArray:
-        return np.asarray(np.clip(residual @ made @ coefficients / judged.squares, 0.0, 1.0))
+    def share_of(use: BoolArray) -> float:
+        coefficients = np.linalg.lstsq(made[use], residual[use], rcond=None)[0]
+        return 1.0 - float(np.sum((residual[use] - made[use] @ coefficients) ** 2) / np.sum(residual[use] ** 2))
 
-    drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
-    share = float(shares(at_mode[:, np.newaxis])[0])
-    low, high = np.quantile(shares(drawn.T), (0.025, 0.975))
-    return Explained(
-        share=share, unexplained=1.0 - share, interval_95=(min(float(low), share), max(float(high), share))
-    )
+    share = share_of(np.ones(residual.size, dtype=bool))
+    without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
+    error = float(np.sqrt((without.size - 1) * np.var(without)))
+    low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
+    return Explained(share=share, unexplained=1.0 - share, interval_95=(low, high))
 
 
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:

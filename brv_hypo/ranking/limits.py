@@ -11,12 +11,15 @@ from scipy.linalg import eigh
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_QUANTILE
+from brv_hypo.flight.record import Flight
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
 from brv_hypo.ranking.result import MechanismLimit
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.problem import Problem
 
 # Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
 _SPENT = 1e-8
@@ -57,7 +60,7 @@ def limits(
     known: dict[str, float] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            known[mechanism.name] = min(_fitted(leader, frame) / moment, 1.0)
+            known[mechanism.name] = min(_fitted(leader, frame, scale_variance(rows.problem)) / moment, 1.0)
         else:
             known[mechanism.name] = _limit(evidence, frame, mechanism) / moment
     return tuple(
@@ -67,11 +70,11 @@ def limits(
     )
 
 
-def _fitted(fit: HypothesisFit, frame: RateFrame) -> float:
+def _fitted(fit: HypothesisFit, frame: RateFrame, scale: float) -> float:
     """The rms moment that what was fitted has at most.
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
-    lag do, the moment is known better than they are.
+    lag do, the moment is known better than they are. `scale`: its relative variance by pressure and inertia.
     """
     first, values = fit.baseline_size, fit.values[fit.baseline_size :]
     columns = [frame.moments(fit.selected)]
@@ -81,9 +84,34 @@ def _fitted(fit: HypothesisFit, frame: RateFrame) -> float:
         columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
     at_mode = np.append(values, np.zeros(len(fit.nonlinear)))
     covariance = fit.joint_covariance[first:, first:]
-    drawn = np.random.default_rng(_SEED).multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
-    moments = np.concatenate(columns, axis=1) @ drawn.T
-    return float(np.quantile(np.sqrt(np.mean(np.abs(moments) ** 2, axis=0)), LIMIT_QUANTILE))
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
+    sizes = np.sqrt(np.mean(np.abs(np.concatenate(columns, axis=1) @ drawn.T) ** 2, axis=0))
+    return float(np.quantile(sizes * (1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)), LIMIT_QUANTILE))
+
+
+def scale_variance(problem: Problem) -> float:
+    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
+
+    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
+    """
+    effects = {effect.name: effect for effect in nuisance_effects()}
+    flights = [record.flight for record in problem.records]
+    found = 0.0
+    for item in problem.rows.nuisances.items:
+        if item.name in effects and np.isfinite(item.present):
+            acting = flights if item.flight is None else [flights[item.flight]]
+            moved = (effects[item.name].perturb(flight, item.component, item.size) for flight in acting)
+            changes = [
+                _moment_per_rate(there) / _moment_per_rate(own) - 1.0 for there, own in zip(moved, acting, strict=True)
+            ]
+            found += (sum(changes) / len(flights)) ** 2
+    return found
+
+
+def _moment_per_rate(flight: Flight) -> float:
+    """Mean of inertia over dynamic pressure."""
+    return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
 
 
 def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:

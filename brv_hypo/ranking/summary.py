@@ -325,12 +325,9 @@ def _net(
 
 
 def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
-    found = []
-    if fit.ended_early:
-        found.append("its search ended early: it stayed far behind the leader")
     if fit.name in likelihoods.left_out:
-        found.append("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too")
-    return tuple(found)
+        return ("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too",)
+    return ()
 
 
 def _likelihood(fit: HypothesisFit, identification: Identification | None) -> MaximumLikelihood | None:

@@ -81,7 +81,7 @@ def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor],
     columns, rows = (*problem.baseline, *selected), start.rows
     fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
     parameters = nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots)
-    fit = replace(fit, nonlinear=parameters, ended_early=like.ended_early, grid=like.grid)
+    fit = replace(fit, nonlinear=parameters, grid=like.grid)
     return fit, maximised(rows, rows.terms(fit), start.at[: 1 + len(rows.groups)])
 
 

@@ -62,7 +62,6 @@ class HypothesisFit:
     searched: int
     nonlinear: tuple[Nonlinear, ...] = ()
     joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    ended_early: bool = False
     bound_cost: float = 0.0
     grid: GridFactors | None = field(default=None, repr=False, compare=False)
     design: DesignMoment | None = None
@@ -165,11 +164,10 @@ def fit_hypothesis(
         if worse == SEARCH_PATIENCE or behind:
             break
     assert best is not None
-    early = best.information > best_rival + SEARCH_OUT_OF_REACH
-    return replace(best, ended_early=early, grid=grid.factors)
+    return replace(best, grid=grid.factors)
 
 
-def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
+def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
@@ -201,12 +199,12 @@ def settled(
     fit: HypothesisFit,
     columns: tuple[Regressor, ...],
     known: tuple[Regressor, ...],
-    steps: tuple[Steps, ...] = ROUGH,
+    steps: Steps = ROUGH,
 ) -> HypothesisFit:
     """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned."""
     reduced = Reduced(problem, fit.frame)
     found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known), steps=steps)
-    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+    return replace(found, grid=fit.grid)
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
@@ -228,7 +226,7 @@ def _settled(
     columns: tuple[Regressor, ...],
     searched: int,
     known: frozenset[Regressor],
-    steps: tuple[Steps, ...] = ROUGH,
+    steps: Steps = ROUGH,
 ) -> HypothesisFit:
     """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
     problem = reduced.problem

@@ -40,9 +40,11 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     assert comparison.ranking[0].mechanism != "none"
     verdict = comparison.verdict
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == (None, "none adequate", ())
-    assert verdict.probability["other"] > 0.9
     assert verdict.adequacy is not None
+    assert not verdict.adequacy.adequate
     assert verdict.adequacy.ratio > 1.1
+    assert verdict.processes
+    assert verdict.explained is not None
     assert verdict.adequacy.p_value < 1e-3
     assert f"{hypothesis(comparison.ranking[0].mechanism)} fits best" in verdict.reason
     assert any("8 Hz" in warning for warning in comparison.reconstruction.warnings)
