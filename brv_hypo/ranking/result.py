@@ -276,16 +276,6 @@ class SizeSeries(NullIsNaN):
     slope: tuple[float, ...]
 
 
-class StepwiseDifference(NullIsNaN):
-    """A number of terms at which Efroymson's stepwise search misses the `best` subset on the grid, by `rss_ratio`."""
-
-    mechanism: str
-    size: int
-    best: tuple[str, ...]
-    stepwise: tuple[str, ...]
-    rss_ratio: float
-
-
 def _percent(share: float) -> str:
     """Whole; near nothing and near all to hundredths."""
     return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
@@ -311,7 +301,6 @@ class Comparison(HasCharts, Result):
     seconds: Seconds
     warnings: tuple[str, ...] = ()
     disagreements: tuple[str, ...] = ()
-    stepwise: tuple[StepwiseDifference, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
     coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
     sizes: tuple[SizeSeries, ...] = Field(default=(), exclude=True)

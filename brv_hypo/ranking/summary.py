@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray
-from brv_hypo.constants import CRITERIA_TIE
 from brv_hypo.flight.record import Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.io.text import hypothesis
-from brv_hypo.model.common_time import at
 from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.ranking.histories import drawn
@@ -33,14 +30,12 @@ from brv_hypo.ranking.result import (
     RecordSummary,
     Seconds,
     Series,
-    StepwiseDifference,
     TermEstimate,
     Verdict,
 )
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.subset import stepwise_columns
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
@@ -68,43 +63,6 @@ def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[
         for each in dict.fromkeys(first.values())
     )
     return (f"the criteria put different hypotheses first: {told}",)
-
-
-def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[StepwiseDifference, ...]:
-    """Where Efroymson's stepwise search misses the best subset on the grid of knots and delays, by size.
-
-    For the likeliest of the hypotheses that have a mechanism, on the grid that it was searched on. Sizes that stepwise
-    does not come to, for its F to enter is too small, are left out.
-    """
-    found = []
-    search = partial(stepwise_columns, samples=round(problem.samples * problem.efficiency))
-    searched = sorted((fit for fit in fits if fit.mechanisms), key=lambda fit: fit.information)
-    for fit in searched[:1]:
-        if fit.grid is None:
-            continue
-        exact, quick = fit.grid.best(1), fit.grid.best(1, search)
-        for size, (best, *_) in sorted(exact.items()):
-            met = quick.get(size)
-            if met and met[0][0] > best[0] * (1.0 + CRITERIA_TIE):
-                found.append(
-                    StepwiseDifference(
-                        mechanism=fit.name,
-                        size=size,
-                        best=tuple(_placed(column, fit) for column in best[1]),
-                        stepwise=tuple(_placed(column, fit) for column in met[0][1]),
-                        rss_ratio=met[0][0] / best[0],
-                    )
-                )
-    return tuple(found)
-
-
-def _placed(column: Regressor, fit: HypothesisFit) -> str:
-    """What a column is, from when on, at which delay or other parameter."""
-    since = "" if column.time_basis.kind == "constant" else f" at {at(fit.frame.common, column.time_basis.start)}"
-    own = next(mechanism for mechanism in fit.mechanisms if mechanism.name == column.mechanism)
-    units = {each.name: "" if each.units == "1" else f" {each.units}" for each in own.parameters()}
-    theta = ", ".join(f"{name} {value:.3g}{units[name]}" for name, value in column.theta)
-    return f"{column.label}{since}" + (f" ({theta})" if theta else "")
 
 
 def _joined(names: Sequence[str]) -> str:
@@ -157,7 +115,6 @@ def summarise(
         series=_series(problem, fits),
         warnings=tuple(warnings),
         disagreements=criteria_disagree(ranking, verdict.probability),
-        stepwise=stepwise_differences(problem, fits),
     )
 
 

@@ -25,7 +25,7 @@ from brv_hypo.regression.refinement import nonlinear_parameters
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
-STAYS = 0.03  # standard errors by which they move no more
+STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
 _GAIN = 0.3  # nats by which such a step has to raise the evidence
 FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
@@ -81,7 +81,7 @@ def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor],
     columns, rows = (*problem.baseline, *selected), start.rows
     fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
     parameters = nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots)
-    fit = replace(fit, nonlinear=parameters, grid=like.grid)
+    fit = replace(fit, nonlinear=parameters)
     return fit, maximised(rows, rows.terms(fit), start.at[: 1 + len(rows.groups)])
 
 
@@ -92,7 +92,7 @@ def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
         fit, own = pair
         columns, count = fit.columns, len(fit.columns)
         shifts, errors = own.values[count:], np.sqrt(np.diag(own.covariance)[count:])
-        if np.all(np.abs(shifts) <= STAYS * errors):
+        if np.all(np.abs(shifts) <= STAYS[closely] * errors):
             break
         for parameter, shift in zip(fit.nonlinear, (share * shifts).tolist(), strict=True):
             columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))

@@ -24,7 +24,7 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import ROUGH, SETTLED, Nonlinear, Steps, nonlinear_parameters, refine
-from brv_hypo.regression.search import GridFactors, extended, on_grid
+from brv_hypo.regression.search import extended, on_grid
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class HypothesisFit:
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
     `joint_covariance`, of values and then those, is empty until `with_errors`; `design` is what the design of the
     vehicle has beside them within priors, and `others` all nuisances (unknowns,), found there too. `bound_cost` is the
-    fall of 2 ln L where coefficients are held within their mechanism's bounds. `grid` is what the search began from.
+    fall of 2 ln L where coefficients are held within their mechanism's bounds.
     """
 
     name: str
@@ -63,7 +63,6 @@ class HypothesisFit:
     nonlinear: tuple[Nonlinear, ...] = ()
     joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     bound_cost: float = 0.0
-    grid: GridFactors | None = field(default=None, repr=False, compare=False)
     design: DesignMoment | None = None
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
     log_evidence: float | None = None
@@ -140,11 +139,11 @@ def fit_hypothesis(
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
     grid = on_grid(problem, mechanisms)
-    searched, offered = grid.offered.count, grid.offered
-    start = Reduced(problem, grid.frame)
+    offered, start = grid.offered, Reduced(problem, grid.frame)
+    empty = solved(start, name, mechanisms, problem.baseline, offered.count)
 
     def settle(chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = ()) -> HypothesisFit:
-        return _settled(start, name, mechanisms, (*problem.baseline, *chosen), searched, frozenset(known))
+        return settled(problem, empty, (*problem.baseline, *chosen), known, reduced=start)
 
     best: HypothesisFit | None = None
     worse = 0
@@ -164,7 +163,7 @@ def fit_hypothesis(
         if worse == SEARCH_PATIENCE or behind:
             break
     assert best is not None
-    return replace(best, grid=grid.factors)
+    return best
 
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
@@ -200,11 +199,29 @@ def settled(
     columns: tuple[Regressor, ...],
     known: tuple[Regressor, ...],
     steps: Steps = ROUGH,
+    reduced: Reduced | None = None,
 ) -> HypothesisFit:
-    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned."""
-    reduced = Reduced(problem, fit.frame)
-    found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known), steps=steps)
-    return replace(found, grid=fit.grid)
+    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned.
+
+    C_mw is brought up to date where the mechanism uses it. `reduced`: the problem in the fit's frame, if known.
+    """
+    reduced = Reduced(problem, fit.frame) if reduced is None else reduced
+    if follows_static_moment(fit.mechanisms):
+        values = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched).values
+        reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
+    found = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
+    if problem.refine:
+        parameters = nonlinear_parameters(columns, found.baseline_size, reduced.frame, problem.knots)
+        fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
+        refined = refine(columns, parameters, fresh, reduced, steps)
+        found = replace(
+            found,
+            columns=refined.columns,
+            values=refined.values,
+            residual=refined.residual,
+            nonlinear=refined.nonlinear,
+        )
+    return found
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
@@ -217,41 +234,6 @@ def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
 def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:
     """Whether a fit is the likelier by more than what steps leave of a criterion."""
     return fit.information < present.information - SEARCH_GAIN
-
-
-def _settled(
-    reduced: Reduced,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Regressor, ...],
-    searched: int,
-    known: frozenset[Regressor],
-    steps: Steps = ROUGH,
-) -> HypothesisFit:
-    """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
-    problem = reduced.problem
-    if follows_static_moment(mechanisms):
-        values = solved(reduced, name, mechanisms, columns, searched).values
-        reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
-    if not problem.refine:
-        return solved(reduced, name, mechanisms, columns, searched)
-    size, frame = len(problem.baseline), reduced.frame
-    parameters = nonlinear_parameters(columns, size, frame, problem.knots)
-    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced, steps)
-    return HypothesisFit(
-        name,
-        mechanisms,
-        frame,
-        refined.columns,
-        size,
-        refined.values,
-        refined.residual,
-        problem.samples,
-        problem.efficiency,
-        searched,
-        refined.nonlinear,
-    )
 
 
 def solved(

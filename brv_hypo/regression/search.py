@@ -16,10 +16,9 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.subset import Chosen, best_columns
+from brv_hypo.subset import best_columns
 
 Subset = tuple[float, tuple[Regressor, ...]]
-Search = Callable[..., Sequence[Chosen]]  # with the interface of `best_columns`
 
 
 @dataclass(frozen=True)
@@ -82,13 +81,13 @@ class Factor:
     forced: int
     triangle: FloatArray
 
-    def subsets(self, max_terms: int, n_best: int = 1, search: Search = best_columns) -> list[Subset]:
+    def subsets(self, max_terms: int, n_best: int = 1) -> list[Subset]:
         """(RSS, columns) of the best subsets of each size beside the forced columns."""
         vectors: dict[Vector, list[int]] = {}
         for place, column in enumerate(self.columns):
             if place >= self.forced and column.grouped:
                 vectors.setdefault(column.vector, []).append(place)
-        found = search(
+        found = best_columns(
             self.triangle[:, :-1],
             self.triangle[:, -1],
             max_terms=min(max_terms, len(self.columns) - self.forced),
@@ -100,31 +99,6 @@ class Factor:
 
 
 @dataclass(frozen=True)
-class GridFactors:
-    """The factors of what is on offer on the grid of knots and thetas, of either kind (see `Offers`)."""
-
-    single: tuple[Factor, ...]
-    joint: tuple[Factor, ...]
-    max_terms: int
-
-    def best(self, n_best: int, search: Search = best_columns) -> dict[int, tuple[Subset, ...]]:
-        """For each number of columns the `n_best` of either kind, the least RSS first, as `search` finds them."""
-        best: dict[int, dict[tuple[Regressor, ...], float]] = {}
-        for factors in (self.single, self.joint):
-            found: dict[int, list[Subset]] = {}
-            for factor in factors:
-                for rss, chosen in factor.subsets(self.max_terms, n_best, search):
-                    found.setdefault(len(chosen), []).append((rss, chosen))
-            for size, ranked in found.items():
-                least = sorted(ranked, key=_rss)[:n_best]
-                best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
-        return {
-            size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
-            for size, subsets in best.items()
-        }
-
-
-@dataclass(frozen=True)
 class OnGrid:
     """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
 
@@ -133,7 +107,6 @@ class OnGrid:
 
     frame: RateFrame
     offered: Offers
-    factors: GridFactors
     best: Mapping[int, tuple[Subset, ...]]
 
 
@@ -142,11 +115,20 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEA
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)
-    single, joint = (
-        tuple(_factor(reduced, (), columns) for columns in sets) for sets in (offered.single, offered.joint)
-    )
-    factors = GridFactors(single, joint, problem.exact_terms)
-    return OnGrid(frame, offered, factors, factors.best(n_best))
+    best: dict[int, dict[tuple[Regressor, ...], float]] = {}
+    for sets in (offered.single, offered.joint):
+        found: dict[int, list[Subset]] = {}
+        for columns in sets:
+            for rss, chosen in _factor(reduced, (), columns).subsets(problem.exact_terms, n_best):
+                found.setdefault(len(chosen), []).append((rss, chosen))
+        for size, ranked in found.items():
+            least = sorted(ranked, key=_rss)[:n_best]
+            best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
+    by_size = {
+        size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
+        for size, subsets in best.items()
+    }
+    return OnGrid(frame, offered, by_size)
 
 
 def _rss(subset: Subset) -> float:

@@ -264,7 +264,6 @@ def comparison_document(comparison: Comparison) -> Document:
             tables.term_table("baseline, as fitted with the most probable hypothesis", comparison.baseline.terms),
             *(block for row in comparison.ranking for block in _of_hypothesis(row)),
             tables.criteria_table(comparison),
-            Texts(tables.stepwise_texts(comparison), "Stepwise search compared with the exact one", shown="verbose"),
             Texts(notes, "Notes", shown="verbose"),
             Texts((took,), bullets=False, shown="verbose"),
         ),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from brv_hypo.io.text import counted, hypothesis
+from brv_hypo.io.text import hypothesis
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
@@ -193,14 +193,4 @@ def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
         f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
         for fault in record.faults
         if fault.action not in reported
-    ]
-
-
-def stepwise_texts(comparison: Comparison) -> list[str]:
-    """Where a stepwise search would have taken other terms than the exact one."""
-    return [
-        f"{each.mechanism}, {counted(each.size, 'term')}: stepwise search (Efroymson) would choose "
-        f"{', '.join(each.stepwise)} instead of {', '.join(each.best)}, with a residual sum of squares "
-        f"{share(each.rss_ratio - 1.0)} larger"
-        for each in comparison.stepwise
     ]
