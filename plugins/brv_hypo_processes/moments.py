@@ -42,7 +42,7 @@ class Static(MomentProcess):
 class Bend(MomentProcess):
     """Static moment that is not linear in alpha."""
 
-    name, family, splines = "static_bend", "stiffness", 1
+    name, family, splines = "static_bend", "stiffness", 5
     title = "static moment that bends with the angle of attack"
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
