@@ -4,6 +4,7 @@ compare.py   entrance: one readable `compare`; C_p, PRESS, AIC and BIC
 config.py    settings of a comparison; what decides a verdict stands in brv_hypo/constants.py
 preparation.py   from reconstructed flights to the problem that all hypotheses share
 judgement.py every hypothesis searched, then its evidence beside processes; what the leader explains
+with_processes.py    a hypothesis beside processes: its times, delays and unwanted changes
 adequacy.py  moments outside the list that may be there instead of the leader
 limits.py    how large each mechanism may be; intervals.py net values between knots
 verdict.py   probabilities, and the winner or the credible set
