@@ -39,7 +39,6 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import ROUGH, SETTLED, Steps
 from brv_hypo.regression.uncertainty import with_design
 
-NOISE_APART = 0.2  # logarithm of the noise in a channel over what the record states, from which rows are weighed anew
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
 
@@ -156,8 +155,6 @@ def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
     residual, start = own.residual, own.at[: 1 + len(rows.groups)]
     channels = (slice(0, half), slice(half, None))
     rates, force = (float(np.sqrt(np.mean(residual[own][rows.counted[own]] ** 2))) for own in channels)
-    if max(abs(np.log(rates)), abs(np.log(force))) < NOISE_APART:
-        return rows, start
     scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
     again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), leader)
     return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start

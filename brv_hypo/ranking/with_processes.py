@@ -28,6 +28,7 @@ KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
 _GAIN = 0.3  # nats by which such a step has to raise the evidence
 FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
+_WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
 
 Pair = tuple[HypothesisFit, Evidence]
@@ -125,6 +126,9 @@ def _completed(problem: Problem, pair: Pair) -> Pair:
     if len(whole) == len(fit.selected):
         return pair
     there = moved(problem, fitted(problem, fit, whole, own))
+    columns = there[1].terms.x[:, : len(whole)]
+    if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > _WORST_CONDITION:
+        return pair
     return there if there[1].level > own.level - _LINEAR else pair
 
 

@@ -218,7 +218,10 @@ class TestCompare:
     @pytest.mark.thorough
     def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, regression, regressed):
         done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
-        assert " ".join(done.stdout.split()) == strict_json(regressed.stdout)["verdict"]["reason"]
+        verdict = strict_json(regressed.stdout)["verdict"]
+        first, _, rest = " ".join(done.stdout.split()).partition(verdict["reason"])
+        assert first == ""
+        assert ("of the residual of the baseline" in rest) == (verdict["explained"]["share"] > 0.0)
 
     @pytest.mark.thorough
     def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):
