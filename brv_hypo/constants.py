@@ -69,54 +69,25 @@ COMPARED_EXACT_TERMS = 4  # up to which the search is exact, the same
 SEARCH_PATIENCE = 2  # sizes that may go by without a gain before the search over sizes ends
 SEARCH_BEST = 2  # subsets of each size that a search keeps
 SEARCH_STARTS = 2  # of those on the grid that are refined
-SEARCH_NARROWINGS = 3  # searches on a model's own knots and thetas, while they gain
-SEARCH_FINE_SCANS = 3  # of the parameters of the model settled on, while they gain
 # A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
 SEARCH_OUT_OF_REACH = 400.0
 SEARCH_SIZES_TRIED = 3
-# Behind another from which its best on the grid, refined, stands for it. Judgement: of 21 flights none had another name
-# or other equivalents for it.
-SEARCH_HOPELESS = 1000.0
-SEARCH_EXCHANGES = 2  # of knots for the best others, of which each gains
-SEARCH_FINER_KNOTS = 4  # intervals of one between two knots where a single choice is made anew
-SEARCH_SAME_KNOT = 0.25  # of the spacing, within which two knots are one where a model's own are searched
 SEARCH_SAME_THETA = 0.1  # relative difference up to which two values are one, found twice (refined at two knots)
 SCANNED = 7  # values of a parameter that are tried before Gauss-Newton
-SCANNED_FINELY = 25  # and once more about the model that was settled on
 SCANNED_FACTOR = 1.6  # of a theta either way
 # Half the width of differences by knots and delays, of their bounds; steps at most, and the gain in 2 ln L below which
 # they end. Of models that are compared: a tenth of what one term costs.
 REFINED_WIDTH = 2e-3
 REFINED_STEPS = 6
 REFINED_GAIN = 0.2
-# Fall of 2 ln L by which one model has to beat another to take its place. The same model found again, by way of
-# another, differs by what steps left, or by rounding alone, which must decide nothing: of three flights in another
-# order (seed 4941 of `tests.harness.invariance`) another model was chosen, 17 of 2 ln L apart.
+# Fall of 2 ln L by which one model has to beat another to take its place, more than steps and rounding leave.
 SEARCH_GAIN = REFINED_GAIN
 SEARCH_EQUAL = 1e-3  # of 2 ln L, within which the first that was found is taken
 REFINED_HALVINGS = 4  # lengths of a step that are tried
-# Of one that is told, or linearised about. Where a model leaves much, ten steps each gain more than 0.05, and how they
-# began shows in where the first six end. Wide slopes lead over samples, where slopes jump; between two samples narrow
-# ones lead on, to where there is none: a wide one that reaches over the next sample stops short of it.
+# Of one that is reported, or linearised about.
 REFIT_STEPS = 40
 REFIT_GAIN = 1e-6
-REFIT_LAST_STEPS = 10
-REFIT_LAST_WIDTH = 1e-5
-# Steps that are taken as they are, and what one may lose of 2 ln L: by a limit that rounding passes (6e-4) a knot of
-# the cone stopped 3e-10 s short, 1.3e-6 standard errors.
-REFIT_WHOLE_STEPS = 2
-REFIT_LOSS = 1e-2
-# The static moment that a model told lags behind or sticks to: rounds at most in which it is brought up to date, and
-# how far the prediction may still move in the last, in standard deviations. A round leaves a tenth to a half of what
-# the one before left; one alone left 0.009 standard errors of a fraction (seed 983 of `tests.harness.invariance`; 0.06
-# on seed 670), and differences of 6e-6 between the same flight in other units. Where the last round led is mixed with
-# where the one before it did, by shares that go with rounds that leave -1 to 0.9 of what there was. Where a round
-# twice leaves more than so much of the least so far, what moves is a delay that the data hardly tell.
-FOLLOWED_ROUNDS = 20
-FOLLOWED_APART = 1e-7
-FOLLOWED_FALL = 0.7
-FOLLOWED_MIXED = (-9.0, 0.5)
-FOLLOWED_STALLS = 2
+CONSISTENT_ROUNDS = 4  # refits in which C_mw and what follows it come to agree
 # A moment that turns in the body: rates tried at most, half to either side (beyond half a turn a record apart they are
 # independent), and times the motion's own (roll, and the meridian's in nine tenths of the time) up to which it turns.
 TURNING_RATES = 160
@@ -128,16 +99,6 @@ TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 # validation.md lists, and are judged together by its fresh ones.
 
 COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and six terms
-# How often a record is linearised about the errors that it shows, and the tolerances, in length over all errors, by
-# which the next estimate may differ before it is done again. One of them 4 off left 450 in 2 ln L, 3 left 13, below 1
-# nothing (industrial instruments); the length is 1.8 times the largest of them in the median of 60 (seeds 192000 to
-# 192026).
-MOST_LINEARISATIONS = 4
-CONVERGED_ERRORS = 2.0
-# Times the noise's mean square that a baseline may leave, whose fit is believed to tell errors of the record. Of six
-# strong effects that were "none adequate" (165540, 165832, 166030, 166078, 166361, 320212: 2.5 to 5,800 times) five are
-# named; flights on which it leaves 1.6 times or less are told better about its fit.
-BASELINE_BELIEVED = 2.0
 # Estimate over tolerance from which an error of record or vehicle is named (2 of 48 flights whose errors were drawn at
 # their tolerances, seed 404000), and how many of them are.
 BEYOND_TOLERANCE = 3.0
@@ -145,15 +106,7 @@ BEYOND_TOLERANCE_NAMED = 3
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5
-LINEARISED_AGAIN = 2400.0  # fall of 2 ln L that the leader brings, from which the problem is linearised about it
-CONVERGED_FALL = 12.0  # fall of 2 ln L of what the leader leaves, below which another linearisation has changed nothing
-NOISE_LEADER_SHARE = 1.05  # of the noise beside the leader, from which what that leaves is more
-LINEARISATIONS = 4  # about what explains much of the flight, while that lowers what is left
-# Linearisations that may lower nothing, and further searches, where something else stands beside the leader: a flight
-# with industrial instruments is found in steps of which some lower nothing. Of four strong effects that were "none
-# adequate" three are named (345005, 345015, 345028, the last in the second search; not 345032, in three).
-LINEARISED_IN_VAIN = 2
-SEARCHED_AGAIN = 2
+LINEARISATIONS = 2  # about the leader, and about another that has the larger evidence there
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_m0
 SLOPE_DEGREE = 3  # and of that of C_malpha: a speed that falls by a tenth bends it beyond a parabola
 # Share of the speed by which it may depart from such a polynomial before C_malpha follows it too: stiffness follows
@@ -162,29 +115,12 @@ WAVERING_SPEED = 5e-5
 
 # ---- Verdict: adequacy, what is outside the list ----
 
-DETECTABLE = 25.0  # fall of 2 ln L that the weakest "something else" is expected to bring: the detection limit's F
-OTHER_SIZES = 7  # of "something else" tried, each twice the one before: to 64 times the weakest
-OTHER_UNSEEN = 1e-6  # of the best seen direction of a free moment: what the data see less does not count
-# Gain in 2 ln L that "something else" has at most on sound flights, above which it is believed: 8 lets 107 of 108 sound
-# flights keep their name (drawn errors of one and of two tolerances; the largest gain was 0.8). The same is asked of
-# what stands instead of the leader: without it `none` is named in 29 % of empty flights, with it in 47 % (seed 71000).
-OTHER_FLOOR = 8.0
 # Share of a shape's rms beyond what a listed mechanism reproduces, from which the shape is something else. The studies
 # call an effect reproduced by what holds 90 % of it.
 OUTSIDE = 0.1
-ONE_STRETCH = 2  # times that a leader may change for one stretch: it begins and ends. With more, it may follow turns
-# Share of the fall of 2 ln L that the leader brings which errors of second order (of motion and instruments, in its own
-# columns) may leave: 1.4 % of its contribution's rms. On those 108 flights they leave less than shows, to falls of
-# 22,000.
-SECOND_ORDER = 2e-4
 # The same for values: of the squares of errors (in tolerances) that the data ask of record and vehicle, and of the
 # square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
 SECOND_ORDER_VALUES = 5e-3
-LEVEL_SIGMAS = 3.0  # standard errors of the noise's own level by which rates may be louder than it
-# Probability of the errors that the data ask of record and vehicle, under their tolerances, below which the record is
-# not what its tolerances say, or the flight too far from what is linear in them.
-IMPROBABLE_ERRORS = 1e-4
-BOUND_SIGMAS = 3.0  # standard errors by which a coefficient may lie outside its mechanism's bounds
 COMPARED_BLOCKS = 8  # of time, of which each is held out in turn, if a user says nothing else
 CRITERIA_TIE = 1e-6  # relative difference of residual sums of squares below which two subsets are equally good
 
@@ -193,29 +129,15 @@ CRITERIA_TIE = 1e-6  # relative difference of residual sums of squares below whi
 WINNING_PROBABILITY = 0.9  # posterior from which a hypothesis is named, or none adequate; convention that users quote
 CREDIBLE_PROBABILITY = 0.02  # posterior from which a rival stands beside the leader
 OTHER_PRIOR = 0.2  # prior that something outside the list moved the vehicle (contract of `compare --json`)
-# Widens the posterior for what the linearised likelihood does not know (second-order errors of motion and instruments).
-# Set by the calibration of `brv-hypo study`, which tells the temperature of least log loss beside it, at 2, and at 1.5
-# since the likelihood refines what stands; `tests.studies.independent.study` has the calibration error that it leaves.
-TEMPERATURE = 1.5
-LIMIT_FALL = 2.71  # of 2 ln L, of a 95 % one-sided limit (chi-squared of one degree, 90 % two-sided)
+LIMIT_FALL = 3.84  # of 2 ln L: the upper end of a 95 % interval (chi-squared of one degree), and its quantile
+LIMIT_QUANTILE = 0.975
 LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
-CONFIDENCE_SIZE = 0.05  # of the test that drops a hypothesis from the model confidence set; convention
-# Parts that the record is cut into for it, each held out once. Of six hypotheses as good as each other it keeps all in
-# 0.91 (asked: 0.95), with 12 parts in 0.83, with 48 in 0.92 (tests/ranking/test_confidence_set.py).
-CONFIDENCE_BLOCKS = 24
-CONFIDENCE_DRAWS = 1000  # of blocks: p-values near 0.05 are known to 0.007
-CONFIDENCE_SEED = 20111  # of those draws: the same record gives the same set; no result was sought by it
-CONFIDENCE_TIE = 1e-6  # losses in 2 ln L that differ by less differ by rounding
 
 # ---- Verdict: stability ----
 
-REPETITIONS = (8, 12)  # numbers of blocks of which one is left out in turn, to see whether the same hypothesis leads
 # Errors of what is told of vehicle and air, of which each is taken a tolerance higher and lower in turn for the same;
 # in the loop too.
 REPEATED_ERRORS = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
-KNOT_SHIFTS = (-0.5, 0.5)  # spacings by which all knots are moved, and refined again: no grid lies farther from another
-REPEATED_WITHIN = 100.0  # criterion behind the leader up to which a rival's knots are moved: 3e-15 in probability
-METHOD_SIGMAS = 3.0  # stated errors by which accelerometers may contradict another method before that has failed
 
 # ---- Likelihood of what stands ----
 # Held by `tests.studies.identification.study`: how many converge, and how many intervals hold the truth.

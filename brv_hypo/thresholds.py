@@ -240,3 +240,29 @@ LEAST_SEGMENT_SAMPLES = threshold(
     "the longest segment is too short to be integrated and the record is refused",
     "tests/motion/test_answerable.py",
 )
+
+# ---- Priors of what a hypothesis may have beside it: centre and 1-sigma of the logarithm of an amplitude ----
+
+_PROCESS_STUDY = "judgement; held by tests.studies.independent.imperfect_study"
+RECORD_AMPLITUDE = threshold(
+    (-2.3, 2.0), "log units", "how large drifts of instruments and air may be, in their ordinary sizes", _PROCESS_STUDY
+)
+MOMENT_AMPLITUDE = threshold(
+    (-4.6, 1.5), "log units", "how large processes of the moment may be, of the static moment's rms", _PROCESS_STUDY
+)
+MECHANISM_AMPLITUDE = threshold(
+    (-2.3, 1.2), "log units", "how large a mechanism's terms may be, of the static moment's rms", _PROCESS_STUDY
+)
+BOUND_COSTS = threshold(
+    0.5, "1", "a mechanism is impossible: part of what it gains that values within its bounds lose", _PROCESS_STUDY
+)
+SPECIFIC = threshold(
+    5.0, "nats", "terms that are characteristic of a mechanism are significant", "Kass and Raftery 1995: very strong"
+)
+ALWAYS = threshold(
+    0.1,
+    "1",
+    "that a mechanism acts from before the record begins, which a vehicle's own asymmetry does",
+    _PROCESS_STUDY,
+)
+NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _PROCESS_STUDY)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+from brv_hypo.mechanisms import find
 from brv_hypo.motion import Reconstruction, reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
+from brv_hypo.ranking.judgement import Judged, judged
 from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals import Trace, TraceConfig, trace
@@ -61,3 +63,11 @@ def prepared(*plant: str, **settings: int) -> Problem:
 def compared_nominal() -> Comparison:
     """A flight on which nothing is to be found, with `damping` alone, few knots, and likelihood."""
     return compare([nominal().flight], CompareConfig(mechanisms=("damping",), knot_count=5))
+
+
+@cache
+def judged_cone(*plant: str) -> Judged:
+    """The research cone with that planted, and the planted mechanisms and `damping` judged beside processes."""
+    names = tuple(dict.fromkeys(["none", *plant, "damping"]))
+    hypotheses = {name: () if name == "none" else (find(name),) for name in names}
+    return judged([reconstructed(*plant)], CompareConfig(mechanisms=names[1:]), hypotheses, lambda _: None)

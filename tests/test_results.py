@@ -222,8 +222,11 @@ class TestPlot:
 
     def test_of_a_comparison_from_json_what_it_holds_is_drawn(self, compared) -> None:
         again = Comparison.from_json(compared.to_json())
-        assert len(again.plot().axes) == 1
-        with pytest.raises(UsageError, match=r"has: probability, limits, cp\. The others .* no part of its JSON"):
+        (axes,) = again.plot().axes
+        assert axes.get_xlabel() == "probability"
+        with pytest.raises(
+            UsageError, match=r"has: families, probability, limits, cp\. The others .* no part of its JSON"
+        ):
             again.plot("moments")
 
     def test_without_matplotlib_it_says_how_to_install_it(self, compared, monkeypatch) -> None:

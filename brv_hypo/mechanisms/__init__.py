@@ -9,7 +9,16 @@ conformance.py       named checks that every plugin must pass
 template/          a plugin package to start from
 """
 
-from brv_hypo.mechanisms.contract import Component, Derived, Mechanism, Parameter, RecordEffect, Term
+from brv_hypo.mechanisms.contract import (
+    Component,
+    Derived,
+    Mechanism,
+    MomentProcess,
+    Parameter,
+    RecordEffect,
+    RecordProcess,
+    Term,
+)
 from brv_hypo.mechanisms.hookspecs import hookimpl
 from brv_hypo.mechanisms.registry import (
     find,
@@ -27,8 +36,10 @@ __all__ = [
     "Component",
     "Derived",
     "Mechanism",
+    "MomentProcess",
     "Parameter",
     "RecordEffect",
+    "RecordProcess",
     "Term",
     "find",
     "find_installed",

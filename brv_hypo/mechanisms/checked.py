@@ -165,7 +165,7 @@ class Wrapped:
 
 _METHODS = {
     *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
-    *("variants", "components", "plantable", "perturb"),
+    *("variants", "components", "plantable", "perturb", "shapes"),
 }
 
 
@@ -175,6 +175,10 @@ class Checked(Wrapped):
     def __getattr__(self, name: str) -> Any:
         value = super().__getattr__(name)
         return partial(_answer_of, self.item, name) if name in _METHODS else value
+
+    def model_copy(self, **changes: Any) -> Any:
+        """A copy of the item, its answers checked too."""
+        return checked(self.item.model_copy(**changes))
 
 
 def checked(item: Item) -> Item:
@@ -207,7 +211,7 @@ def _answer_of(item: Mechanism | RecordEffect, method: str, *arguments: Any) -> 
         read_only(each) if isinstance(each, Motion | Flight) else dict(each) if isinstance(each, Mapping) else each
         for each in arguments
     ]
-    problem = partial(_problem, method, arguments[0].time.shape if method in ("terms", "perturb") else ())
+    problem = partial(_problem, method, arguments[0].time.shape if method in ("terms", "perturb", "shapes") else ())
     given = answer(item.name, package_of(item), getattr(item, method), *shown, problem=problem)
     return tuple(map(checked, given)) if method == "variants" else given
 
@@ -226,6 +230,9 @@ def _problem(method: str, shape: tuple[int, ...], given: Any) -> str:
         if not isinstance(given, Flight):
             return f"`perturb` gave {type(given).__name__}, expected a Flight"
         columns = {name: getattr(given, name) for name in CHANNELS}
+    elif method == "shapes":
+        sides = (("C_m,in", np.real), ("C_n,side", np.imag))
+        columns = {f"{side} of shape {k}": part(each) for k, each in enumerate(given) for side, part in sides}
     elif method == "components":
         columns, shape = {"sizes": [size for _, _, size in given]}, (len(given),)
     elif method in ("knots", "tolerance") and given is not None:

@@ -25,17 +25,20 @@ from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.record import CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import is_unit
 from brv_hypo.mechanisms.checked import Wrapped, read_only, unchecked
-from brv_hypo.mechanisms.contract import Mechanism, Parameter, RecordEffect, Term, TimeVariation
+from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, Parameter, Process, RecordEffect, Term, TimeVariation
+from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates
 from brv_hypo.motion.motion import Motion
 
 __all__ = [
     "EFFECT_CHECKS",
     "MECHANISM_CHECKS",
+    "PROCESS_CHECKS",
     "Alias",
     "Check",
     "Nonconformity",
     "Outcome",
+    "checks_of",
     "conformance",
     "relied_on",
     "renamed",
@@ -211,7 +214,8 @@ def is_declared(item: Mechanism | RecordEffect) -> None:
         _NAME.fullmatch(item.name) is not None and item.name != "none",
         f"the name {item.name!r}: use lower case letters, digits and _, and not 'none'",
     )
-    kinds = ("mechanism", "aerodynamic") if isinstance(item, Mechanism) else ("instrument", "environment")
+    moments = ("process",) if isinstance(item, Process) else ("mechanism", "aerodynamic")
+    kinds = moments if isinstance(item, Mechanism) else ("instrument", "environment")
     kind = getattr(item, "kind", None)
     expect(kind in kinds, f"`kind` is {kind!r}, expected one of {kinds}")
 
@@ -582,22 +586,72 @@ EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = tuple(
 """Every check of a record effect."""
 
 
+# ---- The checks of a process, beside those of a mechanism or a record effect ----
+
+
+def has_a_family_and_splines(process: Process) -> None:
+    """It is of a known family, and has one spline, a constant, or at least four."""
+    family, count = (getattr(process, key, None) for key in ("family", "splines"))
+    expect(family in FAMILIES, f"`family` is {family!r}, expected one of {', '.join(FAMILIES)}")
+    sound = isinstance(count, int) and (count == 1 or count >= 4)
+    expect(sound, f"`splines` is {count!r}, expected 1, a constant, or at least 4, for they are cubic")
+
+
+def has_an_estimated_size(process: Process) -> None:
+    """Its amplitude is estimated: no tolerance bounds it, and nothing in it is nonlinear."""
+    if isinstance(process, RecordEffect):
+        expect(not process.carried, "`carried` is True: leave it out, every hypothesis has a process anyway")
+    else:
+        expect(process.tolerance(sample_flight()) is None, "it has a `tolerance`: leave it out, its size is estimated")
+        expect(not process.parameters(), "it has parameters, but a process is linear: make one of each value")
+
+
+def multiplies_shapes_by_splines(process: Process) -> None:
+    """The terms of a process of the moment are shapes, each as long as the motion, times splines from start to stop."""
+    if isinstance(process, RecordEffect):
+        return
+    process = process.model_copy(update={"start": 1.0, "stop": DURATION})
+    time = uniform_time(_SHORT)[:, np.newaxis]
+    motion, splines = sample_motion(time), time_splines(time, 1.0, DURATION, process.splines)
+    shapes, columns = process.shapes(motion), _columns(process.terms(motion, {}))
+    found = [np.shape(shape) for shape in shapes]
+    expect(set(found) == {time.shape}, f"`shapes` have the shapes {found} for a motion of shape {time.shape}")
+    products = np.array([shape * splines[..., k] for shape in shapes for k in range(process.splines)])
+    same = len(columns) == len(products) and np.allclose(columns[:, 0] + 1j * columns[:, 1], products)
+    expect(same, "its terms are not its shapes times the splines: write `shapes`, and no `terms`")
+
+
+PROCESS_CHECKS: tuple[Check[Process], ...] = tuple(
+    Check(check) for check in (has_a_family_and_splines, has_an_estimated_size, multiplies_shapes_by_splines)
+)
+"""What a process has to pass besides."""
+
+
 # ---- The checks that apply to an item ----
 
 
 # What an analysis relies on; the other checks are for the author.
-_RELIED_ON = (
-    *(is_declared, has_sane_parameters, keeps_the_shape, has_the_same_terms_for_every_theta, is_finite),
+_OF_MECHANISMS = (
+    *(has_sane_parameters, keeps_the_shape, has_the_same_terms_for_every_theta, is_finite),
     *(has_sane_knots, has_a_sane_tolerance),
 )
 
 
 def relied_on(item: Mechanism | RecordEffect) -> tuple[Callable[[Any], None], ...]:
     """The checks that an analysis relies on; each raises Nonconformity where the item breaks it."""
-    return _RELIED_ON if isinstance(item, Mechanism) else (is_declared, has_sane_components, changes_the_record)
+    own: tuple[Callable[[Any], None], ...] = PROCESS_CHECKS if isinstance(item, Process) else ()
+    if isinstance(item, Mechanism):
+        return (is_declared, *own, *_OF_MECHANISMS)
+    linear = (is_linear_for_small_values,) if own else ()
+    return (is_declared, *own, has_sane_components, changes_the_record, *linear)
+
+
+def checks_of(item: Mechanism | RecordEffect) -> tuple[Check[Any], ...]:
+    """Every check that applies to an item."""
+    checks: tuple[Check[Any], ...] = MECHANISM_CHECKS if isinstance(item, Mechanism) else EFFECT_CHECKS
+    return (*checks, *PROCESS_CHECKS) if isinstance(item, Process) else checks
 
 
 def conformance(item: Mechanism | RecordEffect) -> tuple[Outcome, ...]:
     """The outcome of every check, in order; none stops the others."""
-    checks: tuple[Check[Any], ...] = MECHANISM_CHECKS if isinstance(item, Mechanism) else EFFECT_CHECKS
-    return tuple(check.outcome(unchecked(item)) for check in checks)
+    return tuple(check.outcome(unchecked(item)) for check in checks_of(item))

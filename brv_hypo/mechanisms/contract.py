@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.flight.units import to_si
+from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
 TimeVariation = Literal["constant", "jump", "ramp"]
@@ -119,7 +120,7 @@ class Mechanism(BaseModel, ABC):
     title: ClassVar[str]
     claims: ClassVar[str]
     source: ClassVar[str]
-    kind: ClassVar[Literal["mechanism", "aerodynamic"]] = "mechanism"
+    kind: ClassVar[Literal["mechanism", "aerodynamic", "process"]] = "mechanism"
     time_variation: ClassVar[tuple[TimeVariation, ...]] = ("constant", "jump")
     """How a coefficient may change in time (Eq. 3.6): constant, jumps at knots, ramps from knots."""
     terms_enter_together: ClassVar[bool] = False
@@ -204,3 +205,83 @@ class RecordEffect(BaseModel, ABC):
     @abstractmethod
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with `value` (SI) of that component added."""
+
+
+# ---- Processes: what vehicles, air and instruments do that nobody has modelled ----
+
+
+FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
+"""What kind of thing a process is."""
+
+
+class MomentProcess(Mechanism):
+    """Shapes of a moment, each times an unknown smooth history in time; every hypothesis of `compare` has all of them.
+
+    A shape has cubic B-splines over [`start`, `stop`] s; their coefficients share one amplitude, which is estimated,
+    zero included. One unit is a coefficient of 1.
+    """
+
+    claims = "nothing in particular: a smooth change that any hypothesis may have beside it"
+    source = "Kennedy and O'Hagan, J. R. Stat. Soc. B 63:425, 2001"
+    kind = "process"
+    time_variation = ("constant",)
+
+    family: ClassVar[str]
+    """One of `FAMILIES`."""
+    splines: ClassVar[int]
+    """How many each shape has: 1, a constant, or at least 4."""
+    start: float = 0.0
+    stop: float = 1.0
+
+    @abstractmethod
+    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
+        """C_m,in + i C_n,side of each shape, on the motion's own."""
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One for each shape and spline."""
+        histories = time_splines(motion.time, self.start, self.stop, self.splines)
+        products = [
+            (f"{self.name} {number} {k}", shape * histories[..., k])
+            for number, shape in enumerate(self.shapes(motion))
+            for k in range(self.splines)
+        ]
+        return tuple(Term(name, product.real.copy(), product.imag.copy()) for name, product in products)
+
+
+class RecordProcess(RecordEffect):
+    """A channel's error with an unknown smooth history in time, in cubic B-splines over the record.
+
+    The coefficients of all channels share one amplitude, which is estimated, zero included.
+    """
+
+    claims = MomentProcess.claims
+    source = MomentProcess.source
+    carried = False
+
+    family: ClassVar[str]
+    """One of `FAMILIES`."""
+    channels: ClassVar[tuple[str, ...]]
+    splines: ClassVar[int]
+    """How many each channel has: 1, a constant, or at least 4."""
+    units: ClassVar[str]
+    """SI units of the history."""
+    size: ClassVar[float]
+    """One unit of the amplitude: the drift of an ordinary instrument or day."""
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """One for each channel and spline."""
+        names = (f"{channel} {k}" for channel in self.channels for k in range(self.splines))
+        return tuple(Component(name, self.units, self.size) for name in names)
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with so much of one spline more."""
+        channel, _, number = component.rpartition(" ")
+        histories = time_splines(flight.time, float(flight.time[0]), float(flight.time[-1]), self.splines)
+        return self.changed(flight, channel, value * histories[..., int(number)])
+
+    @abstractmethod
+    def changed(self, flight: Flight, channel: str, history: FloatArray) -> Flight:
+        """The record with a history (n,) more in that channel."""
+
+
+Process = MomentProcess | RecordProcess

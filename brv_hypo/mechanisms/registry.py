@@ -5,9 +5,9 @@ Each is loaded and checked on its own: one that breaks the contract is left out 
 package, file and line, and changes nothing else. `installed` has all that were found; `find`, `find_installed`
 and `parse_hypothesis` look them up.
 
-Nuisances, record effects and mechanisms with a tolerance, are in every hypothesis: those of this distribution, and
-of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`). What is installed
-and not asked for changes no result. `nuisance_effects`, `nuisance_mechanisms` and `perturbations` have them.
+Nuisances, record effects and mechanisms with a tolerance, and processes are in every hypothesis: those of this
+distribution, and of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`).
+What is installed and not asked for changes no result.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.reading import check_regular
 from brv_hypo.io.text import meant, one_line
 from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, known_as, unchecked
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, RecordEffect, RecordProcess
 from brv_hypo.mechanisms.hookspecs import ENTRY_POINT_GROUP
 from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
 from brv_hypo.motion.responses import Perturbation, superposed
@@ -193,8 +193,9 @@ def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
 
 
 def record_effects() -> tuple[RecordEffect, ...]:
-    """The installed instrument and environment effects."""
-    return tuple(entry.item for entry in installed().values() if isinstance(entry.item, RecordEffect))
+    """The installed instrument and environment effects but for processes."""
+    items = (entry.item for entry in installed().values())
+    return tuple(item for item in items if isinstance(item, RecordEffect) and not isinstance(item, Process))
 
 
 def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
@@ -241,7 +242,10 @@ def parse_hypothesis(text: str, options: Mapping[str, Mapping[str, Any]] | None 
     names = [part.strip() for part in text.split("+")]
     if len(set(names)) < len(names):
         raise UsageError(f"the hypothesis '{text}' names a mechanism twice; name each once")
-    return tuple(find(name, (options or {}).get(name)) for name in names)
+    found = tuple(find(name, (options or {}).get(name)) for name in names)
+    if any(isinstance(mechanism, MomentProcess) for mechanism in found):
+        raise UsageError(f"'{text}' names a process, which every hypothesis has beside its mechanisms; leave it out")
+    return found
 
 
 # ---- Nuisances: what every hypothesis has, within its tolerance ----
@@ -270,6 +274,16 @@ def nuisance_effects() -> tuple[RecordEffect, ...]:
 def nuisance_mechanisms(flight: Flight) -> tuple[Mechanism, ...]:
     """The mechanisms whose coefficients the record's tolerances of the vehicle bound."""
     return tuple(item for item in _nuisances() if isinstance(item, Mechanism) and item.tolerance(flight) is not None)
+
+
+def record_processes() -> tuple[RecordProcess, ...]:
+    """The processes of instruments and air that are part of every hypothesis."""
+    return tuple(item for item in _nuisances() if isinstance(item, RecordProcess))
+
+
+def moment_processes() -> tuple[MomentProcess, ...]:
+    """The processes of the moment that are part of every hypothesis."""
+    return tuple(item for item in _nuisances() if isinstance(item, MomentProcess))
 
 
 def _nuisances() -> list[Item]:

@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import sparse
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, CubicSpline
 from scipy.linalg.lapack import dpttrf, dpttrs
 
 from brv_hypo.arrays import FloatArray, IntArray, Values
@@ -96,6 +96,19 @@ class SplineGrid:
 @lru_cache(maxsize=4)
 def _kept_grid(time: bytes) -> SplineGrid:
     return SplineGrid(np.frombuffer(time))
+
+
+def time_splines(time: FloatArray, start: float, stop: float, count: int) -> FloatArray:
+    """Cubic B-splines (..., count), even over [start, stop] s, at `time` (...) s: their sum is one.
+
+    One alone is a constant. Outside of the range they are what they are at its ends.
+    """
+    place = np.clip((np.asarray(time, dtype=float) - start) / (stop - start), 0.0, 1.0 - 1e-12)
+    if count == 1:
+        return np.ones((*place.shape, 1))
+    cells = count - 3
+    design = BSpline.design_matrix(cells * place.ravel(), np.arange(-3.0, count + 1.0), 3)
+    return np.asarray(design.toarray().reshape(*place.shape, count))
 
 
 class Spline:

@@ -1,11 +1,11 @@
 """From reconstructed flights to ranked hypotheses with a verdict.
 
-compare.py   entrance: one readable `compare`; C_p, PRESS, AIC and BIC; the model confidence set of held-out blocks
+compare.py   entrance: one readable `compare`; C_p, PRESS, AIC and BIC
 config.py    settings of a comparison; what decides a verdict stands in brv_hypo/constants.py
 preparation.py   from reconstructed flights to the problem that all hypotheses share
-fitting.py   every hypothesis fitted
-adequacy.py  whether only noise is left, and which moments outside the list may be there instead
-stability.py whether a repetition gives the same outcome: without blocks, within tolerances, other knots, other methods
+judgement.py every hypothesis searched, then its evidence beside processes; what the leader explains
+with_processes.py    a hypothesis beside processes: its times, delays and unwanted changes
+adequacy.py  moments outside the list that may be there instead of the leader
 limits.py    how large each mechanism may be; intervals.py net values between knots
 verdict.py   probabilities, and the winner or the credible set
 maximum_likelihood.py    the credible hypotheses on the measurements themselves

@@ -1,8 +1,6 @@
 """`compare`: from flight records to ranked mechanisms.
 
-Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows; and the model
-confidence set, the hypotheses that held-out blocks cannot tell from the best. It rests on prediction alone and needs
-no prior: a hypothesis outside it predicts worse than another by more than blocks differ among themselves.
+Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows.
 """
 
 from __future__ import annotations
@@ -18,80 +16,36 @@ from scipy.linalg import qr
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import (
-    BOUND_SIGMAS,
-    CONFIDENCE_BLOCKS,
-    CONFIDENCE_DRAWS,
-    CONFIDENCE_SEED,
-    CONFIDENCE_SIZE,
-    CONFIDENCE_TIE,
-    REPETITIONS,
-)
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.checked import checked_terms, without_faulty
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import installed, parse_hypothesis, requested
 from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking.adequacy import alternatives
+from brv_hypo.ranking.adequacy import outside
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Fitted, Hypotheses, Progress, searched
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
+from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, explained, judged, processes
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
-from brv_hypo.ranking.stability import repetitions, stability
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.ranking.verdict import Contest, Score, judge
+from brv_hypo.ranking.verdict import Candidate, Fit, judge
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.held_out import FitsWithout, HeldOut, LeavingOut, block_of_whitened_row, held_out
+from brv_hypo.regression.held_out import block_of_whitened_row, held_out
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
-
-# ---- The hypotheses that held-out blocks cannot tell from the best: a model confidence set ----
-
-
-def confidence_p_values(losses: FloatArray) -> FloatArray:
-    """p-value of each hypothesis (hypotheses,), of `losses` (blocks, hypotheses): the least size of test that drops it.
-
-    Range statistic, blocks drawn with replacement (Hansen, Lunde and Nason, Econometrica 79, 2011, 453-497). Blocks are
-    far longer than the noise is correlated, and may come in any order. Hypotheses of equal losses have one p-value.
-    """
-    apart = np.max(np.abs(losses[:, :, np.newaxis] - losses[:, np.newaxis, :]), axis=0)
-    distinct, which = np.unique(np.argmax(apart < CONFIDENCE_TIE, axis=1), return_inverse=True)
-    ordered = losses[np.ix_(np.lexsort(losses.T), distinct)]
-    count, rng = len(ordered), np.random.default_rng(CONFIDENCE_SEED)
-    # A stationary bootstrap also draws where blocks end, here after one: with it these are the draws of `arch`'s MCS.
-    drawn = np.array([(rng.integers(count, size=count), rng.random(count))[0] for _ in range(CONFIDENCE_DRAWS)])
-    means, drawn_means = ordered.mean(axis=0), ordered[drawn].mean(axis=1)
-    observed = means[:, np.newaxis] - means
-    chance = drawn_means[:, :, np.newaxis] - drawn_means[:, np.newaxis, :] - observed
-    spread = np.sqrt(np.mean(chance**2, axis=0) + np.eye(distinct.size))  # the diagonal is 0 / 1
-    statistics, by_chance = observed / spread, chance / spread
-    p_value, p_values, kept = 0.0, np.ones(distinct.size), list(range(distinct.size))
-    while len(kept) > 1:
-        worse = statistics[np.ix_(kept, kept)].max(axis=1)
-        largest = by_chance[:, kept][:, :, kept].max(axis=(1, 2))
-        p_value = max(p_value, float(np.mean(worse.max() < largest)))
-        p_values[kept.pop(int(worse.argmax()))] = p_value
-    return p_values[which]
-
-
-def confidence_set(names: Sequence[str], p_values: FloatArray) -> tuple[str, ...]:
-    """Those that are not dropped, likeliest of the best first."""
-    order = np.argsort(-p_values, kind="stable")
-    return tuple(names[k] for k in order if p_values[k] > CONFIDENCE_SIZE)
-
+from brv_hypo.thresholds import BOUND_COSTS
 
 # ---- The seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows ----
 
@@ -181,18 +135,14 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
     reconstructed = clock.perf_counter()
     answered, warnings = answerable(reconstructions, hypotheses)
     warnings = (*warnings, *sharing_warnings(reconstructions))
-    say("linearising the errors of the record")
-    fitted = searched(reconstructions, config, answered, say)
-    problem, fits = fitted.problem, fitted.fits
+    beside = judged(reconstructions, config, answered, say)
+    problem, fits = beside.problem, beside.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
-    leaving = LeavingOut(problem)
-    without = [leaving.of(fit.frame, fit.columns) for fit in fits]
-    errors = [held_out(problem, each, config.held_out_blocks) for each in without]
-    say("judging")
-    verdict = _judged(fitted, answered, errors, leaving, without, config.other_prior)
+    errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
+    verdict = _verdict(beside, answered, config.other_prior)
     selected = clock.perf_counter()
-    likelihoods = identify_standing(problem, fits, verdict.outcome != "none adequate", config, say)
+    likelihoods = identify_standing(problem, fits, verdict, config, say)
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,
@@ -200,51 +150,41 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
         ml=finished - selected,
         total=finished - begun,
     )
-    warnings = (*warnings, *tolerance_warnings(fitted, verdict))
+    leader = beside.leader
+    warnings = (*warnings, *tolerance_warnings(fits[leader].name, beside.evidences[leader], verdict))
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict, warnings)
     histories = {"coefficients": coefficient_series(fits, likelihoods.found), "sizes": size_series(problem, fits)}
     return comparison.model_copy(update=histories)
 
 
-def _judged(
-    fitted: Fitted,
-    hypotheses: Hypotheses,
-    errors: Sequence[HeldOut],
-    leaving: LeavingOut,
-    without: Sequence[FitsWithout],
-    other_prior: float,
-) -> Verdict:
-    """The verdict on fits with their held-out errors; what may be there instead takes part in the repetitions."""
-    problem, fits = fitted.problem, fitted.fits
-    scores = [
-        Score(fit.name, fit.information, error.mean_square, tuple(error.by_block), _impossible(fit))
-        for fit, error in zip(fits, errors, strict=True)
+def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
+    """The verdict on hypotheses beside processes, with limits where anything is adequate."""
+    listed = [
+        Candidate(fit.name, own.level - 0.5 * fit.bound_cost, own.held_out, _impossible(fit))
+        for fit, own in zip(beside.fits, beside.evidences, strict=True)
     ]
-    instead = alternatives(problem, hypotheses, fits)
-    contest = Contest(scores, fitted.left, instead, other_prior)
-    listed = {fit.name for fit in fits}
-    further = [each.fit for each in instead if each.fit.name not in listed]
-    without = [*without, *(leaving.of(fit.frame, fit.columns) for fit in further)]
-    repeated = stability(contest, repetitions(problem, [*fits, *further], without, REPETITIONS))
-    verdict = judge(contest, repeated, limits(problem, hypotheses, fits))
-    return verdict.model_copy(update=_confidence(fits, without[: len(fits)]))
-
-
-def _confidence(fits: Sequence[HypothesisFit], without: Sequence[FitsWithout]) -> dict[str, Any]:
-    """The model confidence set of the verdict, and its p-values."""
-    names = [fit.name for fit in fits]
-    losses = [[each.score for each in fitted.each(CONFIDENCE_BLOCKS)] for fitted in without]
-    p_values = confidence_p_values(np.transpose(losses))
-    return {
-        "confidence_set": confidence_set(names, p_values),
-        "confidence_p_values": dict(zip(names, p_values.tolist(), strict=True)),
-    }
+    instead = [
+        Candidate(each.fit.name, each.evidence.level, each.evidence.held_out, words=each.words)
+        for each in outside(beside, hypotheses)
+    ]
+    leader, share = beside.evidences[beside.leader], explained(beside)
+    fit = Fit(
+        leader.noise * beside.rows.noise_ratio,
+        beside.rows.size,
+        share.share * beside.squares * beside.rows.noise_ratio**2,
+    )
+    verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
+    found = limits(beside.fits[beside.leader], leader, hypotheses)
+    if verdict.outcome == "none adequate":
+        found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)
+    return verdict.model_copy(update={"limits": found})
 
 
 def _impossible(fit: HypothesisFit) -> str | None:
-    """The value that no body has, in words, where it lies beyond its error."""
+    """The value that no body has, in words, where without it most of what the fit gains is lost."""
     excess = out_of_bounds(fit)
-    return None if excess is None or excess.sigmas <= BOUND_SIGMAS else excess.words
+    gain = 2.0 * (fit.log_evidence or 0.0)
+    return None if excess is None or excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words
 
 
 def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses) -> tuple[Hypotheses, tuple[str, ...]]:
@@ -265,7 +205,8 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
     """By name; that of a nuisance effect asks for it in every hypothesis, and makes none of its own."""
-    known = {name: entry.item for name, entry in installed().items() if isinstance(entry.item, RecordEffect)}
-    names = [name for name in config.mechanisms or () if not (name in known and known[name].carried)]
+    items = {name: entry.item for name, entry in installed().items()}
+    beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
+    names = [name for name in config.mechanisms or () if name not in beside]
     names = names or [mechanism.name for mechanism in installed_mechanisms()]
     return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *names])}

@@ -1,4 +1,4 @@
-"""How large each mechanism may still be: profile likelihood over its regions, delays and directions."""
+"""How large each mechanism may still be beside leader and processes, over its regions, delays and directions."""
 
 from __future__ import annotations
 
@@ -9,36 +9,36 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_QUANTILE
+from brv_hypo.flight.record import Flight
+from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
-from brv_hypo.regression.fit import HypothesisFit, likeliest
+from brv_hypo.ranking.result import MechanismLimit
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.reduced import Reduced
 
-# Share of a column's squared length below which what the baseline leaves of it is rounding.
+# Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
 _SPENT = 1e-8
-# Condition number of a region's scaled information above which its terms cannot be told apart.
+_DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
+# Condition number of a region's scaled information above which its terms cannot be distinguished.
 _WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True)
-class Limit:
-    """The largest share of the moment's rms that a mechanism may have, at 95 %."""
-
-    mechanism: str
-    share_of_moment: float
-
-
-@dataclass(frozen=True)
-class _Shape:
+class Shape:
     """One region and theta: `peak` 2 ln L that it gains, `estimate` (terms,), its information and moments' Gram."""
 
     peak: float
     estimate: FloatArray
     information: FloatArray
     gram: FloatArray
+    theta: Theta
+    region: tuple[float, float]
+    """From where to where it acts, s."""
 
     def largest(self, allowed: float) -> float:
         """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate."""
@@ -48,75 +48,75 @@ class _Shape:
 
 
 def limits(
-    problem: Problem, mechanisms: Mapping[str, Sequence[Mechanism]], fits: Sequence[HypothesisFit]
-) -> tuple[Limit, ...]:
-    """A limit for every hypothesis; a joined one has the largest of its mechanisms, and none has none.
+    leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]]
+) -> tuple[MechanismLimit, ...]:
+    """The share of the moment's rms that each hypothesis may have at 95 %; a joined one has that of its largest.
 
-    The moment of which it is a share is the leader's: what was measured holds errors of instruments and axes.
+    A mechanism of the leader has what was fitted and its margin; any other what it may have beside the leader.
     """
-    leader = likeliest(fits)
-    columns, values, _ = leader.moment
-    moment = _rms(leader.frame.moments(columns) @ values)
-    variance = max(min(fit.rss for fit in fits) / problem.samples, 1.0) / problem.efficiency
+    rows = evidence.rows
+    frame, moment = rows.frame_of(leader), rows.moment
+    own = {mechanism.name for mechanism in leader.mechanisms}
     known: dict[str, float] = {}
-    for group in mechanisms.values():
-        for mechanism in group:
-            if mechanism.name not in known:
-                known[mechanism.name] = _limit(problem, mechanism, variance) / moment
-    found = []
-    for fit in fits:
-        if fit.mechanisms:
-            size, margin = _fitted(fit)
-            # What is not seen the regions tell, and more than the whole moment could only cancel against the baseline.
-            seen = (fit is leader or size > margin) and size <= moment
-            fitted = min((size + margin) / moment, 1.0) if seen else 0.0
-            found.append(Limit(fit.name, max(fitted, *(known[m.name] for m in fit.mechanisms))))
-    return tuple(found)
+    for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
+        if mechanism.name in own:
+            known[mechanism.name] = min(_fitted(leader, frame, scale_variance(rows.problem)) / moment, 1.0)
+        else:
+            known[mechanism.name] = _limit(evidence, frame, mechanism) / moment
+    return tuple(
+        MechanismLimit(mechanism=name, share_of_moment_95=max(known[each.name] for each in group))
+        for name, group in hypotheses.items()
+        if group
+    )
 
 
-def _fitted(fit: HypothesisFit) -> tuple[float, float]:
-    """The rms moment of what was fitted, and by how much more it may be at 95 %.
+def _fitted(fit: HypothesisFit, frame: RateFrame, scale: float) -> float:
+    """The rms moment that what was fitted has at most.
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
-    lag do, the moment is known better than they are.
+    lag do, the moment is known better than they are. `scale`: its relative variance by pressure and inertia.
     """
-    count = fit.baseline_size
-    values = fit.values[count:]
-    moments = fit.frame.moments(fit.selected)
-    size = _rms(moments @ values)
-    gradient = np.concatenate(
-        [np.real(np.conj(moments).T @ (moments @ values)) / (moments.shape[0] * max(size, 1e-300)), _slopes(fit)]
-    )
-    variance = float(gradient @ fit.joint_covariance[count:, count:] @ gradient)
-    return size, math.sqrt(LIMIT_FALL * max(variance, 0.0))
-
-
-def _slopes(fit: HypothesisFit) -> FloatArray:
-    """Derivatives of the rms moment by each delay and knot (nonlinear,), across one standard error of it."""
-    out = []
+    first, values = fit.baseline_size, fit.values[fit.baseline_size :]
+    columns = [frame.moments(fit.selected)]
     for parameter, error in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
-        low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds)
-        ends = [
-            _rms(fit.frame.moments(moved[fit.baseline_size :]) @ fit.values[fit.baseline_size :])
-            for moved in (parameter.moved(fit.columns, float(low)), parameter.moved(fit.columns, float(high)))
-        ]
-        out.append((ends[1] - ends[0]) / (high - low) if high > low else 0.0)
-    return np.array(out)
+        low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds).tolist()
+        ends = [frame.moments(parameter.moved(fit.columns, end)[first:]) @ values for end in (low, high)]
+        columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
+    at_mode = np.append(values, np.zeros(len(fit.nonlinear)))
+    covariance = fit.joint_covariance[first:, first:]
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
+    sizes = np.sqrt(np.mean(np.abs(np.concatenate(columns, axis=1) @ drawn.T) ** 2, axis=0))
+    return float(np.quantile(sizes * (1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)), LIMIT_QUANTILE))
 
 
-def _rms(moments: ComplexArray) -> float:
-    return float(np.sqrt(np.mean(np.abs(moments) ** 2)))
+def scale_variance(problem: Problem) -> float:
+    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
+
+    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
+    """
+    effects = {effect.name: effect for effect in nuisance_effects()}
+    flights = [record.flight for record in problem.records]
+    found = 0.0
+    for item in problem.rows.nuisances.items:
+        if item.name in effects and np.isfinite(item.present):
+            acting = flights if item.flight is None else [flights[item.flight]]
+            moved = (effects[item.name].perturb(flight, item.component, item.size) for flight in acting)
+            changes = [
+                _moment_per_rate(there) / _moment_per_rate(own) - 1.0 for there, own in zip(moved, acting, strict=True)
+            ]
+            found += (sum(changes) / len(flights)) ** 2
+    return found
 
 
-def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
+def _moment_per_rate(flight: Flight) -> float:
+    """Mean of inertia over dynamic pressure."""
+    return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
+
+
+def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
     """The largest rms moment of one mechanism over the record."""
-    reduced = Reduced(problem, problem.frame.with_mechanisms([mechanism]))
-    if mechanism.parameters():
-        frame = reduced.frame.with_in_plane_moment(problem.baseline, reduced.baseline_values)
-        reduced = Reduced(problem, frame)
-    shapes = [
-        shape for theta in theta_grid(mechanism, dense=True) for shape in _shapes(reduced, mechanism, theta, variance)
-    ]
+    shapes = regions(evidence, frame, mechanism, even_edges(frame, LIMIT_EDGES))
     if not shapes:
         return float("inf")
     best = max(shape.peak for shape in shapes)
@@ -124,35 +124,50 @@ def _limit(problem: Problem, mechanism: Mechanism, variance: float) -> float:
     return max(shape.largest(room) for shape, room in allowed if room > 0.0)
 
 
-def _shapes(reduced: Reduced, mechanism: Mechanism, theta: Theta, variance: float) -> list[_Shape]:
+def even_edges(frame: RateFrame, count: int) -> FloatArray:
+    """So many times over the record (count,), s."""
+    return np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), count)
+
+
+def regions(
+    evidence: Evidence, frame: RateFrame, mechanism: Mechanism, edges: FloatArray, thetas: Sequence[Theta] = ()
+) -> list[Shape]:
+    """Every region between two edges, at every theta of a dense grid, or of those given."""
+    acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
+    return [shape for theta in grid for shape in _shapes(evidence, acting, mechanism, theta, edges)]
+
+
+def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, edges: FloatArray) -> list[Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
-    frame = reduced.frame
-    edges = np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), LIMIT_EDGES)
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
-        for start, stop in zip(edges[:-1], [*edges[1:-1], np.inf], strict=True)
+        for start, stop in zip(
+            edges[:-1], np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf), strict=True
+        )
         for name, units in names
     ]
-    batch, moments = reduced.batch(parts), frame.moments(parts)
+    rows, moments = evidence.rows.of_moments(frame, parts), frame.moments(parts)
     count, terms = edges.size - 1, len(names)
-    held = np.array(
-        [(np.arange(count) >= a) & (np.arange(count) < b) for a in range(count) for b in range(a + 1, count + 1)],
-        dtype=float,
-    )
+    ends = [(a, b) for a in range(count) for b in range(a + 1, count + 1)]
+    inside = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends], dtype=float)
 
     def over_regions(products: FloatArray) -> FloatArray:
         """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
-        first = (held @ products.reshape(count, -1)).reshape(-1, terms, count, terms)
-        return np.asarray(np.sum(first * held[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
+        first = (inside @ products.reshape(count, -1)).reshape(-1, terms, count, terms)
+        return np.asarray(np.sum(first * inside[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
 
-    information = over_regions(batch.products(batch)) / variance
-    before = np.diagonal(over_regions(batch.rows.T @ batch.rows), axis1=1, axis2=2)
+    products, against_y = evidence.projected_products(rows)
+    information = over_regions(products)
+    before = np.diagonal(over_regions(rows.T @ rows), axis1=1, axis2=2)
     gram = over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0])
-    right = held @ reduced.right(batch).reshape(count, terms) / variance
+    right = inside @ against_y.reshape(count, terms)
     scale = np.diagonal(information, axis1=1, axis2=2)
-    seen = np.flatnonzero(np.all(scale * variance > _SPENT * before, axis=1))
+    seen = np.flatnonzero(np.all(scale > _SPENT * before, axis=1))
     seen = seen[np.linalg.cond(information[seen] / scale[seen, np.newaxis]) <= _WORST_CONDITION]
     estimate = np.linalg.solve(information[seen], right[seen][..., np.newaxis])[..., 0]
     peak = np.einsum("ra,rab,rb->r", estimate, information[seen], estimate)
-    return [_Shape(float(peak[k]), estimate[k], information[region], gram[region]) for k, region in enumerate(seen)]
+    return [
+        Shape(float(peak[k]), estimate[k], information[j], gram[j], theta, (float(edges[a]), float(edges[b])))
+        for k, (j, (a, b)) in enumerate((j, ends[j]) for j in seen.tolist())
+    ]

@@ -5,24 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from brv_hypo.constants import (
-    BEYOND_TOLERANCE_NAMED,
-    CREDIBLE_PROBABILITY,
-    IMPROBABLE_ERRORS,
-    LIKELIHOOD_HYPOTHESES,
-    LIKELIHOOD_STEPS,
-)
+from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.identification import Identification, IdentificationConfig, identify
+from brv_hypo.inference.evidence import Evidence
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.fitting import Fitted
 from brv_hypo.ranking.result import Verdict
-from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import Regressed
-
-CONVERGED = "converged"
 
 
 @dataclass(frozen=True)
@@ -32,14 +23,9 @@ class Likelihoods:
     found: Mapping[str, Identification]
     left_out: frozenset[str]
 
-    @property
-    def converged(self) -> dict[str, Identification]:
-        """Those whose estimates may be used."""
-        return {name: found for name, found in self.found.items() if found.status == CONVERGED}
-
 
 def identify_standing(
-    problem: Problem, fits: Sequence[HypothesisFit], adequate: bool, config: CompareConfig, say: Callable[[str], None]
+    problem: Problem, fits: Sequence[HypothesisFit], verdict: Verdict, config: CompareConfig, say: Callable[[str], None]
 ) -> Likelihoods:
     """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach.
 
@@ -48,8 +34,8 @@ def identify_standing(
     """
     if config.maximum_likelihood == "none":
         return Likelihoods({}, frozenset())
-    chances = probabilities({fit.name: fit.information for fit in fits})
-    standing = [fit for fit in fits if chances[fit.name] >= CREDIBLE_PROBABILITY]
+    chances, adequate = verdict.probability, verdict.outcome != "none adequate"
+    standing = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
     standing.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
     options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS, begin_anew=not quick)
@@ -68,16 +54,14 @@ def identify_standing(
 # ---- Errors of record and vehicle that the data want larger than their tolerances let expect ----
 
 
-def tolerance_warnings(fitted: Fitted, verdict: Verdict) -> tuple[str, ...]:
-    """A sentence on those of the leader; none where it is not adequate for other reasons, for what it lacks poses as
-    errors.
-    """
-    if verdict.outcome == "none adequate" and fitted.left.errors_p_value >= IMPROBABLE_ERRORS:
+def tolerance_warnings(leader: str, evidence: Evidence, verdict: Verdict) -> tuple[str, ...]:
+    """A sentence on those of the leader; none where it is not adequate, for what it lacks poses as errors."""
+    if verdict.outcome == "none adequate":
         return ()
-    leader, problem = likeliest(fitted.fits), fitted.problem
-    found = problem.rows.nuisances.beyond_tolerance(leader.others, len(problem.records))
+    problem = evidence.rows.problem
+    found = problem.rows.nuisances.beyond_tolerance(evidence.errors, len(problem.records))
     if not found:
         return ()
     more = len(found) - BEYOND_TOLERANCE_NAMED
     told = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {hypothesis(leader.name)}, errors exceed the tolerances of the record: {told} (see --instruments)",)
+    return (f"with {hypothesis(leader)}, errors exceed the tolerances of the record: {told} (see --instruments)",)

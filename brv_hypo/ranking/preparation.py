@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import (
-    BASELINE_BELIEVED,
-    COLOURED,
-    COMPARED_SMALLEST,
-    CONVERGED_ERRORS,
-    MOST_LINEARISATIONS,
-    OFFSET_DEGREE,
-    SLOPE_DEGREE,
-    WAVERING_SPEED,
-)
+from brv_hypo.constants import COLOURED, COMPARED_SMALLEST, OFFSET_DEGREE, SLOPE_DEGREE, WAVERING_SPEED
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, without
+from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, record_processes, without
 from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.common_time import CommonTime, common_time
 from brv_hypo.model.reconstruction import reconstruct
@@ -31,18 +22,9 @@ from brv_hypo.motion.pipeline import require_answerable
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.regression.build import (
-    LinearisationPoint,
-    baseline_columns,
-    baseline_point,
-    build_problem,
-    carrying,
-    errors_found,
-    farthest_apart,
-)
+from brv_hypo.regression.build import LinearisationPoint, baseline_columns, build_problem, carrying
 from brv_hypo.regression.frame import build_frame
 from brv_hypo.regression.noise import settled_noise
-from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.propagated_motion import PropagatedMotion, linearisation_point
 
@@ -52,7 +34,7 @@ class Settings:
     """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
 
     `known` are the flights reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None
-    where they are still to be chosen. `taken`: the errors (SI) without which each record is linearised.
+    where they are still to be chosen.
     """
 
     reconstruction: tuple[ReconstructionConfig, ...]
@@ -60,28 +42,12 @@ class Settings:
     common: CommonTime | None = None
     static: StaticMoment | None = None
     bend: StaticBend | None = None
-    taken: tuple[Errors, ...] = ()
 
 
-def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
-    """Everything that the hypotheses share: frame, baseline with its drift, knots, noise, and what is carried.
+def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> tuple[Problem, Settings]:
+    """What the hypotheses share, linear about the baseline's first fit, and how the flights are to be reconstructed.
 
-    It is linearised about the baseline's fit, whatever that leaves.
-    """
-    return settled(reconstructions, config, math.inf)[0]
-
-
-def settled(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, believed: float = BASELINE_BELIEVED
-) -> tuple[Problem, Settings]:
-    """What the hypotheses share, and how the flights are to be reconstructed.
-
-    What errors of the record do is not small enough to be linear in them from the record as it stands: it is linearised
-    again where what the data say of them is taken out, until they say the same. How loud the instruments' noise is at
-    the frequencies of the motion is known once the motion is taken out. Where the baseline leaves more than `believed`
-    times the noise's mean square, what it says of the errors is of something that it lacks, and leads astray: the
-    record is taken as it stands. Of several flights it is believed: no study says how they fare otherwise, and their
-    shared knots come to lie so near each other there that rounding moves them.
+    How loud the instruments' noise is at the frequencies of the motion is known once the motion is taken out.
     """
     samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
     if samples < COMPARED_SMALLEST:
@@ -97,36 +63,18 @@ def settled(
     problem = _problem(reconstructions, settings, config)
     bend = _bend_of(problem)
     settings = replace(settings, static=_static_of(problem), bend=bend)
-    taken: tuple[Errors, ...] = tuple({} for _ in reconstructions)
-    if len(reconstructions) == 1:
-        standing = _as_heard(problem)
-        if _left_by_baseline(standing) > believed:
-            standing = carrying(standing, bend)  # which takes its part
-            if _left_by_baseline(standing) > believed:
-                return standing, replace(_as_loud(standing, settings), taken=taken)
-    found = errors_found(problem)
-    for _ in range(MOST_LINEARISATIONS):
-        point = baseline_point(problem, found)
-        records = cleaned(problem, point, settings)
-        if records is None:
-            break
-        taken, problem = found, about(point, records, settings, config)
-        found, heard = errors_found(problem), _as_loud(problem, settings)
-        if heard is settings and farthest_apart(problem, taken, found) < CONVERGED_ERRORS:
-            break
-        settings = heard
-    return problem, replace(settings, taken=taken)
+    problem = carrying(_as_heard(problem), bend)
+    return problem, _as_loud(problem, settings)
+
+
+def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
+    """The first problem that the hypotheses share."""
+    return settled(reconstructions, config)[0]
 
 
 def _as_heard(problem: Problem) -> Problem:
     """The problem under the noise that the record shows in it."""
     return problem.under(settled_noise(problem))
-
-
-def _left_by_baseline(problem: Problem) -> float:
-    """Mean square of what the baseline leaves, over that of the noise."""
-    left = problem.projected_baseline(problem.frame).left
-    return float(left @ left) / problem.samples
 
 
 def _as_loud(problem: Problem, settings: Settings) -> Settings:
@@ -186,12 +134,12 @@ class Cleaned:
 
 def cleaned(problem: Problem, point: LinearisationPoint, settings: Settings) -> list[Cleaned] | None:
     """The records without the errors of a point that a problem's fit led to; None where a record has no motion left."""
-    before = zip(problem.records, problem.frame.reconstructions, point.taken, strict=True)
+    before = zip(problem.records, problem.frame.reconstructions, point.errors, strict=True)
     motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
     try:
         found = [
             _anew(known, without(known.flight, errors))
-            for known, errors in zip(settings.known, point.taken, strict=True)
+            for known, errors in zip(settings.known, point.errors, strict=True)
         ]
     except UnanswerableError:
         return None
@@ -204,18 +152,27 @@ def _anew(reconstruction: Reconstruction, flight: Flight) -> Reconstruction:
     return replace(reconstruction, flight=flight)
 
 
-def about(point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig) -> Problem:
-    """The problem of records at a linearisation point, under the noise that they have beside its model.
-
-    Of a moment that begins or ends at once a smooth one leaves much, which is no noise. Several flights are heard
-    beside the baseline (see `settled`).
-    """
-    motions = [each.motion for each in records]
-    problem = _problem([each.reconstruction for each in records], settings, config, point, motions)
-    if len(records) > 1:
+def _beside(problem: Problem, point: LinearisationPoint) -> Problem:
+    """The problem under the noise beside a model; of several flights beside the baseline."""
+    if len(problem.records) > 1:
         return _as_heard(problem)
     frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
     return problem.under(settled_noise(replace(problem, frame=frame, baseline=point.columns)))
+
+
+def with_processes(
+    point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig
+) -> Problem:
+    """The problem of records at a linearisation point with the processes of record and air, under white noise."""
+    motions = [each.motion for each in records]
+    return _problem([each.reconstruction for each in records], settings, config, point, motions, record_processes())
+
+
+def without_processes(whole: Problem, point: LinearisationPoint) -> Problem:
+    """The problem without processes, under the noise beside the model that it is linear about."""
+    names = frozenset(each.name for each in record_processes())
+    problem = replace(whole, rows=replace(whole.rows, nuisances=whole.rows.nuisances.without(names)))
+    return _beside(problem, point)
 
 
 def _problem(
@@ -224,6 +181,7 @@ def _problem(
     config: CompareConfig,
     point: LinearisationPoint | None = None,
     motions: Sequence[PropagatedMotion | None] | None = None,
+    processes: Sequence[RecordEffect] = (),
 ) -> Problem:
     """The problem of the flights, linearised about `motions`, or where the reconstruction's errors are taken out."""
     where = motions or [None] * len(reconstructions)
@@ -238,7 +196,7 @@ def _problem(
         frame,
         records,
         baseline_columns(frame),
-        nuisance_effects(),
+        (*nuisance_effects(), *processes),
         (*nuisance_mechanisms(reconstructions[0].flight), *bend),
         knots,
         config.max_terms,

@@ -94,6 +94,8 @@ class RankedHypothesis(NullIsNaN):
     r2: float
     bic: float
     log_likelihood: float
+    log_evidence: float = float("nan")
+    """Over that of the baseline only, processes beside both."""
     n_terms: int
     n_effective: float
     terms: tuple[TermEstimate, ...]
@@ -141,8 +143,36 @@ class Adequacy(NullIsNaN):
     adequate: bool
 
 
+class Explained(NullIsNaN):
+    """Of the mean square that the baseline's fit has as residual: what the leader explains, and what it does not.
+
+    `share` + `unexplained` is 1: what the leader does not explain is due to processes and noise. `interval_95` of the
+    share.
+    """
+
+    share: float
+    unexplained: float
+    interval_95: Interval
+
+
+class ProcessEstimate(NullIsNaN):
+    """A process beside the leader: rms `size` of its splines' coefficients with their standard error, in `units`.
+
+    `share_of_moment`: rms of what it makes of the record over that of the static moment; `tolerance`: one unit of its
+    amplitude, an ordinary size, in `units`.
+    """
+
+    name: str
+    family: str
+    size: float
+    std_error: float
+    units: str
+    share_of_moment: float
+    tolerance: float
+
+
 class MechanismLimit(NullIsNaN):
-    """The largest share of the moment's rms that a mechanism may have, at 95 %."""
+    """The largest share of the moment's rms that a mechanism may have, at 95 %; NaN where nothing is adequate."""
 
     mechanism: str
     share_of_moment_95: float
@@ -169,21 +199,18 @@ Outcome = Literal["named", "undecided", "none adequate", "record fault"]
 
 
 class Verdict(NullIsNaN):
-    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand.
-
-    `confidence_set`: the hypotheses of the list whose held-out errors cannot be told from the best's, at 95 %;
-    `confidence_p_values` of all.
-    """
+    """`winner` is None unless the `outcome` is "named"; `equivalent` names all that stand."""
 
     winner: str | None
     outcome: Outcome
     equivalent: tuple[str, ...]
     probability: dict[str, float]
     adequacy: Adequacy | None = None
+    explained: Explained | None = None
+    processes: tuple[ProcessEstimate, ...] = ()
+    """Largest first."""
     limits: tuple[MechanismLimit, ...] = ()
     stability: float | None = None
-    confidence_set: tuple[str, ...] = ()
-    confidence_p_values: dict[str, float] = Field(default_factory=dict)
     reason: str
 
 
@@ -249,14 +276,9 @@ class SizeSeries(NullIsNaN):
     slope: tuple[float, ...]
 
 
-class StepwiseDifference(NullIsNaN):
-    """A number of terms at which Efroymson's stepwise search misses the `best` subset on the grid, by `rss_ratio`."""
-
-    mechanism: str
-    size: int
-    best: tuple[str, ...]
-    stepwise: tuple[str, ...]
-    rss_ratio: float
+def _percent(share: float) -> str:
+    """Whole; near nothing and near all to hundredths."""
+    return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
 
 
 class Comparison(HasCharts, Result):
@@ -279,23 +301,27 @@ class Comparison(HasCharts, Result):
     seconds: Seconds
     warnings: tuple[str, ...] = ()
     disagreements: tuple[str, ...] = ()
-    stepwise: tuple[StepwiseDifference, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
     coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
     sizes: tuple[SizeSeries, ...] = Field(default=(), exclude=True)
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
-        verdict = self.verdict
+        verdict, found = self.verdict, self.verdict.explained
         names = ", ".join(map(hypothesis, verdict.equivalent))
         winner = hypothesis(verdict.winner or "")
         told = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
+        explains = f" (explains {_percent(found.share)} %)" if winner and found and found.share else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
-        return f"{count}, {len(self.ranking)} hypotheses: {told}"
+        return f"{count}, {len(self.ranking)} hypotheses: {told}{explains}"
 
     def conclusion(self) -> str:
-        """The reason of the verdict."""
-        return self.verdict.reason
+        """The reason of the verdict, and on a line of its own what the leader explains."""
+        if (found := self.verdict.explained) is None or not found.share:
+            return self.verdict.reason
+        share, low, high, rest = map(_percent, (found.share, *found.interval_95, found.unexplained))
+        explains = f"{self.ranking[0].mechanism} explains {share} % ({low} to {high} %) of the residual of the baseline"
+        return f"{self.verdict.reason}\n{explains}; {rest} % is due to processes and noise."
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""
@@ -306,7 +332,7 @@ class Comparison(HasCharts, Result):
                 "rank": row.rank,
                 "mechanism": row.mechanism,
                 "probability": probability.get(row.mechanism),
-                "confidence_p_value": self.verdict.confidence_p_values.get(row.mechanism),
+                "log_evidence": row.log_evidence,
                 "n_terms": row.n_terms,
                 "f_ratio": row.f_ratio,
                 "cp": row.cp,

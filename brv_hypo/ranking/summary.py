@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray
-from brv_hypo.constants import CRITERIA_TIE, SEARCH_OUT_OF_REACH
 from brv_hypo.flight.record import Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.io.text import hypothesis
-from brv_hypo.model.common_time import at
 from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.ranking.histories import drawn
@@ -33,16 +30,12 @@ from brv_hypo.ranking.result import (
     RecordSummary,
     Seconds,
     Series,
-    StepwiseDifference,
     TermEstimate,
     Verdict,
 )
-from brv_hypo.regression.build import plain_values
-from brv_hypo.regression.fit import HypothesisFit, likeliest
-from brv_hypo.regression.held_out import HeldOut
+from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.subset import stepwise_columns
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
@@ -72,58 +65,6 @@ def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[
     return (f"the criteria put different hypotheses first: {told}",)
 
 
-def prediction_disagrees(verdict: Verdict) -> tuple[str, ...]:
-    """A sentence where the likeliest hypothesis of the list predicts held-out blocks worse than others by more than
-    chance; else nothing.
-    """
-    likely = [name for name in verdict.confidence_p_values if verdict.probability[name] > 0.0]
-    leader = max(likely, key=lambda name: verdict.probability[name], default=None)
-    if leader is None or leader in verdict.confidence_set:
-        return ()
-    kept = verdict.confidence_set
-    return (
-        f"{hypothesis(leader)} is the most probable, but is not in the model confidence set (95 %): "
-        f"{_joined([*map(hypothesis, kept)])} {'predicts' if len(kept) == 1 else 'predict'} held-out blocks better",
-    )
-
-
-def stepwise_differences(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[StepwiseDifference, ...]:
-    """Where Efroymson's stepwise search misses the best subset on the grid of knots and delays, by size.
-
-    For the likeliest of the hypotheses that have a mechanism, on the grid that it was searched on. Sizes that stepwise
-    does not come to, for its F to enter is too small, are left out.
-    """
-    found = []
-    search = partial(stepwise_columns, samples=round(problem.samples * problem.efficiency))
-    searched = sorted((fit for fit in fits if fit.mechanisms), key=lambda fit: fit.information)
-    for fit in searched[:1]:
-        if fit.grid is None:
-            continue
-        exact, quick = fit.grid.best(1), fit.grid.best(1, search)
-        for size, (best, *_) in sorted(exact.items()):
-            met = quick.get(size)
-            if met and met[0][0] > best[0] * (1.0 + CRITERIA_TIE):
-                found.append(
-                    StepwiseDifference(
-                        mechanism=fit.name,
-                        size=size,
-                        best=tuple(_placed(column, fit) for column in best[1]),
-                        stepwise=tuple(_placed(column, fit) for column in met[0][1]),
-                        rss_ratio=met[0][0] / best[0],
-                    )
-                )
-    return tuple(found)
-
-
-def _placed(column: Regressor, fit: HypothesisFit) -> str:
-    """What a column is, from when on, at which delay or other parameter."""
-    since = "" if column.time_basis.kind == "constant" else f" at {at(fit.frame.common, column.time_basis.start)}"
-    own = next(mechanism for mechanism in fit.mechanisms if mechanism.name == column.mechanism)
-    units = {each.name: "" if each.units == "1" else f" {each.units}" for each in own.parameters()}
-    theta = ", ".join(f"{name} {value:.3g}{units[name]}" for name, value in column.theta)
-    return f"{column.label}{since}" + (f" ({theta})" if theta else "")
-
-
 def _joined(names: Sequence[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
@@ -134,7 +75,7 @@ def _joined(names: Sequence[str]) -> str:
 def summarise(
     problem: Problem,
     fits: Sequence[HypothesisFit],
-    errors: Sequence[HeldOut],
+    errors: Sequence[float],
     criteria: Sequence[Criteria],
     seconds: Seconds,
     likelihoods: Likelihoods,
@@ -173,8 +114,7 @@ def summarise(
         seconds=seconds,
         series=_series(problem, fits),
         warnings=tuple(warnings),
-        disagreements=(*criteria_disagree(ranking, verdict.probability), *prediction_disagrees(verdict)),
-        stepwise=stepwise_differences(problem, fits),
+        disagreements=criteria_disagree(ranking, verdict.probability),
     )
 
 
@@ -233,7 +173,7 @@ def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: st
 
 
 def _ranked(
-    rank: int, fit: HypothesisFit, error: HeldOut, criteria: Criteria, null_error: HeldOut, problem: Problem
+    rank: int, fit: HypothesisFit, error: float, criteria: Criteria, null_error: float, problem: Problem
 ) -> RankedHypothesis:
     total = float(problem.response @ problem.response)
     variance = fit.rss / fit.samples
@@ -242,10 +182,11 @@ def _ranked(
         mechanism=fit.name,
         f_ratio=criteria.f_ratio if fit.selected else None,
         cp=criteria.cp,
-        prediction_error=error.mean_square,
-        prediction_ratio=error.mean_square / null_error.mean_square,
+        prediction_error=error,
+        prediction_ratio=error / null_error,
         r2=1.0 - fit.rss / total,
-        bic=fit.information,
+        bic=fit.bic,
+        log_evidence=float("nan") if fit.log_evidence is None else fit.log_evidence,
         log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * variance) + 1.0),
         n_terms=len(fit.selected),
         n_effective=fit.effective,
@@ -341,12 +282,9 @@ def _net(
 
 
 def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
-    found = []
-    if fit.ended_early:
-        found.append("its search ended early: it stayed far behind the leader")
     if fit.name in likelihoods.left_out:
-        found.append("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too")
-    return tuple(found)
+        return ("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too",)
+    return ()
 
 
 def _likelihood(fit: HypothesisFit, identification: Identification | None) -> MaximumLikelihood | None:
@@ -427,18 +365,14 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     return tuple(found)
 
 
-def _left(problem: Problem, fit: HypothesisFit, leader: HypothesisFit) -> ComplexArray:
-    """What a hypothesis, with errors of record and vehicle fitted beside it, leaves of the moments (frame rows,).
+def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
+    """Moments (frame rows,) that a hypothesis with errors of record and vehicle does not explain.
 
-    One that is out of the leader's reach has that one's errors: its own make up for what it lacks.
+    Processes are not fitted here: what they explain is to be seen.
     """
-    values, others = fit.values, fit.others
-    if fit.information > leader.information + SEARCH_OUT_OF_REACH:
-        others = leader.others
-        without_errors = problem.left(fit.frame, (), np.zeros(0), others).rates
-        values = plain_values(fit.frame, fit.columns, without_errors)
-    left = problem.left(fit.frame, fit.columns, values, others)
-    return residual_moments(fit.frame, problem.records, left.rates).body
+    values, others = problem.solution(fit.frame, fit.columns)
+    rest = problem.left(fit.frame, fit.columns, values, others)
+    return residual_moments(fit.frame, problem.records, rest.rates).body
 
 
 def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
@@ -446,7 +380,7 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
     frame = problem.frame
     known = residual_moments(frame, problem.records, frame.observed)
     measured = np.where(known.usable, known.body, np.nan)
-    fitted = {fit.name: measured - _left(problem, fit, likeliest(fits)) for fit in fits}
+    fitted = {fit.name: measured - _residual(problem, fit) for fit in fits}
     found = []
     for index, motion in enumerate(frame.motions):
         pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]

@@ -12,6 +12,6 @@ problem.py     data, noise and what is projected out; noise.py estimates the noi
 reduced.py     nuisances and baseline projected out once, for search and refinement
 fit.py         best subset of a hypothesis's columns (search.py); refinement.py moves delays and knots
 unlisted.py    shapes of a moment that no listed mechanism has, and one that turns in the body
-moment_model.py, own_static_moment.py, free_moment.py  the moment of a model, self-consistent, or a smooth one
+moment_model.py, free_moment.py  the moment of a model, or a smooth one
 held_out.py    prediction error on held-out blocks
 """

@@ -18,7 +18,6 @@ from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.regression.channels import ForceModel, whole
 from brv_hypo.regression.frame import RateFrame, whiten
-from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import solve_scaled
 from brv_hypo.regression.noise import first_noise
 from brv_hypo.regression.nuisance import Errors, nuisances, with_shared
@@ -39,16 +38,14 @@ def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """A moment model with its `values` (columns,) to linearise about, and every flight's errors (SI) beside it.
-
-    `acting` are the errors by which the vehicle's own moments act; `taken` what was taken out of the records.
+    """A moment model with its `values` (columns,) to linearise about, and every flight's `errors` (SI) beside it, which
+    were taken out of the records.
     """
 
     mechanisms: tuple[Mechanism, ...]
     columns: tuple[Regressor, ...]
     values: FloatArray
-    acting: tuple[Errors, ...]
-    taken: tuple[Errors, ...]
+    errors: tuple[Errors, ...]
 
 
 def build_problem(
@@ -70,17 +67,17 @@ def build_problem(
     """
     if point is None:
         nothing: tuple[Errors, ...] = tuple({} for _ in records)
-        point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing, nothing)
-    frame = _with_design(frame, vehicle, point.acting[0])
+        point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing)
+    frame = _with_design(frame, vehicle, point.errors[0])
     known = frame.with_mechanisms(point.mechanisms)
     if point.mechanisms:
         known = known.with_in_plane_moment(point.columns, point.values)
     flights = [
         linearised(record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting))
-        for record, reconstruction, acting in zip(records, known.reconstructions, point.acting, strict=True)
+        for record, reconstruction, acting in zip(records, known.reconstructions, point.errors, strict=True)
     ]
     force, seen = on_rows(frame, flights)
-    carried = nuisances(frame, flights, effects, vehicle, taken=point.taken)
+    carried = nuisances(frame, flights, effects, vehicle, taken=point.errors)
     rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
     given = frame.with_mechanisms([GivenColumns()])
     return Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
@@ -99,33 +96,7 @@ def point_of(
     """The point at a model's fit and the errors that go with it."""
     values, others = problem.solution(frame, columns)
     errors = _within_reach(problem, others)
-    return LinearisationPoint(mechanisms, columns, values, errors, errors)
-
-
-def baseline_point(problem: Problem, taken: tuple[Errors, ...]) -> LinearisationPoint:
-    """The point at the baseline's fit, with other errors taken out of the records than those that go with it."""
-    return replace(point_of(problem, problem.frame, problem.baseline), taken=taken)
-
-
-def errors_found(problem: Problem) -> tuple[Errors, ...]:
-    """What the data say of every flight's errors beside a free, smooth moment, in SI: one mapping a flight."""
-    frame, free = free_moment(problem)
-    _, others = problem.solution(frame, (*problem.baseline, *free))
-    return _within_reach(problem, others)
-
-
-def farthest_apart(problem: Problem, ones: Sequence[Errors], others: Sequence[Errors]) -> float:
-    """How far apart two estimates of a flight's errors (SI) are, in tolerances; of the flight where that is most.
-
-    The length over all errors, for of one of a vector's components it would depend on how the body axes are rolled.
-    """
-    squares = np.zeros(len(problem.records))
-    for item in problem.rows.nuisances.items:
-        if item.taken_out is not None and item.flight is not None and np.isfinite(item.present):
-            key = (item.name, item.component)
-            one, other = ones[item.flight].get(key, 0.0), others[item.flight].get(key, 0.0)
-            squares[item.flight] += ((one - other) / item.size) ** 2
-    return float(np.sqrt(np.max(squares)))
+    return LinearisationPoint(mechanisms, columns, values, errors)
 
 
 def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:

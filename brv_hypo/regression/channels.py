@@ -44,10 +44,6 @@ class Noise:
     thinning: int = 1
     lasting: Lasting | None = None
 
-    def louder_than(self, other: Noise) -> float:
-        """How many times as loud as another it is, in the channel where that is more."""
-        return max(self.rates.sigma / other.rates.sigma, self.force.sigma / other.force.sigma)
-
 
 @dataclass(frozen=True)
 class Rows:

@@ -10,12 +10,9 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
-    SCANNED,
-    SCANNED_FINELY,
+    CONSISTENT_ROUNDS,
     SEARCH_EQUAL,
-    SEARCH_FINE_SCANS,
     SEARCH_GAIN,
-    SEARCH_NARROWINGS,
     SEARCH_OUT_OF_REACH,
     SEARCH_PATIENCE,
     SEARCH_SIZES_TRIED,
@@ -26,8 +23,8 @@ from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
-from brv_hypo.regression.search import GridFactors, OnGrid, extended, narrowed, on_grid
+from brv_hypo.regression.refinement import ROUGH, SETTLED, Nonlinear, Steps, nonlinear_parameters, refine
+from brv_hypo.regression.search import extended, on_grid
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ class HypothesisFit:
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
     `joint_covariance`, of values and then those, is empty until `with_errors`; `design` is what the design of the
     vehicle has beside them within priors, and `others` all nuisances (unknowns,), found there too. `bound_cost` is the
-    fall of 2 ln L where coefficients are held within their mechanism's bounds. `grid` is what the search began from.
+    fall of 2 ln L where coefficients are held within their mechanism's bounds.
     """
 
     name: str
@@ -65,11 +62,11 @@ class HypothesisFit:
     searched: int
     nonlinear: tuple[Nonlinear, ...] = ()
     joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-    ended_early: bool = False
     bound_cost: float = 0.0
-    grid: GridFactors | None = field(default=None, repr=False, compare=False)
     design: DesignMoment | None = None
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
+    log_evidence: float | None = None
+    """Beside processes, over that of the baseline only; None before they are known."""
 
     @property
     def moment(self) -> tuple[tuple[Regressor, ...], FloatArray, FloatArray]:
@@ -112,6 +109,11 @@ class HypothesisFit:
 
     @property
     def information(self) -> float:
+        """What hypotheses are ranked by, the less the better: -2 log evidence where it is known, else the BIC."""
+        return self.bic if self.log_evidence is None else self.bound_cost - 2.0 * self.log_evidence
+
+    @property
+    def bic(self) -> float:
         """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
         chosen = len({column.choice for column in self.selected})
         return self.bound_cost + extended_bic(
@@ -126,28 +128,22 @@ def extended_bic(rss: float, samples: int, effective: float, parameters: int, se
 
 
 def fit_hypothesis(
-    problem: Problem,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    best_rival: float = math.inf,
-    grid: OnGrid | None = None,
+    problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
 ) -> HypothesisFit:
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
-    The best subset of each size on the grid of knots and delays is refined, and so are the best model so far
-    with the best further term, and the best episodes; the least extended BIC after refinement decides. A last
-    search runs on the refined knots and delays alone. A hypothesis keeps at least one term. Its search ends early
-    where it stays far behind `best_rival`, the least criterion of the others so far. `grid` is the search on the
-    grid where it is known already.
+    The best subset of each size on the grid of knots and delays is refined, and so is the best model so far with the
+    best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term. Its search
+    ends early where it stays far behind `best_rival`, the least criterion of the others so far.
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
-    grid = on_grid(problem, mechanisms) if grid is None else grid
-    searched, offered = grid.offered.count, grid.offered
-    start = Reduced(problem, grid.frame)
+    grid = on_grid(problem, mechanisms)
+    offered, start = grid.offered, Reduced(problem, grid.frame)
+    empty = solved(start, name, mechanisms, problem.baseline, offered.count)
 
     def settle(chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = ()) -> HypothesisFit:
-        return _settled(start, name, mechanisms, (*problem.baseline, *chosen), searched, frozenset(known))
+        return settled(problem, empty, (*problem.baseline, *chosen), known, reduced=start)
 
     best: HypothesisFit | None = None
     worse = 0
@@ -167,42 +163,19 @@ def fit_hypothesis(
         if worse == SEARCH_PATIENCE or behind:
             break
     assert best is not None
-    best = likeliest([best, *map(settle, grid.episodes)])
-    if best.information > best_rival + SEARCH_OUT_OF_REACH:
-        return replace(best, ended_early=True, grid=grid.factors)
-    return replace(scanned_finely(problem, plainer(problem, best)), grid=grid.factors)
+    return best
 
 
-def fit_on_grid(problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], grid: OnGrid | None) -> HypothesisFit:
-    """The likeliest of the best subsets of each size on the grid, knots and delays as they are there.
-
-    `grid` is None for the null hypothesis.
-    """
-    rough = replace(problem, refine=False)
-    if grid is None:
-        return solved(Reduced(rough, rough.frame), name, mechanisms, rough.baseline, 0)
-    start, count = Reduced(rough, grid.frame), grid.offered.count
-    chosen = [*(subsets[0][1] for size, subsets in sorted(grid.best.items()) if size), *grid.episodes]
-    found = [_settled(start, name, mechanisms, (*rough.baseline, *columns), count, frozenset()) for columns in chosen]
-    return replace(likeliest(found), grid=grid.factors)
-
-
-def renewed(problem: Problem, fit: HypothesisFit, steps: tuple[Steps, ...] = ROUGH) -> HypothesisFit:
+def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
     return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
-def scanned(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The same columns, in time order, with their knots and delays scanned and refined."""
-    return settled(problem, fit, _in_order(problem, fit), ())
-
-
-def held(problem: Problem, fit: HypothesisFit, frame: RateFrame, steps: tuple[Steps, ...]) -> HypothesisFit:
-    """The same columns refined in a frame whose C_mw stays as it is."""
-    known = frozenset(fit.selected)
-    reduced = Reduced(problem, frame)
-    found = _refined(reduced, fit.name, fit.mechanisms, fit.columns, fit.searched, known, SCANNED, steps)
-    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same refitted until what lags or sticks follows the static moment C_mw that the fit itself finds."""
+    for _ in range(CONSISTENT_ROUNDS if follows_static_moment(fit.mechanisms) else 1):
+        fit = renewed(problem, fit, SETTLED)
+    return fit
 
 
 def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
@@ -225,50 +198,30 @@ def settled(
     fit: HypothesisFit,
     columns: tuple[Regressor, ...],
     known: tuple[Regressor, ...],
-    steps: tuple[Steps, ...] = ROUGH,
+    steps: Steps = ROUGH,
+    reduced: Reduced | None = None,
 ) -> HypothesisFit:
-    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned."""
-    reduced = Reduced(problem, fit.frame)
-    found = _settled(reduced, fit.name, fit.mechanisms, columns, fit.searched, frozenset(known), steps=steps)
-    return replace(found, ended_early=fit.ended_early, grid=fit.grid)
+    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned.
 
-
-def narrower(problem: Problem, fit: HypothesisFit) -> list[HypothesisFit]:
-    """What a search on the fit's own knots and delays alone offers."""
-    subsets = narrowed(problem, fit.frame, fit.columns)
-    return [settled(problem, fit, (*problem.baseline, *chosen), chosen) for chosen in subsets]
-
-
-def plainer(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit searched once more on its own knots and delays, while it gains."""
-    for _ in range(SEARCH_NARROWINGS if problem.refine else 0):
-        tried = narrower(problem, fit)
-        best = likeliest([fit, *tried])
-        if not gains(best, fit):
-            break
-        fit = best
-    return fit
-
-
-def scanned_finely(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with its delays and knots scanned once more, each with the others where they came to lie, while it gains.
-
-    From the grid, where other knots are still off, a scan may lead to a neighbouring minimum.
+    C_mw is brought up to date where the mechanism uses it. `reduced`: the problem in the fit's frame, if known.
     """
-    for _ in range(SEARCH_FINE_SCANS if problem.refine and fit.nonlinear else 0):
-        scanned = _settled(
-            Reduced(problem, fit.frame),
-            fit.name,
-            fit.mechanisms,
-            _in_order(problem, fit),
-            fit.searched,
-            frozenset(),
-            SCANNED_FINELY,
+    reduced = Reduced(problem, fit.frame) if reduced is None else reduced
+    if follows_static_moment(fit.mechanisms):
+        values = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched).values
+        reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
+    found = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
+    if problem.refine:
+        parameters = nonlinear_parameters(columns, found.baseline_size, reduced.frame, problem.knots)
+        fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
+        refined = refine(columns, parameters, fresh, reduced, steps)
+        found = replace(
+            found,
+            columns=refined.columns,
+            values=refined.values,
+            residual=refined.residual,
+            nonlinear=refined.nonlinear,
         )
-        if not gains(scanned, fit):
-            break
-        fit = scanned
-    return fit
+    return found
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
@@ -281,57 +234,6 @@ def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
 def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:
     """Whether a fit is the likelier by more than what steps leave of a criterion."""
     return fit.information < present.information - SEARCH_GAIN
-
-
-def _settled(
-    reduced: Reduced,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Regressor, ...],
-    searched: int,
-    known: frozenset[Regressor],
-    points: int = SCANNED,
-    steps: tuple[Steps, ...] = ROUGH,
-) -> HypothesisFit:
-    """Fitted, C_mw brought up to date where the mechanism uses it, and refined; `known` are not scanned."""
-    problem = reduced.problem
-    if follows_static_moment(mechanisms):
-        values = solved(reduced, name, mechanisms, columns, searched).values
-        reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
-    if not problem.refine:
-        return solved(reduced, name, mechanisms, columns, searched)
-    return _refined(reduced, name, mechanisms, columns, searched, known, points, steps)
-
-
-def _refined(
-    reduced: Reduced,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    columns: tuple[Regressor, ...],
-    searched: int,
-    known: frozenset[Regressor],
-    points: int,
-    steps: tuple[Steps, ...],
-) -> HypothesisFit:
-    """Fitted and refined; `known` are not scanned."""
-    problem = reduced.problem
-    size, frame = len(problem.baseline), reduced.frame
-    parameters = nonlinear_parameters(columns, size, frame, problem.knots)
-    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced, points, steps)
-    return HypothesisFit(
-        name,
-        mechanisms,
-        frame,
-        refined.columns,
-        size,
-        refined.values,
-        refined.residual,
-        problem.samples,
-        problem.efficiency,
-        searched,
-        refined.nonlinear,
-    )
 
 
 def solved(

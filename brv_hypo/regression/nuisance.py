@@ -14,7 +14,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import BEYOND_TOLERANCE
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, RecordProcess
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 from brv_hypo.regression.channels import Rows, side_by_side
@@ -114,6 +114,15 @@ class Nuisances:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
 
+    def without(self, names: frozenset[str]) -> Nuisances:
+        """Those of other names."""
+        kept = [k for k, item in enumerate(self.items) if item.name not in names]
+        place = {k: new for new, k in enumerate(kept)}
+        rates, force = (each[:, kept] for each in (self.histories.kept.rates, self.histories.kept.force))
+        tied = np.array([place[k] for k in self.tied.tolist()], dtype=np.int64)
+        items = tuple(self.items[k] for k in kept)
+        return Nuisances(items, Histories(self.histories.rows, Rows(rates, force)), tied, self.noise)
+
     def beyond_tolerance(self, fitted: FloatArray, flights: int) -> tuple[str, ...]:
         """In words, which errors are beyond what tolerances allow by fitted unknowns (unknowns,), the worst first."""
         values = zip(self.items, fitted.tolist(), strict=True)
@@ -182,7 +191,7 @@ def nuisances(
             (effect, component)
             for effect in (*(effect for effect in effects if effect.name not in own), *own.values())
             for component in effect.components(linearised.record.flight)
-            if effect.carried or (effect.name, component.name) in without_prior
+            if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in without_prior
         ]
         changes = linearised.effects((effect, component.name, component.size) for effect, component in wanted)
         for (effect, component), history in zip(wanted, changes, strict=True):

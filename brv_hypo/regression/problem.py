@@ -307,22 +307,18 @@ class Problem:
         """The same under another noise."""
         return replace(self, rows=replace(self.rows, noise=noise))
 
-    def at_efficiency(self, efficiency: float) -> Problem:
-        """The same at another effective share of samples; what was found of its rows already goes with it."""
-        out = replace(self, efficiency=efficiency)
-        for name in ("response", "raw_response", "_own_baseline"):
-            if name in vars(self):
-                vars(out)[name] = vars(self)[name]
-        return out
-
     def solution(self, frame: RateFrame, columns: Sequence[Regressor]) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,), fitted together."""
         design = self.raw_design(frame, columns)
         scale = lengths(design)
         found = np.linalg.lstsq(self.rows.projected(design) / scale, self.response, rcond=_CUTOFF)[0]
         values = np.asarray(found / scale, dtype=float)
-        others = self.rows.unknowns @ (self.rows.basis.T @ (self.raw_response - design @ values))
-        return values, others[2 * len(self.rows.part.levels) :]
+        return values, self.others_beside(frame, columns, values)
+
+    def others_beside(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> FloatArray:
+        """Nuisances (unknowns,) that go with these coefficients (columns,)."""
+        residual = self.raw_response - self.raw_design(frame, columns) @ values
+        return np.asarray((self.rows.unknowns @ (self.rows.basis.T @ residual))[2 * len(self.rows.part.levels) :])
 
     def left(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray) -> Rows:
         """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,).

@@ -136,12 +136,6 @@ class Reduced:
         """Whitened residual (rows,)."""
         return self.left - self.projected(_sum(batch, values), 0, self.left.size)[:, 0]
 
-    @property
-    def baseline_values(self) -> FloatArray:
-        """The baseline's coefficients (columns,) where nothing else is fitted."""
-        found = self._baseline
-        return np.asarray(found.coefficients @ (found.basis.T @ self.problem.response), dtype=float)
-
     def with_baseline(self, batch: Batch, values: FloatArray) -> FloatArray:
         """The baseline's coefficients that go with those of the columns, and these after them."""
         found = self._baseline

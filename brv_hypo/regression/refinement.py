@@ -20,11 +20,7 @@ from brv_hypo.constants import (
     REFINED_STEPS,
     REFINED_WIDTH,
     REFIT_GAIN,
-    REFIT_LAST_STEPS,
-    REFIT_LAST_WIDTH,
-    REFIT_LOSS,
     REFIT_STEPS,
-    REFIT_WHOLE_STEPS,
     SCANNED,
     SCANNED_FACTOR,
 )
@@ -35,29 +31,18 @@ from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
+KNOT_MARGIN = 0.25  # of the knots' spacing, by which one stays away from the ends of the record
 
 
 class Steps(NamedTuple):
-    """How Gauss-Newton goes: at most so many steps, to one that gains less than `gain` in twice the log-likelihood.
-
-    `width`: half the width of the differences that slopes are made of, of a parameter's bounds. `whole`: so many more
-    steps are taken as they are, unless one loses more than rounding: sums of squares do not tell where a fit is best,
-    their slopes do.
-    """
+    """How Gauss-Newton goes: at most so many steps, to one that gains less than `gain` in twice the log-likelihood."""
 
     most: int
     gain: float
-    width: float
-    whole: int = 0
 
 
-# Of models that are compared.
-ROUGH = (Steps(REFINED_STEPS, REFINED_GAIN, REFINED_WIDTH),)
-# Of one that is told, or linearised about.
-SETTLED = (
-    Steps(REFIT_STEPS, REFIT_GAIN, REFINED_WIDTH),
-    Steps(REFIT_LAST_STEPS, REFIT_GAIN, REFIT_LAST_WIDTH, whole=REFIT_WHOLE_STEPS),
-)
+ROUGH = Steps(REFINED_STEPS, REFINED_GAIN)  # of models that are compared
+SETTLED = Steps(REFIT_STEPS, REFIT_GAIN)  # of one that is reported, or linearised about
 
 
 @dataclass(frozen=True)
@@ -109,19 +94,18 @@ def refine(
     nonlinear: tuple[Nonlinear, ...],
     fresh: frozenset[int],
     reduced: Reduced,
-    points: int = SCANNED,
-    steps: tuple[Steps, ...] = ROUGH,
+    steps: Steps = ROUGH,
 ) -> Refined:
     """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
 
     `columns` are the baseline's and then the chosen ones. Parameters that move a column of `fresh` are scanned over
-    their bounds first, at so many `points`.
+    their bounds first.
     """
     size = len(reduced.problem.baseline)
     own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
-    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh), points)
-    for some in steps if nonlinear else ():
-        state = _stepped(reduced, state, some)
+    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh))
+    if nonlinear:
+        state = _stepped(reduced, state, steps)
     return Refined(
         (*reduced.problem.baseline, *state.columns),
         reduced.with_baseline(state.batch, state.fitted.values),
@@ -143,18 +127,13 @@ class _State:
 def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
     """Where the steps lead."""
     for _ in range(steps.most):
-        improved = _line_search(reduced, state, _step(reduced, state, steps.width))
+        improved = _line_search(reduced, state, _step(reduced, state))
         if improved is None:
             break
         gained = state.fitted.rss - improved.fitted.rss
         state = improved
         if reduced.problem.samples * gained < steps.gain * state.fitted.rss:
             break
-    for _ in range(steps.whole):
-        last = _moved(reduced, state, _step(reduced, state, steps.width))
-        if reduced.problem.samples * (last.fitted.rss - state.fitted.rss) >= REFIT_LOSS * state.fitted.rss:
-            break
-        state = last
     return state
 
 
@@ -163,7 +142,8 @@ def nonlinear_parameters(
 ) -> tuple[Nonlinear, ...]:
     """The delays and knots of a model: knots may move by their spacing, delays within their bounds.
 
-    A knot stays within the record: outside of it nothing depends on where it is.
+    A knot stays within the record, away from its ends: beyond them nothing depends on where it is, and next to them it
+    is hardly another motion at the beginning.
     """
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())
@@ -177,7 +157,8 @@ def nonlinear_parameters(
     out = []
     for (kind, mechanism, value, name, _), members in found.items():
         if kind == "knot":
-            bounds, units = (max(value - reach, start), min(value + reach, stop)), "s"
+            inside = (min(start + KNOT_MARGIN * reach, value), max(stop - KNOT_MARGIN * reach, value))
+            bounds, units = (max(value - reach, inside[0]), min(value + reach, inside[1])), "s"
         else:
             parameter = next(p for p in frame.mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units
@@ -186,18 +167,14 @@ def nonlinear_parameters(
 
 
 def _scanned(
-    reduced: Reduced,
-    nonlinear: tuple[Nonlinear, ...],
-    columns: tuple[Regressor, ...],
-    fresh: frozenset[int],
-    points: int,
+    reduced: Reduced, nonlinear: tuple[Nonlinear, ...], columns: tuple[Regressor, ...], fresh: frozenset[int]
 ) -> _State:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     batch = reduced.batch(columns)
     settled = []
     for parameter in nonlinear:
         if not fresh.isdisjoint(parameter.columns):
-            values = (parameter.value, *parameter.others(points))
+            values = (parameter.value, *parameter.others(SCANNED))
             best, moved = _best_of(reduced, batch, columns, parameter, values)
             columns = parameter.moved(columns, values[best])
             batch = batch.with_columns(parameter.columns, moved)
@@ -233,21 +210,17 @@ def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
 
 
 def prediction_slopes(
-    nonlinear: Sequence[Nonlinear],
-    columns: Sequence[Regressor],
-    values: FloatArray,
-    frame: RateFrame,
-    share: float = REFINED_WIDTH,
+    nonlinear: Sequence[Nonlinear], columns: Sequence[Regressor], values: FloatArray, frame: RateFrame
 ) -> ComplexArray:
     """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters).
 
-    By central differences, a `share` of its bounds to either side, all in one batch: where a knot lies at a sample, the
-    derivatives on its two sides differ, and their mean is wanted.
+    By central differences over `REFINED_WIDTH` of its bounds to either side, all in one batch: where a knot lies at a
+    sample, the derivatives on its two sides differ, and their mean is wanted.
     """
     moved: list[Regressor] = []
     weights: list[tuple[int, float]] = []
     for p, parameter in enumerate(nonlinear):
-        width = share * (parameter.bounds[1] - parameter.bounds[0])
+        width = REFINED_WIDTH * (parameter.bounds[1] - parameter.bounds[0])
         for sign in (1.0, -1.0):
             there = parameter.moved(columns, parameter.value + sign * width)
             moved += [there[j] for j in parameter.columns]
@@ -258,10 +231,10 @@ def prediction_slopes(
     return np.asarray(frame.columns(moved) @ mixed, dtype=complex)
 
 
-def _step(reduced: Reduced, state: _State, width: float) -> FloatArray:
+def _step(reduced: Reduced, state: _State) -> FloatArray:
     """Gauss-Newton step of the nonlinear parameters, the coefficients free."""
     values = state.fitted.values
-    rates = prediction_slopes(state.nonlinear, state.columns, values, reduced.frame, width)
+    rates = prediction_slopes(state.nonlinear, state.columns, values, reduced.frame)
     slopes = reduced.batch_of_rates(rates)
     across = state.batch.products(slopes)
     inside, count = state.fitted.products, values.size

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import SEARCH_BEST, SEARCH_FINER_KNOTS, SEARCH_SAME_KNOT, SEARCH_SAME_THETA
+from brv_hypo.constants import SEARCH_BEST
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, Vector, candidates, theta_grid
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.subset import Chosen, best_columns
+from brv_hypo.subset import best_columns
 
 Subset = tuple[float, tuple[Regressor, ...]]
-Search = Callable[..., Sequence[Chosen]]  # with the interface of `best_columns`
 
 
 @dataclass(frozen=True)
@@ -83,13 +81,13 @@ class Factor:
     forced: int
     triangle: FloatArray
 
-    def subsets(self, max_terms: int, n_best: int = 1, search: Search = best_columns) -> list[Subset]:
+    def subsets(self, max_terms: int, n_best: int = 1) -> list[Subset]:
         """(RSS, columns) of the best subsets of each size beside the forced columns."""
         vectors: dict[Vector, list[int]] = {}
         for place, column in enumerate(self.columns):
             if place >= self.forced and column.grouped:
                 vectors.setdefault(column.vector, []).append(place)
-        found = search(
+        found = best_columns(
             self.triangle[:, :-1],
             self.triangle[:, -1],
             max_terms=min(max_terms, len(self.columns) - self.forced),
@@ -101,42 +99,15 @@ class Factor:
 
 
 @dataclass(frozen=True)
-class GridFactors:
-    """The factors of what is on offer on the grid of knots and thetas, of either kind (see `Offers`)."""
-
-    single: tuple[Factor, ...]
-    joint: tuple[Factor, ...]
-    max_terms: int
-
-    def best(self, n_best: int, search: Search = best_columns) -> dict[int, tuple[Subset, ...]]:
-        """For each number of columns the `n_best` of either kind, the least RSS first, as `search` finds them."""
-        best: dict[int, dict[tuple[Regressor, ...], float]] = {}
-        for factors in (self.single, self.joint):
-            found: dict[int, list[Subset]] = {}
-            for factor in factors:
-                for rss, chosen in factor.subsets(self.max_terms, n_best, search):
-                    found.setdefault(len(chosen), []).append((rss, chosen))
-            for size, ranked in found.items():
-                least = sorted(ranked, key=_rss)[:n_best]
-                best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
-        return {
-            size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
-            for size, subsets in best.items()
-        }
-
-
-@dataclass(frozen=True)
 class OnGrid:
     """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
 
-    `best`: for each number of columns above 0, (RSS, columns), the least first. `episodes`: columns, at finer knots.
+    `best`: for each number of columns above 0, (RSS, columns), the least first.
     """
 
     frame: RateFrame
     offered: Offers
-    factors: GridFactors
     best: Mapping[int, tuple[Subset, ...]]
-    episodes: Sequence[tuple[Regressor, ...]]
 
 
 def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEARCH_BEST) -> OnGrid:
@@ -144,11 +115,20 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEA
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)
-    single, joint = (
-        tuple(_factor(reduced, (), columns) for columns in sets) for sets in (offered.single, offered.joint)
-    )
-    factors = GridFactors(single, joint, problem.exact_terms)
-    return OnGrid(frame, offered, factors, factors.best(n_best), episodes(problem, frame, mechanisms))
+    best: dict[int, dict[tuple[Regressor, ...], float]] = {}
+    for sets in (offered.single, offered.joint):
+        found: dict[int, list[Subset]] = {}
+        for columns in sets:
+            for rss, chosen in _factor(reduced, (), columns).subsets(problem.exact_terms, n_best):
+                found.setdefault(len(chosen), []).append((rss, chosen))
+        for size, ranked in found.items():
+            least = sorted(ranked, key=_rss)[:n_best]
+            best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
+    by_size = {
+        size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
+        for size, subsets in best.items()
+    }
+    return OnGrid(frame, offered, by_size)
 
 
 def _rss(subset: Subset) -> float:
@@ -181,92 +161,9 @@ def extended(
     return (*selected, *min(found, key=_rss)[1]) if found else None
 
 
-def in_place_of(
-    problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism], kept: tuple[Regressor, ...], size: int
-) -> list[tuple[Regressor, ...]]:
-    """The model's columns that are kept with so many others: the best two sets of all on offer at finer knots."""
-    offered = offers(_with_finer_knots(problem), frame, mechanisms)
-    reduced = Reduced(problem, frame)
-    found = [
-        subset
-        for offer in _compatible(kept, mechanisms, offered.joint or offered.single)
-        for subset in _factor(reduced, kept, offer).subsets(size, n_best=SEARCH_BEST)
-        if len(subset[1]) == size
-    ]
-    return [(*kept, *chosen) for _, chosen in sorted(found, key=_rss)[:2]]
-
-
-def episodes(problem: Problem, frame: RateFrame, mechanisms: Sequence[Mechanism]) -> list[tuple[Regressor, ...]]:
-    """The best sets of columns in which all terms of a mechanism jump at one of finer knots, and at two.
-
-    Between the knots of the grid a jump looks like ramps, and a search that begins with those stays with them.
-    """
-    if len(mechanisms) > 1 or "ramp" not in mechanisms[0].time_variation:
-        return []
-    offered = offers(_with_finer_knots(problem), frame, mechanisms)
-    reduced = Reduced(problem, frame)
-    best: dict[int, Subset] = {}
-    for offer in offered.joint or offered.single:
-        jumps = [column for column in offer if column.time_basis.kind == "jump"]
-        changes = _together(jumps, lambda column: (column.theta, column.time_basis))
-        pairs = [[*one, *other] for one, other in itertools.combinations(changes, 2)]
-        triangle = reduced.triangle(reduced.batch(jumps))
-        for rss, columns in (*_best_group(triangle, jumps, changes), *_best_group(triangle, jumps, pairs)):
-            if len(columns) <= problem.max_terms and rss < best.get(len(columns), (math.inf,))[0]:
-                best[len(columns)] = rss, columns
-    return [columns for _, columns in best.values()]
-
-
-def _with_finer_knots(problem: Problem) -> Problem:
-    places = np.arange(problem.knots.size)
-    finer = np.interp(np.linspace(0, places[-1], SEARCH_FINER_KNOTS * places[-1] + 1), places, problem.knots)
-    return replace(problem, knots=finer)
-
-
-def narrowed(problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...]) -> list[tuple[Regressor, ...]]:
-    """The two best subsets of each size among all courses at a model's own knots and thetas, one more at most.
-
-    It finds the plainer model where refinement has moved several terms to one place, and the term that another stood
-    in for before the knots were where they are.
-    """
-    selected = columns[len(problem.baseline) :]
-    spacing = float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
-    own: dict[Regressor, None] = {}
-    for column in selected:
-        mechanism = frame.mechanisms[column.mechanism]
-        mine = [c for c in selected if c.mechanism == column.mechanism]
-        knots = _merged(
-            [c.time_basis.start for c in mine if c.time_basis.kind != "constant"], SEARCH_SAME_KNOT * spacing
-        )
-        thetas = _merged_thetas(mine)
-        own.update(dict.fromkeys(candidates(mechanism, frame.motions[0], knots, thetas)))
-    most = min(len(selected) + _choice_size(selected), problem.max_terms)
-    found = _factor(Reduced(problem, frame), (), tuple(own)).subsets(most, n_best=SEARCH_BEST)
-    return [chosen for _, chosen in found if chosen]
-
-
 def _choice_size(selected: Sequence[Regressor]) -> int:
     """Columns that come with one more choice."""
     return max((2 if column.grouped else 1 for column in selected), default=1)
-
-
-def _merged(values: Sequence[float], tolerance: float) -> FloatArray:
-    """The values in order, those within `tolerance` of their neighbour replaced by their mean."""
-    ordered = np.sort(np.asarray(values, dtype=float))
-    if ordered.size == 0:
-        return ordered
-    clusters = np.split(ordered, np.flatnonzero(np.diff(ordered) > tolerance) + 1)
-    return np.array([cluster.mean() for cluster in clusters])
-
-
-def _merged_thetas(columns: Sequence[Regressor], tolerance: float = SEARCH_SAME_THETA) -> list[Theta]:
-    """The thetas of the columns; single ones, all positive, within a tenth of each other become one."""
-    thetas = list(dict.fromkeys(column.theta for column in columns))
-    if any(len(theta) != 1 or theta[0][1] <= 0.0 for theta in thetas):
-        return thetas
-    name = thetas[0][0][0]
-    logarithms = _merged([float(np.log(theta[0][1])) for theta in thetas], tolerance)
-    return [((name, float(np.exp(value))),) for value in logarithms]
 
 
 def _compatible(

@@ -73,7 +73,7 @@ def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit with the nuisances beside it, and of these the tolerated moments that all flights share."""
     items = problem.rows.nuisances.items
-    _, others = problem.solution(fit.frame, fit.columns)
+    others = problem.others_beside(fit.frame, fit.columns, fit.values)
     fit = replace(fit, others=others)
     shared = [k for k, item in enumerate(items) if item.flight is None]
     if not shared:

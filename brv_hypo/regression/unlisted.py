@@ -12,15 +12,14 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
+from brv_hypo.constants import OUTSIDE, TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
 from brv_hypo.mechanisms.checked import checked_terms
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor, theta_grid
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.fit import HypothesisFit, settled
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.reduced import Reduced
 
 
 class UnlistedMoment(Mechanism):
@@ -48,21 +47,62 @@ def _terms_of(name: str, motion: Motion) -> tuple[Term, ...]:
     )
 
 
-def unlisted_moment(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> UnlistedMoment | None:
-    """The shapes that have more than the share `beyond` of their rms beyond what each listed mechanism reproduces.
+def unlisted_moments(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> tuple[UnlistedMoment, ...]:
+    """One of each shape with more than the share `beyond` of its rms beyond what each listed mechanism reproduces.
 
-    Over all flights; None where there is none. A mechanism with nonlinear parameters has no shape of its own, and
-    leaves all of them.
+    Over all flights. A mechanism with nonlinear parameters has no shape of its own, and leaves all of them.
     """
     motions = problem.frame.motions
     known = shapes_of(listed, motions)
-    shapes = tuple(
-        name
+    return tuple(
+        UnlistedMoment(shapes=(name,))
         for name in SHAPES
         for components in [over(motions, partial(shape_of, name))]
         if all(left_of(components, basis) > beyond for basis in known)
     )
-    return UnlistedMoment(shapes=shapes) if shapes else None
+
+
+RATE = "rate"
+
+
+class TurningMoment(Mechanism):
+    """A transverse moment of constant size whose direction in body axes turns at `rate` rad/s; `about` s, where both
+    components stand along the axes.
+    """
+
+    name = "turning_moment"
+    title = "a moment that turns in the body"
+    claims = "nothing specific: a moment as of separated flow, a wake or loose mass"
+    source = "a rotating vector in body axes"
+    terms_enter_together = True
+
+    about: float
+    rate: float
+    apart: float
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The rate, to half-way to its neighbours: not to a moment at rest."""
+        reach = (self.rate - 0.5 * self.apart, self.rate + 0.5 * self.apart)
+        return (Parameter(RATE, "rad/s", (self.rate,), reach, "rate of turning in body axes"),)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """The two components."""
+        along = np.exp(1j * (motion.windward_meridian - theta[RATE] * (motion.time - self.about)))
+        components = zip(("turning y", "turning z"), (along, 1j * along), strict=True)
+        return tuple(Term(name, each.real, each.imag) for name, each in components)
+
+
+def turning_moments(
+    problem: Problem, listed: Sequence[Mechanism], beyond: float, start: float, stop: float
+) -> tuple[TurningMoment, ...]:
+    """Of rates that turn by half a turn or more from `start` to `stop` s, half a turn apart, but for those at which a
+    listed mechanism reproduces all but the share `beyond` of its rms.
+    """
+    motions, apart = problem.frame.motions, np.pi / (stop - start)
+    known = shapes_of(listed, motions)
+    count = min(int(max(map(fastest_turning, motions)) / apart), TURNING_RATES // 2)
+    every = (TurningMoment(about=start, rate=apart * k, apart=apart) for k in range(-count, count + 1) if k)
+    return tuple(each for each in every if all(left_of(_complex(each, motions), basis) > beyond for basis in known))
 
 
 def shapes_of(listed: Sequence[Mechanism], motions: Sequence[Motion]) -> list[FloatArray]:
@@ -83,73 +123,21 @@ def left_of(components: Sequence[ComplexArray], basis: FloatArray) -> float:
 
 
 def _basis(mechanism: Mechanism, motions: Sequence[Motion]) -> FloatArray:
-    def components(motion: Motion) -> list[ComplexArray]:
-        return [term.in_plane + 1j * term.out_of_plane for term in checked_terms(mechanism, motion, {})]
+    return np.asarray(np.linalg.qr(_stacked(_complex(mechanism, motions)))[0])
 
-    return np.asarray(np.linalg.qr(_stacked(over(motions, components)))[0])
+
+def _complex(mechanism: Mechanism, motions: Sequence[Motion]) -> list[ComplexArray]:
+    """Its terms over all flights, at the first point of its grid."""
+
+    def components(motion: Motion) -> list[ComplexArray]:
+        terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
+        return [term.in_plane + 1j * term.out_of_plane for term in terms]
+
+    return over(motions, components)
 
 
 def _stacked(components: Sequence[ComplexArray]) -> FloatArray:
     return np.stack([np.concatenate([each.real, each.imag]) for each in components], axis=1)
-
-
-RATE = "rate"
-
-
-class TurningMoment(Mechanism):
-    """A transverse moment of constant size whose direction in body axes turns at `rate` rad/s; `about` s, where both
-    components stand along the axes.
-    """
-
-    name = "turning_moment"
-    title = "a moment that turns in the body"
-    claims = "nothing specific: a moment as of separated flow, a wake or loose mass"
-    source = "a rotating vector in body axes"
-    terms_enter_together = True
-
-    about: float
-    rates: tuple[float, ...]
-    apart: float
-
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The rate of turning; each is refined to half-way to its neighbours."""
-        bounds = (min(self.rates) - 0.5 * self.apart, max(self.rates) + 0.5 * self.apart)
-        return (Parameter(RATE, "rad/s", self.rates, bounds, "rate of turning in body axes"),)
-
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """The two components."""
-        return tuple(
-            Term(name, each.real, each.imag)
-            for name, each in zip(("turning y", "turning z"), self._components(motion, theta[RATE]), strict=True)
-        )
-
-    def _components(self, motion: Motion, rate: float) -> tuple[ComplexArray, ComplexArray]:
-        along = np.exp(1j * (motion.windward_meridian - rate * (motion.time - self.about)))
-        return along, 1j * along
-
-
-def turning_moment(
-    problem: Problem, listed: Sequence[Mechanism], beyond: float, start: float, stop: float
-) -> TurningMoment | None:
-    """The moment, acting from `start` to `stop` s, of the rate that explains most of the first fit's residual.
-
-    Rates at which a listed mechanism reproduces all but the share `beyond` of its rms are left out, and what turns by
-    less than half a turn meanwhile; None where nothing is left.
-    """
-    motions = problem.frame.motions
-    apart = np.pi / (stop - start)
-    known = shapes_of(listed, motions)
-    everything = TurningMoment(about=start, rates=_rates(motions, apart), apart=apart)
-    rates = tuple(
-        rate
-        for rate in everything.rates
-        for components in [over(motions, partial(everything._components, rate=rate))]
-        if all(left_of(components, basis) > beyond for basis in known)
-    )
-    if not rates:
-        return None
-    falls = _falls(problem, everything, rates, TimeBasis("jump", start, stop))
-    return TurningMoment(about=start, rates=(rates[int(np.argmax(falls))],), apart=2.0 * apart)
 
 
 def fastest_turning(motion: Motion) -> float:
@@ -158,24 +146,6 @@ def fastest_turning(motion: Motion) -> float:
         float(np.mean(np.abs(motion.p))) + float(np.percentile(np.abs(motion.windward_meridian_rate), TURNING_MERIDIAN))
     )
     return min(fastest, 0.5 * np.pi / float(np.median(np.diff(motion.time))))
-
-
-def _rates(motions: Sequence[Motion], apart: float) -> tuple[float, ...]:
-    """Rates in rad/s, either way, half a turn or more apart."""
-    count = min(int(max(map(fastest_turning, motions)) / apart), TURNING_RATES // 2)
-    return tuple(apart * k for k in range(-count, count + 1) if k)
-
-
-def _falls(problem: Problem, moment: TurningMoment, rates: Sequence[float], time_basis: TimeBasis) -> FloatArray:
-    """Fall of the residual sum of squares that each rate brings with this course (rates,)."""
-    reduced = Reduced(problem, problem.frame.with_mechanisms([moment]))
-    columns = [
-        Regressor(moment.name, term.name, ((RATE, rate),), time_basis, term.units)
-        for rate in rates
-        for term in moment.terms(problem.frame.motions[0], {RATE: rate})
-    ]
-    batch = reduced.batch(columns)
-    return np.array([reduced.rss - reduced.fit(batch.of([2 * k, 2 * k + 1])).rss for k in range(len(rates))])
 
 
 def plain_columns(fit: HypothesisFit) -> tuple[Regressor, ...]:
@@ -197,3 +167,8 @@ def particular_share(problem: Problem, null: HypothesisFit, fit: HypothesisFit) 
         return 0.0
     without = settled(problem, fit, (*problem.baseline, *plain), plain)
     return (without.rss - fit.rss) / max(null.rss - fit.rss, 1e-300)
+
+
+def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> bool:
+    """Whether what is characteristic of its mechanisms explains more of what a fit does than next to nothing."""
+    return particular_share(problem, null, fit) > OUTSIDE**2

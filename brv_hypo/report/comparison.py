@@ -6,7 +6,7 @@ residuals, motion, spectra and coefficients over time and Mach number. `comparis
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,18 +50,33 @@ def comparison_charts(comparison: Comparison) -> list[Chart]:
     names, values = list(map(hypothesis, likeliest)), [chances[name] for name in likeliest]
     over = "Over the hypotheses compared and other: something that is not on the list."
     limits = {limit.mechanism: limit.share_of_moment_95 for limit in verdict.limits}
-    percent = [100.0 * value for value in limits.values()]
-    shares = Bars(list(limits), percent, list(map(share, limits.values())), "third")
     title, read = "largest share of the moment's rms, %", "How large each mechanism may be, whatever won."
     drawn = [
         Chart("probability", "Probability", "probability", [Panel("", [Bars(names, values, texts)])] if names else [],
               range=(0.0, 1.08), caption=over),
-        Chart("limits", "Limits at 95 %", title, [Panel("", [shares])] if limits else [], caption=read),
+        Chart("limits", "Limits at 95 %", title, _shares(limits, "third"), caption=read),
         _sizes(comparison),
     ]  # fmt: skip
     for index, series in enumerate(comparison.series):
         drawn += _of_flight(comparison, index, series)
     return [chart for chart in drawn if chart.panels]
+
+
+def _shares(shares: Mapping[str, float], role: Role) -> list[Panel]:
+    """Bars of those that are known, in percent; nothing where none is."""
+    known = {name: value for name, value in shares.items() if np.isfinite(value)}
+    percent, texts = [100.0 * value for value in known.values()], list(map(share, known.values()))
+    return [Panel("", [Bars(list(known), percent, texts, role)])] if known else []
+
+
+def _families(comparison: Comparison) -> Chart:
+    """The share of the static moment's rms of each family's processes, largest first."""
+    shares: dict[str, float] = {}
+    for each in comparison.verdict.processes:
+        shares[each.family] = float(np.hypot(shares.get(each.family, 0.0), each.share_of_moment))
+    panels = _shares(dict(sorted(shares.items(), key=lambda item: -item[1])), "second")
+    read = "What a family's processes make of the record: rms (root of the sum of squares) over the static moment's."
+    return Chart("families", "Processes by family", "of the static moment, %", panels, caption=read)
 
 
 def _leading(comparison: Comparison) -> list[tuple[str, Role]]:
@@ -230,24 +245,29 @@ def comparison_document(comparison: Comparison) -> Document:
         f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
         f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
     )
+    evidence = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
+    withheld = any(np.isnan(limit.share_of_moment_95) for limit in verdict.limits)
+    no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
         conclusion_title=f"Verdict: {hypothesis(verdict.winner or verdict.outcome)}",
-        conclusion=verdict.reason,
+        conclusion=comparison.conclusion(),
         decided=verdict.winner is not None,
         blocks=(
             tables.ranking_table(comparison),
+            Texts((evidence,), bullets=False, shown="page"),
             Texts(comparison.disagreements, "Disagreements"),
             Texts(warnings, "Warnings", warning=True),
+            Texts(no_limits, "Limits at 95 %", bullets=False, shown="page"),
             *(Picture(chart) for chart in comparison_charts(comparison)),
             tables.term_table("baseline, as fitted with the most probable hypothesis", comparison.baseline.terms),
             *(block for row in comparison.ranking for block in _of_hypothesis(row)),
             tables.criteria_table(comparison),
-            Texts(tables.stepwise_texts(comparison), "Stepwise search compared with the exact one", shown="verbose"),
             Texts(notes, "Notes", shown="verbose"),
             Texts((took,), bullets=False, shown="verbose"),
         ),
+        beside=(*tables.process_blocks(comparison), Picture(_families(comparison))),
     )
 
 

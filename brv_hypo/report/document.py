@@ -263,8 +263,10 @@ class Document:
     decided: bool
     """Whether the conclusion names something."""
     blocks: Sequence[Block]
+    beside: Sequence[Block] = ()
+    """What belongs to the conclusion, and follows it."""
 
     @property
     def charts(self) -> tuple[Chart, ...]:
         """The charts that have something to show."""
-        return tuple(block.chart for block in shown_of(self.blocks) if isinstance(block, Picture))
+        return tuple(block.chart for block in shown_of((*self.beside, *self.blocks)) if isinstance(block, Picture))

@@ -292,7 +292,7 @@ def page(document: Document, provenance: Provenance) -> str:
     return render(
         "page.html.j2",
         document=document,
-        sections=[_section(group) for group in _groups(document.blocks)],
+        sections=[_section(group) for group in _groups((*document.beside, *document.blocks))],
         provenance=provenance,
         library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),
         charts=base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii") if drawn else "",

@@ -10,6 +10,7 @@ from typing import Any
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.mechanisms.conformance import Outcome
+from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import OWN, Installed
 from brv_hypo.report.document import Block, Table, Texts
 from brv_hypo.report.style import number, share
@@ -109,23 +110,26 @@ def inspection_data(inspection: Inspection, trial: RecordTrial) -> dict[str, Any
 
 # ---- The installed mechanisms and their conformance ----
 
-KINDS = ("mechanism", "aerodynamic", "instrument", "environment")
+KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 """In the order of the list: what `compare` takes if nothing is named comes first."""
 
 
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
-    """One row for each mechanism or effect: name, kind, claim; below the claim the package, where it is another's;
-    `verbose` adds package and source of all.
+    """One row for each mechanism or effect: name, kind, claim; of a process family and title; below the claim the
+    package, where it is another's; `verbose` adds package and source of all.
     """
     rows = []
-    for name, entry in sorted(found.items(), key=lambda item: (KINDS.index(item[1].item.kind), item[0])):
-        lines = [entry.item.claims]
+    for name, entry in found.items():
+        item = entry.item
+        lines = [f"{item.family}: {item.title}" if isinstance(item, Process) else item.claims]
         if verbose or entry.package != OWN:
             lines.append(f"package: {entry.package} {entry.version}")
         if verbose:
-            lines.append(f"source: {entry.item.source}")
-        rows.append({"name": name, "kind": entry.item.kind, "claims": "\n".join(lines)})
-    heading = f"Mechanisms and effects, of {OWN} {version()} where no other package is named"
+            lines.append(f"source: {item.source}")
+        kind = "process" if isinstance(item, Process) else item.kind
+        rows.append({"name": name, "kind": kind, "claims": "\n".join(lines)})
+    rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
+    heading = f"Mechanisms, effects and processes, of {OWN} {version()} where no other package is named"
     return Table(rows, heading, ("name", "kind", "claims"))
 
 
@@ -134,7 +138,8 @@ def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
     described = ("kind", "title", "claims", "source")
     mechanisms = []
     for name, entry in found.items():
-        item = {key: getattr(entry.item, key) for key in described}
+        keys = (*described, "family") if isinstance(entry.item, Process) else described
+        item = {key: getattr(entry.item, key) for key in keys}
         mechanisms.append({"name": name, **item, "package": entry.package, "version": entry.version})
     return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms}
 

@@ -53,7 +53,7 @@ def confusion_table(heading: str, part: Sequence[ConfusionRow], shown: Shown = "
 
 
 def calibration_blocks(calibration: Calibration) -> list[Block]:
-    """One row for each bin that holds flights; scores, and the temperature that would serve better."""
+    """One row for each bin that holds flights; scores."""
     rows = [
         {
             "probability": f"{item.low:g}–{item.high:g}",
@@ -64,16 +64,8 @@ def calibration_blocks(calibration: Calibration) -> list[Block]:
         for item in calibration.bins
         if item.right.total
     ]
-    best = calibration.best_temperature
-    least = (
-        "the flights cannot set a better one"
-        if best is None
-        else f"least {number(calibration.best_log_loss)} at {number(best, 2)}"
-    )
-    scores = (
-        f"{calibration.flights} flights: Brier score {number(calibration.brier)}, log loss "
-        f"{number(calibration.log_loss)} at temperature {calibration.temperature:g}; {least}"
-    )
+    brier, loss = number(calibration.brier), number(calibration.log_loss)
+    scores = f"{calibration.flights} flights: Brier score {brier}, log loss {loss}"
     return [Table(rows, "Calibration"), Texts((scores,) if calibration.flights else (), bullets=False)]
 
 

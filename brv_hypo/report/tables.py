@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from brv_hypo.io.text import counted, hypothesis
+from brv_hypo.io.text import hypothesis
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
-from brv_hypo.report.document import Shown, Table
+from brv_hypo.report.document import Block, Shown, Table, Texts
 from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
@@ -26,6 +26,12 @@ _OF_WHITENED_RATES = {
 }
 """Criteria whose short names stand for another quantity in the ranking."""
 
+LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
+_PROCESSES = (
+    "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
+    "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
+)
+
 IN_DOUBT = "Record in doubt"
 """The title of a conclusion on a record that contradicts itself."""
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
@@ -37,8 +43,7 @@ CONTRADICTED = "The record contradicts itself (see the warnings), and its faults
 def ranking_table(comparison: Comparison) -> Table:
     """One row for each hypothesis, likeliest first; those of the verdict's credible set stand out.
 
-    "pred. error" is the prediction error over that of the baseline only; "MCS p" the p-value in the model confidence
-    set; "6+" terms says that more would have entered.
+    "pred. error" and "ln evidence" are over those of the baseline only; "6+" terms says that more would have entered.
     """
     verdict = comparison.verdict
     rows = [
@@ -49,14 +54,35 @@ def ranking_table(comparison: Comparison) -> Table:
             "F-ratio": number(row.f_ratio),
             "C_p": number(row.cp),
             "pred. error": share(row.prediction_ratio),
-            "R²": f"{row.r2:.4f}",
-            "MCS p": probability(verdict.confidence_p_values.get(row.mechanism)),
+            "ln evidence": f"{row.log_evidence:.1f}".replace("nan", NOT_A_NUMBER),
             "prob.": probability(verdict.probability.get(row.mechanism)),
         }
         for row in comparison.ranking
     ]
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
     return Table(rows, words=("mechanism",), marked=credible)
+
+
+def process_blocks(comparison: Comparison) -> list[Block]:
+    """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first."""
+    processes = comparison.verdict.processes
+    rows = [
+        {
+            "process": each.name,
+            "family": each.family,
+            "size": known_to(each.size, each.std_error),
+            "sigma": number(each.std_error, 2),
+            "unit": each.units,
+            "relative": f"{number(each.size / each.tolerance, 2)} ×",
+            "of moment": share(each.share_of_moment),
+        }
+        for each in processes
+        if each.share_of_moment > LEAST_PROCESS
+    ]
+    beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
+    none = (f"No process makes more than {share(LEAST_PROCESS)} of the static moment.",) if processes else ()
+    table = Table(rows, beside, ("process", "family", "unit"), most=6)
+    return [table, Texts((_PROCESSES,) if rows else none, bullets=False, shown="page" if rows else "always")]
 
 
 def criteria_table(comparison: Comparison) -> Table:
@@ -167,14 +193,4 @@ def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
         f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
         for fault in record.faults
         if fault.action not in reported
-    ]
-
-
-def stepwise_texts(comparison: Comparison) -> list[str]:
-    """Where a stepwise search would have taken other terms than the exact one."""
-    return [
-        f"{each.mechanism}, {counted(each.size, 'term')}: stepwise search (Efroymson) would choose "
-        f"{', '.join(each.stepwise)} instead of {', '.join(each.best)}, with a residual sum of squares "
-        f"{share(each.rss_ratio - 1.0)} larger"
-        for each in comparison.stepwise
     ]

@@ -24,7 +24,7 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
     """What the terminal shows of a document; `verbose` adds every detail."""
     shown = ("always", "verbose") if verbose else ("always",)
     parts: list[Block] = []
-    late: list[Block] = []
+    late = [block for block in document.beside if block.shown in shown]
     for block in document.blocks:
         if block.shown in shown:
             (late if isinstance(block, Texts) and block.warning else parts).append(block)

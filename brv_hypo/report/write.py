@@ -74,7 +74,7 @@ def drawn(chart: Chart, kind: str) -> bytes:
 
 # ---- From Python: any result as a page, its charts as picture files, or one of them as a figure ----
 
-PRINCIPAL = ("moments", "moments-1", "residuals", "band")
+PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
 """The chart that `plot` draws where none is named: the first of these that the result has, else its first."""
 
 

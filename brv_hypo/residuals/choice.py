@@ -18,9 +18,9 @@ from brv_hypo.constants import (
     LOOP_SHARED,
     LOOP_TRIES,
 )
-from brv_hypo.ranking.adequacy import is_particular
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.uncertainty import residual_moments
+from brv_hypo.regression.unlisted import is_particular
 from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery

@@ -11,7 +11,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
 from brv_hypo.model.moment import summed
 from brv_hypo.model.term import TimeBasis, delays_among
 from brv_hypo.motion.motion import Motion
@@ -69,6 +69,10 @@ def check_terms(items: Sequence[Planted], motion: Motion) -> None:
 def _planted(configs: Sequence[SimulationConfig], place: str, index: int) -> Planted:
     entry: PlantedConfig = getattr(configs[0], place)[index]
     mechanism = find(entry.mechanism, entry.options)
+    if isinstance(mechanism, MomentProcess):  # its splines lie over the flight
+        start = configs[0].start.time
+        span = {"start": start, "stop": start + configs[0].duration}
+        mechanism = find(entry.mechanism, {**span, **entry.options})
     _check_theta(mechanism, entry)
 
     def column(*path: str, missing: float = np.nan) -> Any:

@@ -1,7 +1,7 @@
 """The statistics of a study, from the outcomes of its flights; `summarise` gathers them.
 
 Shares with exact intervals (Clopper and Pearson 1934); the confusion matrix and false alarms; calibration of the
-probabilities (Brier 1950; log loss, and the temperature T of exp(-BIC / 2T) that would make it least); detection
+probabilities (Brier 1950; log loss); detection
 limits, a logistic curve of "won" over the logarithm of the effect by Firth's (1993) penalised likelihood; coverage of
 the planted parameters by two standard errors; and verdicts on records with an injected fault.
 """
@@ -15,18 +15,17 @@ from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.optimize import minimize, minimize_scalar
-from scipy.special import expit, logit, logsumexp
+from scipy.optimize import minimize
+from scipy.special import expit, logit
 from statsmodels.stats.proportion import proportion_confint
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.constants import TEMPERATURE
 from brv_hypo.study.config import NONE, StudyConfig
 from brv_hypo.study.trial import Estimate, Outcome
 
 CONFIDENCE = 0.95
 EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)  # of the bins of probability
-TEMPERATURES = (0.05, 500.0)  # searched for the best
+LEAST = 1e-6  # probability that a log loss counts
 FEWEST = 5  # flights that a detection limit needs
 SIGMAS = 2.0  # standard errors that should hold the truth
 
@@ -128,13 +127,8 @@ class Calibration(Statistic):
     bins: tuple[CalibrationBin, ...]
     brier: float | None
     """Mean over flights of the sum over hypotheses of (probability - truth)^2 (Brier 1950)."""
-    temperature: float
-    """The temperature of the verdict's probabilities."""
     log_loss: float | None
-    """Mean of -ln of the true hypothesis's probability at `temperature`."""
-    best_temperature: float | None
-    """The temperature of the least log loss."""
-    best_log_loss: float | None
+    """Mean of -ln of the true hypothesis's probability."""
 
 
 def calibration(outcomes: Sequence[Outcome]) -> Calibration:
@@ -143,40 +137,12 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
     scores = [
         sum((p - (name == outcome.planted)) ** 2 for name, p in outcome.probability.items()) for outcome in judged
     ]
-    best = best_temperature(judged)
     return Calibration(
         flights=len(judged),
         bins=tuple(_bin(judged, low, high) for low, high in pairwise(EDGES)),
         brier=float(np.mean(scores)) if judged else None,
-        temperature=TEMPERATURE,
-        log_loss=log_loss(judged, TEMPERATURE) if judged else None,
-        best_temperature=best,
-        best_log_loss=None if best is None else log_loss(judged, best),
+        log_loss=float(np.mean([-np.log(max(o.probability[o.planted], LEAST)) for o in judged])) if judged else None,
     )
-
-
-def log_loss(outcomes: Sequence[Outcome], temperature: float) -> float:
-    """Mean of -ln p(planted), the probabilities taken anew from the information criteria."""
-    names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.information))
-    behind = [[o.information.get(name, np.inf) - o.information[o.planted] for name in names] for o in outcomes]
-    return float(np.mean(logsumexp(-0.5 * np.array(behind) / temperature, axis=1)))
-
-
-def best_temperature(outcomes: Sequence[Outcome]) -> float | None:
-    """The temperature of least log loss; None where it lies at an end of TEMPERATURES, or without flights.
-
-    Where every flight is right, colder is always better: such flights cannot set a temperature.
-    """
-    if not outcomes:
-        return None
-    low, high = TEMPERATURES
-    found = minimize_scalar(
-        lambda logarithm: log_loss(outcomes, float(np.exp(logarithm))),
-        bounds=(np.log(low), np.log(high)),
-        method="bounded",
-    )
-    temperature = float(np.exp(found.x))
-    return temperature if 1.01 * low < temperature < 0.99 * high else None
 
 
 def _bin(outcomes: Sequence[Outcome], low: float, high: float) -> CalibrationBin:
@@ -374,7 +340,7 @@ class Mistake(Statistic):
     probability: float
     """Of the hypothesis that ranked first."""
     lead: float | None
-    """By how much the first leads the planted one on the information criterion; None where that was not compared."""
+    """By how much the first leads the planted one by -2 ln evidence; None where that was not compared."""
 
 
 class StudySummary(Statistic):

@@ -79,7 +79,7 @@ class Outcome(BaseModel):
     equivalent: tuple[str, ...] = ()
     probability: dict[str, float] = {}
     information: dict[str, float] = {}
-    """The information criterion of each hypothesis."""
+    """-2 ln evidence of each hypothesis, over that of the baseline only."""
     estimates: tuple[Estimate, ...] = ()
     """Of the planted mechanism's own fit."""
     alpha_sigma_rad: float | None = None
@@ -243,7 +243,7 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
         winner=verdict.winner,
         equivalent=verdict.equivalent,
         probability=verdict.probability,
-        information={row.mechanism: row.bic for row in ranking},
+        information={row.mechanism: -2.0 * row.log_evidence for row in ranking},
         estimates=() if own is None else estimates(flown.config.mechanisms, own),
         alpha_sigma_rad=found.reconstruction.alpha_rms_sigma_rad,
         phi_w_sigma_rad=found.reconstruction.phi_w_rms_sigma_rad,

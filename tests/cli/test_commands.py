@@ -156,7 +156,16 @@ def regressed(brv_hypo, simulated_file, regression):
 class TestCompare:
     def test_prints_the_ranking_and_the_verdict(self, compared):
         printed = compared[0].stdout
-        for expected in ("mechanism", "F-ratio", "C_p", "pred. error", "R²", "bodyfixed", "baseline only", "Verdict: "):
+        for expected in (
+            "mechanism",
+            "F-ratio",
+            "C_p",
+            "pred. error",
+            "ln evidence",
+            "bodyfixed",
+            "baseline only",
+            "Verdict: ",
+        ):
             assert expected in printed
         assert max(len(line) for line in printed.splitlines()) <= 100
 
@@ -193,7 +202,7 @@ class TestCompare:
         histories = len(compared[1]["ranking"])
         by_mach = html.count("by Mach number</h2>")
         assert html.count("<h2>Coefficients of") - by_mach == histories
-        assert html.count('class="chart"') == 11 + histories + by_mach
+        assert html.count('class="chart"') == 12 + histories + by_mach
 
     @pytest.mark.thorough
     def test_json_on_standard_output_is_alone_there(self, regressed):
@@ -209,7 +218,10 @@ class TestCompare:
     @pytest.mark.thorough
     def test_quiet_prints_the_verdict_alone(self, brv_hypo, simulated_file, regression, regressed):
         done = brv_hypo("compare", simulated_file, "--config", regression, "-q")
-        assert " ".join(done.stdout.split()) == strict_json(regressed.stdout)["verdict"]["reason"]
+        verdict = strict_json(regressed.stdout)["verdict"]
+        first, _, rest = " ".join(done.stdout.split()).partition(verdict["reason"])
+        assert first == ""
+        assert ("of the residual of the baseline" in rest) == (verdict["explained"]["share"] > 0.0)
 
     @pytest.mark.thorough
     def test_verbose_shows_every_term(self, brv_hypo, simulated_file, regression):

@@ -126,7 +126,7 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
         printed.append(done.stdout)
     inspected, compared, traced = printed
     assert "samples a cycle" in inspected
-    assert "Verdict: none adequate" in compared
+    assert "Verdict: inplane" in compared
     assert "dynamic pressure keeps a fixed proportion" in traced
     assert (tmp_path / "compare.html").stat().st_size < 1_500_000
     assert json.loads((tmp_path / "model.json").read_text())["steps"]
@@ -137,7 +137,12 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
 @pytest.mark.parametrize(
     ("name", "folder", "guessed", "told"),
     [
-        ("opportunity", "opportunity", "opportunity_entry.map.yaml", (0, ["Verdict: none adequate"])),
+        (
+            "opportunity",
+            "opportunity",
+            "opportunity_entry.map.yaml",
+            (0, ["Verdict: inplane", "Processes beside inplane"]),
+        ),
         ("rocket", "launch12", "imu.map.yaml", (1, ["degraded", "record fault"])),
     ],
 )

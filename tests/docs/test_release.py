@@ -66,6 +66,7 @@ def test_the_wheel_holds_manual_pages_configurations_and_plugins(built) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     expected = {f"brv_hypo/docs/{topic}.md" for topic in topics()} | {f"brv_hypo/report/page/{f}" for f in PAGE_FILES}
     expected |= {"brv_hypo/configs/demo.yaml", "brv_hypo_mechanisms/lag.py", "brv_hypo_effects/aerodynamics.py"}
+    expected |= {"brv_hypo_processes/moments.py", "brv_hypo_processes/record.py"}
     assert expected - names == set()
     assert not any(name.startswith("tests/") for name in names)
 
@@ -100,13 +101,14 @@ def test_what_is_installed_runs_from_its_own_files(installed) -> None:
     assert place.returncode == 0, place.stderr
     assert (installed.place / "brv_hypo" / "docs" / "notebooks" / "loop.ipynb").is_file()
     assert (installed.place / "brv_hypo_mechanisms" / "lag.py").is_file()
+    assert (installed.place / "brv_hypo_processes" / "moments.py").is_file()
     assert installed("--version").stdout.split()[-1] == version("brv-hypo")
 
 
 @pytest.mark.parametrize("installed", ["*.whl"], ids=["wheel"], indirect=True)
 def test_what_is_installed_flies_and_inspects_with_its_plugins(installed) -> None:
     known = installed("mechanisms")
-    assert all(name in known.stdout for name in ("sticking", "magnus", "gyro_bias"))
+    assert all(name in known.stdout for name in ("sticking", "magnus", "gyro_bias", "body_change", "turbulence"))
     assert installed("config", "new", "import").returncode == 0
     flown = installed("simulate", "research_cone", "--plant", "lag", "-o", "flight.h5")
     assert flown.returncode == 0, flown.stderr
@@ -174,7 +176,7 @@ def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
     assert "Verdict: sticking" in shown.stdout, shown.stderr
     assert "What data fit" in other("brv-hypo", "docs", "start").stdout
     known = other("brv-hypo", "mechanisms").stdout
-    assert all(name in known for name in ("sticking", "magnus", "gyro_bias"))
+    assert all(name in known for name in ("sticking", "magnus", "gyro_bias", "body_change", "turbulence"))
 
 
 def test_another_python_builds_and_installs_the_sdist(other, built) -> None:

@@ -24,7 +24,10 @@ class Noted(Walk):
     ("task", "expected"),
     [
         ("demo", ["demo"]),
-        ("mechanism", ["mechanisms", "simulate", "compare", "mechanisms", "simulate", "compare"]),
+        (
+            "mechanism",
+            ["mechanisms", "simulate", "compare", "mechanisms", "simulate", "mechanisms", "simulate", "compare"],
+        ),
         ("effect", ["mechanisms", "mechanisms", "python", "trace"]),
         ("sisters", ["simulate", "trace", "simulate", "predict"]),
         ("seed", ["simulate", "inspect", "compare"]),

@@ -76,7 +76,15 @@ DEFAULT_FLIGHTS: tuple[Frozen, ...] = (
     Simulated(
         name="rocket_lag", config="sounding_rocket", seed=3, plant=("lag",), grade="industrial", draw=1.0, default=True
     ),
-    Simulated(name="table_5", config="report_table_5", seed=1, duration=4.0, sample_rate=50.0, default=True),
+    Simulated(
+        name="table_5",
+        rounded=("compare",),
+        config="report_table_5",
+        seed=1,
+        duration=4.0,
+        sample_rate=50.0,
+        default=True,
+    ),
     Simulated(
         name="cone_magnus",
         config="research_cone",

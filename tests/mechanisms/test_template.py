@@ -81,16 +81,16 @@ def test_a_missing_parent_is_a_readable_refusal(tmp_path):
 
 
 def test_an_effect_is_written_with_tests_of_its_own(tmp_path):
-    package = write_plugin("gyro_drift", tmp_path, effect=True)
+    package = write_plugin("gyro_trend", tmp_path, effect=True)
     written = sorted(str(file.relative_to(package)) for file in package.rglob("*") if file.is_file())
-    assert written == ["README.md", "brv_hypo_gyro_drift.py", "pyproject.toml", "tests/test_brv_hypo_gyro_drift.py"]
+    assert written == ["README.md", "brv_hypo_gyro_trend.py", "pyproject.toml", "tests/test_brv_hypo_gyro_trend.py"]
     assert not any("$" in file.read_text() for file in package.rglob("*") if file.is_file())
-    assert "class GyroDrift(RecordEffect)" in (package / "brv_hypo_gyro_drift.py").read_text()
+    assert "class GyroTrend(RecordEffect)" in (package / "brv_hypo_gyro_trend.py").read_text()
 
 
 @pytest.mark.slow
 def test_the_tests_that_come_with_an_effect_pass(tmp_path):
-    package = write_plugin("gyro_drift", tmp_path, effect=True)
+    package = write_plugin("gyro_trend", tmp_path, effect=True)
     site = tmp_path / "site"
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
     subprocess.run([*pip, "--target", str(site), str(package)], check=True, capture_output=True, text=True)

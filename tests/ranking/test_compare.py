@@ -40,9 +40,11 @@ def test_the_measured_entry_of_opportunity(opportunity: Comparison) -> None:
     assert comparison.ranking[0].mechanism != "none"
     verdict = comparison.verdict
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == (None, "none adequate", ())
-    assert verdict.probability["other"] > 0.9
     assert verdict.adequacy is not None
+    assert not verdict.adequacy.adequate
     assert verdict.adequacy.ratio > 1.1
+    assert verdict.processes
+    assert verdict.explained is not None
     assert verdict.adequacy.p_value < 1e-3
     assert f"{hypothesis(comparison.ranking[0].mechanism)} fits best" in verdict.reason
     assert any("8 Hz" in warning for warning in comparison.reconstruction.warnings)
@@ -62,6 +64,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "prediction_error",
         "r2",
         "bic",
+        "log_evidence",
         "log_likelihood",
         "n_terms",
         "n_effective",
@@ -87,11 +90,21 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "equivalent",
         "probability",
         "adequacy",
+        "explained",
+        "processes",
         "limits",
         "stability",
-        "confidence_set",
-        "confidence_p_values",
         "reason",
+    }
+    assert set(content["verdict"]["explained"]) == {"share", "unexplained", "interval_95"}
+    assert set(content["verdict"]["processes"][0]) == {
+        "name",
+        "family",
+        "size",
+        "std_error",
+        "units",
+        "share_of_moment",
+        "tolerance",
     }
     assert set(content["verdict"]["adequacy"]) == {"ratio", "p_value", "adequate"}
     assert set(content["verdict"]["limits"][0]) == {"mechanism", "share_of_moment_95"}

@@ -1,4 +1,4 @@
-"""Where criteria disagree on the order, and stepwise on the subset."""
+"""Where criteria disagree on the order; stepwise search on a triangular factor."""
 
 from __future__ import annotations
 
@@ -7,13 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from brv_hypo.mechanisms import find
-from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.result import StepwiseDifference, Verdict
-from brv_hypo.ranking.summary import criteria_disagree, prediction_disagrees, stepwise_differences
-from brv_hypo.regression import search
-from brv_hypo.report import tables
-from brv_hypo.subset import best_columns, stepwise_columns
+from brv_hypo.ranking.summary import criteria_disagree
+from brv_hypo.subset import stepwise_columns
 
 
 def row(mechanism, f_ratio, cp, error):
@@ -38,16 +33,6 @@ def test_where_no_probability_is_left_for_the_list_none_of_it_comes_first():
     ranking = [row("lag", 50.0, 5.0, 0.2), row("none", None, 90.0, 0.1)]
     (told,) = criteria_disagree(ranking, {"none": 0.0, "lag": 0.0, "other": 1.0})
     assert "probability" not in told
-    nothing = Verdict(
-        winner=None,
-        outcome="none adequate",
-        equivalent=(),
-        probability={"none": 0.0, "lag": 0.0, "other": 1.0},
-        confidence_set=("lag",),
-        confidence_p_values={"none": 0.01, "lag": 1.0},
-        reason="",
-    )
-    assert prediction_disagrees(nothing) == ()
 
 
 def test_a_record_that_was_refused_disagrees_on_nothing():
@@ -64,45 +49,3 @@ def test_stepwise_on_a_triangle_counts_the_samples_that_it_stands_for():
     small = stepwise_columns(triangle[:, :-1], triangle[:, -1], max_terms=6, samples=300)
     assert [columns for _, columns in small] == [columns for _, columns in whole]
     assert small[-1][0] == pytest.approx(whole[-1][0])
-
-
-def test_a_trap_for_stepwise_is_told_with_what_it_would_have_taken():
-    """Two columns that explain all together and little alone, beside one that explains most alone."""
-    rng = np.random.default_rng(0)
-    n = 200
-    hidden, part = rng.standard_normal((2, n))
-    X = np.column_stack([np.ones(n), part + 0.5 * hidden, 0.5 * hidden - part, hidden + 0.7 * rng.standard_normal(n)])
-    y = hidden + 0.01 * rng.standard_normal(n)
-
-    def best(n_best, method=best_columns):
-        time_basis = SimpleNamespace(kind="jump", start=1.5)
-        labels = [
-            SimpleNamespace(label=f"c{j}", time_basis=time_basis, theta=(("delay", 0.1),), mechanism="lag")
-            for j in range(4)
-        ]
-        found = method(X, y, max_terms=2)
-        return {len(columns): ((rss, [labels[j] for j in columns]),) for rss, columns in found}
-
-    problem = SimpleNamespace(samples=n, efficiency=1.0)
-    grid = SimpleNamespace(best=best)
-    null = SimpleNamespace(mechanisms=())
-    frame = SimpleNamespace(common=None)
-    fit = SimpleNamespace(name="lag", mechanisms=(find("lag"),), information=0.0, grid=grid, frame=frame)
-    found = {each.size: each for each in stepwise_differences(problem, [null, fit])}
-    assert found[2].best == ("c1 at 1.50 s (delay 0.1 s)", "c2 at 1.50 s (delay 0.1 s)")
-    assert "c3 at 1.50 s (delay 0.1 s)" in found[2].stepwise
-    assert found[2].rss_ratio > 10.0
-
-
-def test_a_difference_reads_as_a_sentence():
-    difference = StepwiseDifference(mechanism="lag", size=2, best=("a", "b"), stepwise=("a", "c"), rss_ratio=1.2)
-    (told,) = tables.stepwise_texts(SimpleNamespace(stepwise=(difference,)))
-    assert told == (
-        "lag, 2 terms: stepwise search (Efroymson) would choose a, c instead of a, b, with a residual sum of squares "
-        "20 % larger"
-    )
-
-
-def test_the_exact_search_stays_the_default():
-    assert search.GridFactors.best.__defaults__ == (best_columns,)
-    assert CompareConfig().exact_terms >= 1

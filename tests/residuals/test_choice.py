@@ -12,7 +12,7 @@ import pytest
 from brv_hypo.constants import CONFOUNDED_NEAR, LOOP_SHARED
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.ranking import adequacy
+from brv_hypo.regression import unlisted
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
@@ -117,7 +117,7 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
     particular: float, ahead: float, first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(adequacy, "particular_share", lambda problem, null, fit: particular)
+    monkeypatch.setattr(unlisted, "particular_share", lambda problem, null, fit: particular)
     named = candidate("inplane", 100.0)
     result = chosen([named], "none", monkeypatch, candidate("discovered_1", 100.0 - ahead))
     assert result.ranked[0].name == first

@@ -76,6 +76,7 @@ def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
     assert turned[: fitted.size] == pytest.approx(fitted, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
     given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
     dictionary = dictionary_of(given)

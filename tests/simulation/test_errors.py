@@ -12,7 +12,9 @@ from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight, load_truth
 from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.mechanisms import RecordEffect, installed, record_effects
+from brv_hypo.mechanisms.registry import record_processes
 from brv_hypo.motion import reconstruct
+from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate, simulate_batch
 from brv_hypo.simulation.instruments import drawn, start_of, with_errors
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
@@ -159,3 +161,40 @@ def test_an_effect_of_the_record_is_planted_as_the_effect_itself_says() -> None:
     for name in ("ay", "q", "velocity", "dynamic_pressure"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)
     assert found.vehicle == expected.vehicle
+
+
+ADDED = {"gyro_drift": "q 3", "accel_drift": "ay 7", "density_change": "dynamic_pressure 4"}
+
+
+@pytest.mark.parametrize("name", ADDED)
+def test_a_process_of_the_record_moves_its_channel_by_its_spline(name: str) -> None:
+    (process,) = (process for process in record_processes() if process.name == name)
+    (channel, number), clean = ADDED[name].split(), fly({}).record
+    found = fly({"errors": {name: {ADDED[name]: 3.0 * process.size}}}).record
+    spline = (
+        3.0 * process.size * time_splines(clean.time, clean.time[0], clean.time[-1], process.splines)[:, int(number)]
+    )
+    for each, before in clean.channels.items():
+        share = before if name == "density_change" else 1.0
+        expected = before + spline * share if each == channel else before
+        np.testing.assert_allclose(found.channels[each], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_air_moves_as_the_process_of_the_wind_says() -> None:
+    """Given the wind that was flown in, the reconstruction finds the true alpha again."""
+    noise = load_config("research_cone").model_dump()["instruments"]
+    flown = fly(noise | {"errors": {"turbulence": {f"y {k}": 60.0 for k in (10, 11, 12, 13)}}}, duration=2.0)
+    (process,) = (process for process in record_processes() if process.name == "turbulence")
+    given = flown.flight
+    for k in (10, 11, 12, 13):
+        given = process.perturb(given, f"y {k}", -60.0)
+    off = [
+        float(np.sqrt(np.mean((reconstruct(record).motion.alpha - flown.truth.alpha) ** 2)))
+        for record in (flown.flight, given)
+    ]
+    assert off[1] < 0.2 * off[0]
+
+
+def test_processes_are_not_drawn_with_the_tolerances() -> None:
+    errors = drawn(load_config({**CONE, "instruments": {"draw": 1.0}}), 1).instruments.errors
+    assert not set(errors) & {process.name for process in record_processes()}

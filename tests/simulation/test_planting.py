@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms import Mechanism, find, mechanisms
+from brv_hypo.mechanisms import Mechanism, MomentProcess, find, mechanisms
+from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.model.term import TimeBasis
+from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion, recorded
-from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from brv_hypo.simulation import SimulationConfig, load_config, simulate, simulate_batch
 from brv_hypo.simulation.simulator import flown
 from brv_hypo.simulation.vehicle import system
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
@@ -106,6 +108,30 @@ def test_any_installed_effect_can_be_planted(mechanism: Mechanism) -> None:
         own = {found.name: found for found in mechanism.terms(motion, {})}[term.name]
         np.testing.assert_allclose(truth.planted_in_plane, coefficient * own.in_plane, atol=1e-9)
         np.testing.assert_allclose(truth.planted_out_of_plane, coefficient * own.out_of_plane, atol=1e-9)
+
+
+@pytest.mark.parametrize("process", moment_processes(), ids=lambda process: process.name)
+def test_a_process_is_planted_with_its_splines_over_the_flight(process: MomentProcess) -> None:
+    """A spline in the middle and the last: what is planted is the shape times them."""
+    chosen = sorted({process.splines // 2, process.splines - 1})
+    unit = float(np.max(np.abs(process.shapes(nominal())[0])))
+    entry = {"mechanism": process.name, "terms": {f"{process.name} 0 {k}": 2e-4 / unit for k in chosen}}
+    config = load_config({**planting(duration=0.3).model_dump(exclude={"plantable"}), "mechanisms": [entry]})
+    truth, motion = simulate(config, seed=1).truth, true_motion(config)
+    splines = time_splines(motion.time, motion.time[0], motion.time[-1], process.splines)
+    expected = 2e-4 / unit * process.shapes(motion)[0] * splines[:, chosen].sum(axis=1)
+    assert np.max(np.abs(expected)) > 5e-5
+    np.testing.assert_allclose(truth.planted_in_plane + 1j * truth.planted_out_of_plane, expected, atol=1e-9)
+    assert truth.planted == (process.name,)
+
+
+def test_the_size_of_a_planted_process_varies_within_a_batch_and_its_span_can_be_set() -> None:
+    entry = {"mechanism": "static_change", "terms": {"static_change 0 0": 0.0}, "options": {"start": 5.0, "stop": 6.0}}
+    config = load_config({**planting(duration=0.2).model_dump(exclude={"plantable"}), "mechanisms": [entry]})
+    none, some = simulate_batch(config, seeds=(1, 1), variations={"mechanisms.0.terms.static_change 0 0": [0.0, 0.01]})
+    assert np.max(np.abs(none.truth.planted_in_plane)) < 1e-15
+    # Before its start the first spline is what it is there: a sixth.
+    np.testing.assert_allclose(some.truth.planted_in_plane, 0.01 / 6.0 * some.truth.alpha, rtol=1e-6)
 
 
 def test_wind_fixed_mechanisms_are_part_of_what_sticks() -> None:

@@ -5,17 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.constants import TEMPERATURE
-from brv_hypo.ranking.verdict import probabilities
 from brv_hypo.study import StudyConfig, summarise
 from brv_hypo.study.statistics import (
-    best_temperature,
+    LEAST,
     calibration,
     confusion,
     coverages,
     detection_limits,
     false_alarms,
-    log_loss,
     logistic,
     share,
 )
@@ -62,42 +59,50 @@ def test_a_false_alarm_is_a_named_mechanism_where_nothing_was_planted():
 
 def test_the_brier_score_and_the_log_loss_by_hand():
     chances = {"none": 0.2, "lag": 0.7, "sticking": 0.1}
-    information = {name: -2.0 * np.log(p) for name, p in chances.items()}
-    one = outcome("none", "lag", probability=chances, information=information)
-    assert calibration([one]).brier == pytest.approx(0.8**2 + 0.7**2 + 0.1**2)
-    assert log_loss([one], 1.0) == pytest.approx(-np.log(0.2))
+    found = calibration([outcome("none", "lag", probability=chances)])
+    assert found.brier == pytest.approx(0.8**2 + 0.7**2 + 0.1**2)
+    assert found.log_loss == pytest.approx(-np.log(0.2))
 
 
-def drawn_from(temperature: float, flights: int, seed: int) -> list:
-    """Flights whose truth is drawn from the probabilities at `temperature`."""
+def test_what_was_given_no_probability_has_a_finite_loss():
+    """It counts as the least probability that any loss does."""
+    chances = {"none": 0.0, "lag": 1.0}
+    found = calibration([outcome("none", "lag", probability=chances), outcome("lag", "lag", probability=chances)])
+    assert found.log_loss == pytest.approx(-0.5 * np.log(LEAST))
+
+
+def drawn(flights: int, seed: int) -> list:
+    """Flights whose truth is drawn from the probabilities."""
     random = np.random.default_rng(seed)
     names = ("none", "lag", "sticking")
     found = []
     for _ in range(flights):
-        information = dict(zip(names, random.uniform(0.0, 12.0 * temperature, 3), strict=True))
-        chances = probabilities({name: value * TEMPERATURE / temperature for name, value in information.items()})
-        planted = str(random.choice(names, p=list(chances.values())))
+        shares = random.dirichlet((0.3, 0.3, 0.3))
+        chances = dict(zip(names, shares.tolist(), strict=True))
+        planted = str(random.choice(names, p=shares))
         first = max(chances, key=lambda name: chances[name])
-        found.append(outcome(planted, first, probability=chances, information=information))
+        found.append(outcome(planted, first, probability=chances))
     return found
 
 
-@pytest.mark.parametrize("temperature", [0.5, 2.0, 8.0])
-def test_the_best_temperature_is_the_one_that_the_truths_were_drawn_at(temperature):
-    """1500 flights: the standard error of ln T is about 0.05."""
-    found = best_temperature(drawn_from(temperature, 1500, seed=3))
-    assert found == pytest.approx(temperature, rel=0.15)
-
-
 def test_calibrated_verdicts_fill_the_bins_at_their_own_probability():
-    found = calibration(drawn_from(TEMPERATURE, 1500, seed=5))
+    """1500 flights; another probability for the truth loses more."""
+    flights = drawn(1500, seed=5)
+    found = calibration(flights)
     assert sum(item.right.total for item in found.bins) == found.flights == 1500
-    assert found.temperature == TEMPERATURE
-    assert found.best_log_loss <= found.log_loss
     for item in found.bins:
-        # 99.9 % limits of the share; the intervals themselves are at 95 %
-        sigma = np.sqrt(item.mean_probability * (1 - item.mean_probability) / item.right.total)
-        assert abs(item.right.value - item.mean_probability) < 3.3 * sigma + 1e-9
+        if item.right.total:
+            # 99.9 % limits of the share; the intervals themselves are at 95 %
+            sigma = np.sqrt(item.mean_probability * (1 - item.mean_probability) / item.right.total)
+            assert abs(item.right.value - item.mean_probability) < 3.3 * sigma + 1e-9
+    for power in (0.5, 2.0):
+        warped = []
+        for each in flights:
+            values = {name: chance**power for name, chance in each.probability.items()}
+            warped.append(
+                each.model_copy(update={"probability": {n: v / sum(values.values()) for n, v in values.items()}})
+            )
+        assert calibration(warped).log_loss > found.log_loss
 
 
 def test_a_certain_verdict_is_counted_in_the_last_bin():
@@ -113,13 +118,9 @@ def test_a_flight_given_to_something_else_is_no_right_verdict_on_its_leader():
     assert (found.low, found.mean_probability, found.right.count) == (0.9, 0.95, 0)
 
 
-def test_flights_that_are_all_right_set_no_temperature():
-    assert best_temperature([outcome("lag", "lag"), outcome("none", "none")]) is None
-
-
 def test_calibration_without_flights_says_so():
     found = calibration([])
-    assert (found.flights, found.brier, found.best_temperature) == (0, None, None)
+    assert (found.flights, found.brier, found.log_loss) == (0, None, None)
 
 
 def flown_at(effects, won) -> list:

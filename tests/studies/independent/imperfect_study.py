@@ -2,9 +2,11 @@
 
 By hand: python -m tests.studies.independent.imperfect_study --seed 1000 --flights 75 --jobs 2
 
-Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--all`: every kind at half of its ordinary size).
-Nothing and one of the five mechanisms take turns, one in three empty; the mechanism has 30 to 100 % of its full size.
-Counts come with exact 95 % intervals (Clopper and Pearson 1934).
+Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--world all`: every kind at half of its ordinary
+size; `--world tolerances`: none). Nothing and one of the five mechanisms take turns, one in three empty; the mechanism
+has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform.
+Counts come with exact 95 % intervals (Clopper and Pearson 1934). Of right names, stated errors are counted: every
+value of the mechanism, its delay and its onset, against what was planted.
 """
 
 from __future__ import annotations
@@ -12,21 +14,27 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from time import process_time
 
 import numpy as np
 from joblib import delayed
 from scipy.stats import beta
 
 from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking import CompareConfig, Comparison
+from tests.studies.identification.study import NORMAL_95
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfections import KINDS
 from tests.studies.independent.instruments import GRADES
 from tests.studies.independent.mechanisms import LISTED
 from tests.studies.independent.reporting import fly_and_report
+from tests.studies.independent.study import share_of
 from tests.studies.independent.vehicles import CRAFTS
 
 AMPLITUDE = (0.3, 1.0)  # of a mechanism's full size
+SMALLEST = 0.03  # of it, in the world of tolerances
+NAMED_SIZE = 0.1  # of it, from which names are counted apart there
+BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)  # of probabilities, for the calibration error
 EMPTY_EVERY = 3  # flights, of which one has nothing planted
 HALF = 0.5  # of the ordinary size, where all kinds come together
 _STREAM = 7
@@ -45,46 +53,95 @@ class Outcome:
     winner: str | None
     leads: str
     chance: float
+    amplitude: float
+    seconds: float
+    limit: float
+    """That the program allows the planted mechanism, as a share of the moment; NaN where it is withheld."""
+    misses: dict[str, float]
+    """Of a right name: estimate less truth, over its standard error."""
 
 
-def drawn_flight(seed: int, number: int, grade: str, everything: bool) -> tuple[Made, str]:
-    """The flight of this number and the kind of its imperfection. Raises RuntimeError where none can be flown."""
+def drawn_flight(seed: int, number: int, grade: str, world: str) -> tuple[Made, str, float]:
+    """The flight of this number, the kind of its imperfection, and the mechanism's part of its full size.
+
+    Raises RuntimeError where none can be flown.
+    """
     rng = np.random.default_rng([seed, _STREAM])
     vehicle = str(rng.choice(sorted(CRAFTS)))
     truth, amplitude = str(rng.choice(LISTED)), float(rng.uniform(*AMPLITUDE))
-    if (number // len(KINDS) + number) % EMPTY_EVERY == 0:
+    if world == "tolerances":
+        amplitude = float(np.exp(rng.uniform(np.log(SMALLEST), 0.0)))
+    if sum(divmod(number, len(KINDS))) % EMPTY_EVERY == 0:  # every kind in turn
         truth = "none"
-    kinds, size = (KINDS, HALF) if everything else ((KINDS[number % len(KINDS)],), 1.0)
+    kind = KINDS[number % len(KINDS)] if world == "one" else world
+    kinds = {"tolerances": (), "all": KINDS}.get(world, (kind,))
+    size = HALF if world == "all" else 1.0
     made = make_flight(vehicle, truth, amplitude, seed, grade, imperfect=kinds, imperfect_size=size)
-    return made, "all" if everything else kinds[0]
+    return made, kind, amplitude
 
 
-def fly(seed: int, number: int, grade: str, everything: bool) -> Outcome | str:
+def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
     """Draw, compare and note one flight; the reason in words where it cannot be flown."""
     try:
-        made, kind = drawn_flight(seed, number, grade, everything)
+        made, kind, amplitude = drawn_flight(seed, number, grade, world)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    verdict = compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+    begun = process_time()
+    comparison = compare([made.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
+    verdict = comparison.verdict
+    seconds = process_time() - begun
     leads = max(verdict.probability, key=verdict.probability.__getitem__, default="record fault")
     return Outcome(
         seed=seed,
         kind=kind,
         vehicle=made.vehicle,
         truth=made.truth,
-        share=made.true.share,
+        share=share_of(made),
         outcome=verdict.outcome,
         winner=verdict.winner,
         leads=leads,
         chance=verdict.probability.get(leads, 0.0),
+        amplitude=amplitude,
+        seconds=seconds,
+        misses=misses(made, comparison) if verdict.winner == made.truth != "none" else {},
+        limit=next((x.share_of_moment_95 for x in verdict.limits if x.mechanism == made.truth), float("nan")),
     )
+
+
+def misses(made: Made, found: Comparison) -> dict[str, float]:
+    """What the leader states, less what was planted, in standard errors: values at mid-region, delays, onsets."""
+    planted, fitted = made.true.planted, found.ranking[0]
+    angle = planted.values.get("angle", 0.0)
+    true = {
+        "C_damping": planted.amplitude,
+        "C_m0": planted.amplitude * planted.values.get("offset", np.nan),
+        "C_malpha": planted.amplitude * planted.values.get("slope", np.nan),
+        "C_b cos(phi_b)": planted.amplitude * np.cos(angle),
+        "C_b sin(phi_b)": planted.amplitude * np.sin(angle),
+        "lag fraction": 1.0,
+        "eps": planted.amplitude,
+    }
+    middle = 0.5 * (planted.start + planted.stop)
+    out = {
+        each.name: (each.value - true[each.name]) / each.std_error
+        for interval in fitted.intervals
+        if interval.start_s <= middle < interval.stop_s
+        for each in interval.values
+        if each.name in true
+    }
+    delays = [each for each in fitted.derived if each.name.endswith(" delay")]
+    onsets = [each for each in fitted.derived if each.name.endswith(" knot")]
+    out |= {each.name: (each.value - planted.delay) / each.std_error for each in delays[:1]}
+    first = min(onsets, key=lambda each: abs(each.value - planted.start), default=None)
+    return out | ({} if first is None else {"onset": (first.value - planted.start) / first.std_error})
 
 
 def line(found: Outcome) -> str:
     """One flight in a line."""
     return (
         f"{found.seed} {found.kind} {found.vehicle} {found.truth} share {found.share:.3f}: {found.outcome} "
-        f"{found.winner}, {found.leads} leads with {found.chance:.2f}"
+        f"{found.winner}, {found.leads} leads with {found.chance:.2f}; size {found.amplitude:.2f}, "
+        f"{found.seconds:.1f} s {', '.join(f'{name} {miss:.1f}' for name, miss in found.misses.items())}"
     )
 
 
@@ -93,6 +150,8 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     planted = [o for o in outcomes if o.truth != "none"]
     empty = [o for o in outcomes if o.truth == "none"]
     yield count("planted: named right", [o.winner == o.truth for o in planted])
+    large = [o for o in planted if o.amplitude >= NAMED_SIZE]
+    yield count(f"planted, {NAMED_SIZE:.0%} of full size or more: named right", [o.winner == o.truth for o in large])
     yield count("planted: a wrong mechanism is named", [o.winner not in (None, "none", o.truth) for o in planted])
     yield count("planted: 'none adequate'", [o.outcome == "none adequate" for o in planted])
     yield count("planted: the truth leads", [o.leads == o.truth for o in planted])
@@ -100,10 +159,29 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield count("nothing planted: baseline only is named", [o.winner == "none" for o in empty])
     yield count("nothing planted: 'none adequate'", [o.outcome == "none adequate" for o in empty])
     yield count("records refused", [o.outcome == "record fault" for o in outcomes])
+    yield count(
+        "planted, limits stated: cover the true share", [o.limit >= o.share for o in planted if o.limit == o.limit]
+    )
+    stated = [(name, abs(miss)) for o in outcomes for name, miss in o.misses.items()]
+    yield count("right names, stated errors: within 1.96", [miss <= NORMAL_95 for _, miss in stated])
+    for name in sorted({name for name, _ in stated}):
+        yield count(f"  {name}", [miss <= NORMAL_95 for own, miss in stated if own == name])
+    yield f"calibration error {calibration_error(outcomes):.3f}"
+    seconds = [o.seconds for o in outcomes]
+    yield f"CPU seconds: median {np.median(seconds):.1f}, most {max(seconds):.1f}"
     for kind in dict.fromkeys(o.kind for o in outcomes):
         own = [o for o in planted if o.kind == kind]
         if own:
             yield f"{kind}: {sum(o.winner == o.truth for o in own)} of {len(own)} named right"
+
+
+def calibration_error(outcomes: Sequence[Outcome]) -> float:
+    """Expected calibration error of the leader's probability: mean distance from the share that is right, by bins."""
+    judged = [o for o in outcomes if o.outcome != "record fault"]
+    right = np.array([o.leads == o.truth for o in judged], dtype=float)
+    chance = np.array([o.chance for o in judged])
+    place = np.digitize(chance, BINS[1:-1])
+    return float(sum(abs(np.sum(right[place == k] - chance[place == k])) for k in range(len(BINS))) / len(judged))
 
 
 def count(what: str, hits: Sequence[bool]) -> str:
@@ -122,10 +200,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--flights", type=int, default=len(KINDS))
     parser.add_argument("--grade", default="tactical", choices=GRADES)
-    parser.add_argument("--all", action="store_true", help="all kinds together, at half of their ordinary size")
+    parser.add_argument("--world", default="one", choices=("one", "all", "tolerances"))
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
-    runs = (delayed(fly)(given.seed + k, k, given.grade, given.all) for k in range(given.flights))
+    runs = (delayed(fly)(given.seed + k, k, given.grade, given.world) for k in range(given.flights))
     fly_and_report(runs, given.jobs, line, report)
 
 

@@ -55,7 +55,7 @@ class Outcome:
     `share` is the planted rms over the moment's, whole record; `limit` what the program allows that mechanism;
     `reproduced` the share of what was planted, in squares, that the nearest listed mechanism reproduces on the true
     motion. `stated` are stated over true rms errors of alpha, meridian and moments; `leads` has probability `chance`.
-    `stability` and `confidence_set` are the verdict's.
+    `stability` is the verdict's.
     """
 
     seed: int
@@ -73,7 +73,6 @@ class Outcome:
     limit: float
     stated: tuple[float, float, float]
     stability: float
-    confidence_set: tuple[str, ...]
 
 
 def drawn_flight(
@@ -120,7 +119,7 @@ def fly(
         seed,
         made.vehicle,
         made.truth,
-        _share(made),
+        share_of(made),
         np.inf if known is None else known.f_ratio,
         np.inf if known is None else min(rival.two_ln_l for rival in known.against.values()),
         np.nan if known is None else _reproduced(known),
@@ -132,11 +131,10 @@ def fly(
         limits.get(made.truth, np.nan),
         _stated(made),
         np.nan if verdict.stability is None else verdict.stability,
-        verdict.confidence_set,
     )
 
 
-def _share(made: Made) -> float:
+def share_of(made: Made) -> float:
     whole = np.sqrt(np.mean(np.abs(made.true.moment) ** 2))
     return float(np.sqrt(np.mean(np.abs(made.true.contribution) ** 2)) / whole)
 
@@ -197,17 +195,6 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     for said in ("named", "undecided", "none adequate"):
         shares = [o.stability for o in outcomes if o.outcome == said]
         yield _count(f"{said}: stability of 0.9 or more", [share >= STABLE for share in shares])
-    answered = [o for o in [*empty, *seen] if o.confidence_set]  # a record refused has none
-    yield _count(
-        "nothing planted, or above the detection limit: the truth is in the model confidence set",
-        [o.truth in o.confidence_set for o in answered],
-    )
-    named = [o for o in answered if o.outcome == "named"]
-    yield _count("named: in the model confidence set", [o.winner in o.confidence_set for o in named])
-    yield (
-        f"hypotheses in the model confidence set: median {_median([len(o.confidence_set) for o in answered]):.0f}, "
-        f"where one is named {_median([len(o.confidence_set) for o in named]):.0f}"
-    )
     yield _count("records refused", [o.outcome == "record fault" for o in outcomes])
     for k, what in enumerate(("alpha", "meridian", "moments")):
         ratios = np.array([o.stated[k] for o in outcomes])

@@ -21,7 +21,9 @@ def test_the_ends_of_a_record_tell_no_clock(seed: int, truth: str) -> None:
     """
     made = drawn_flight(seed, seed - FIRST, MIXED, 1.0, 5, coloured=True, drawn=True)
     assert made.truth == truth
-    assert compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict.winner == truth
+    verdict = compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
+    assert verdict.winner in (None, truth)
+    assert truth in verdict.equivalent
 
 
 @pytest.mark.parametrize(

@@ -52,5 +52,7 @@ def test_an_onset_has_a_width(onset: float) -> None:
 
 def test_the_report_counts_with_exact_intervals() -> None:
     assert count("x", [True] * 9 + [False]) == "x: 9 of 10 (90 %, 55 % to 100 %)".replace(" %", "%")
-    right = Outcome(1, "slosh", "cone", "lag", 0.1, "named", "lag", "lag", 0.97)
-    assert "planted: named right: 1 of 1" in next(iter(report([right])))
+    right = Outcome(1, "slosh", "cone", "lag", 0.1, "named", "lag", "lag", 0.97, 0.5, 3.0, 0.2, {"lag delay": 2.5})
+    lines = list(report([right]))
+    assert "planted: named right: 1 of 1" in lines[0]
+    assert any("lag delay: 0 of 1" in each for each in lines)

@@ -1,0 +1,341 @@
+"""The evidence of a hypothesis, and all that is read off it.
+
+    y = U b + X c + Z a + e,   a ~ N(0, s^2 S^2),   c ~ N(0, s^2 t^2 T^2),   b ~ flat or N(0, s^2),   e ~ N(0, s^2)
+
+With b, c and a integrated out, log p(y | S, t, s) is maximised together with the logarithms' Gaussian priors over the
+amplitudes S of processes, t of the mechanism and the noise s, by Newton's method in a trust region. Knots and delays
+are columns of X, linear about where they are, with the spread of a uniform prior: their posterior widths over their
+ranges are Occam's share of what was searched. With M = 1 + S Z' Z S of each flight its processes are eliminated first
+(Woodbury's identity), and what remains is as large as U and X:
+
+    A = [U X]' [U X] + P - sum of W' W,   W = L^-1 S Z' [U X],   M = L L',   P the prior's precision
+    2 log p = -n log s^2 - sum log |M| - log |A| + log |P| - (y' y - sum w' w - u' A^-1 u) / s^2
+
+Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4; the curvature,
+exact for one flight, is that of restricted likelihood (Searle, Casella and McCulloch, Variance Components, 1992, 6.6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri
+from scipy.optimize import minimize
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.inference.rows import Products, Rows, Terms
+from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
+
+# Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.
+_LARGEST, _WALL = float(np.log(3.0)), 0.1
+# Slope by a logarithm, nats, at which a maximisation ends; one more step of Newton's squares what is wrong there.
+_SLOPE = 1e-3
+_LARGEST_STEP = 3.0  # of all logarithms together
+
+
+class _Solution(NamedTuple):
+    """b and c with their covariance under noise of 1, and each flight's standardised a."""
+
+    level: float
+    """Half of the log determinants."""
+    misfit: float
+    border: FloatArray
+    covariance: FloatArray
+    modes: tuple[FloatArray, ...]
+    inverses: tuple[FloatArray, ...]
+    """M^-1 of each flight."""
+    follows: tuple[FloatArray, ...]
+    """By how much its a falls as b and c rise (columns, border)."""
+
+    @property
+    def variances(self) -> tuple[FloatArray, ...]:
+        """Those of each flight's a, under noise of 1."""
+        both = zip(self.inverses, self.follows, strict=True)
+        return tuple(np.diag(inverse) + np.sum((own @ self.covariance) * own, axis=1) for inverse, own in both)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A hypothesis at its most probable amplitudes; `level` is its log evidence, but for a constant of the rows."""
+
+    rows: Rows
+    terms: Terms
+    products: Products
+    at: FloatArray
+    """Logarithms of the noise, of every process's amplitude, and of the mechanism's."""
+    level: float
+
+    @property
+    def noise(self) -> float:
+        """Noise over what the record states."""
+        return float(np.exp(self.at[0]))
+
+    @property
+    def residual(self) -> FloatArray:
+        """Rows (n,) less all that is fitted, under the stated noise."""
+        out = self.rows.y - np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border
+        for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
+            scale = np.repeat(_amplitudes(self.rows, self.at), [own.stop - own.start for own in block.columns])
+            out[block.rows] -= block.z @ (scale * mode)
+        return out
+
+    @property
+    def amplitudes(self) -> FloatArray:
+        """Of every process (groups,), in its units."""
+        return self.noise * _amplitudes(self.rows, self.at)
+
+    @cached_property
+    def solution(self) -> _Solution:
+        """What is integrated out, at its mode."""
+        return _solved(self.products, self.rows, self.terms, self.at)
+
+    @property
+    def values(self) -> FloatArray:
+        """Coefficients of the baseline's columns and of the hypothesis's terms, then shifts of knots and delays."""
+        rank = self.rows.coefficients.shape[1]
+        border = self.solution.border
+        return np.concatenate([self.rows.coefficients @ border[:rank], border[self.rows.shared.shape[1] :]])
+
+    @property
+    def covariance(self) -> FloatArray:
+        """That of `values`, everything else free."""
+        known, rank = self.rows.coefficients.shape
+        count, first = self.terms.spread.size, self.rows.shared.shape[1]
+        made = np.zeros((known + count, self.solution.border.size))
+        made[:known, :rank] = self.rows.coefficients
+        made[known:, first:] = np.eye(count)
+        return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
+
+    @property
+    def errors(self) -> FloatArray:
+        """Of record and vehicle within tolerances (nuisances,), as the problem has its unknowns; elsewhere 0."""
+        nuisances, residual = self.rows.problem.rows.nuisances, self.residual
+        out = np.zeros(len(nuisances.items))
+        for block in self.rows.blocks:
+            within = list(block.items)
+            out[within] = block.estimates @ (block.errors.T @ residual[block.rows])
+        shared = [k for k in nuisances.bounded.tolist() if nuisances.items[k].flight is None]
+        out[shared] = self.solution.border[self.rows.coefficients.shape[1] : self.rows.shared.shape[1]]
+        known = [*shared, *(k for block in self.rows.blocks for k in block.items)]
+        out[known] += [nuisances.items[k].present for k in known]
+        return out
+
+    @property
+    def informed(self) -> float:
+        """By how much the data narrow the coefficients of X: log of the prior's over the posterior's volume."""
+        first = self.rows.shared.shape[1]
+        covariance, spread = self.solution.covariance[first:, first:], _spreads(self.rows, self.terms, self.at)[first:]
+        return float(-0.5 * np.linalg.slogdet(covariance / np.outer(spread, spread))[1])
+
+    def level_without(self, chosen: Sequence[int]) -> float:
+        """Log evidence without some columns of X, at the same amplitudes (Savage and Dickey: Verdinelli and Wasserman
+        1995).
+        """
+        places = self.rows.shared.shape[1] + np.array(chosen)
+        covariance = self.solution.covariance[np.ix_(places, places)]
+        at_mode, spread = self.solution.border[places], _spreads(self.rows, self.terms, self.at)[places]
+        _, level = np.linalg.slogdet(covariance / np.outer(spread, spread))
+        squares = float(at_mode @ np.linalg.solve(covariance, at_mode)) / self.noise**2
+        return self.level - 0.5 * (squares + float(level))
+
+    def made_by(self, process: int) -> FloatArray:
+        """What a process's columns make of the rows before whitening (n,), at their mode."""
+        out, amplitude = np.zeros(self.rows.y.size), _amplitudes(self.rows, self.at)[process]
+        for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
+            own = block.columns[process]
+            out[block.rows] = block.raw[:, own] @ (amplitude * mode[own])
+        return out
+
+    def spline_coefficients(self, process: int) -> tuple[FloatArray, FloatArray]:
+        """The coefficients of a process, of all flights after one another, and their standard errors, in its units."""
+        unit = _amplitudes(self.rows, self.at)[process] * self.rows.groups[process].size
+        each = zip(self.rows.blocks, self.solution.modes, self.solution.variances, strict=True)
+        found = [(mode[b.columns[process]], spread[b.columns[process]]) for b, mode, spread in each]
+        modes, variances = (np.concatenate(part) for part in zip(*found, strict=True))
+        return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
+
+    @cached_property
+    def held_out(self) -> FloatArray:
+        """Log predictive density of each stretch of time given the others (stretches,)."""
+        rests = (self.products.less(each.beside(self.rows, self.terms.x)) for each in self.rows.stretch_products)
+        whole, *rest = [-_cost(each, self.rows, self.terms, self.at) for each in (self.products, *rests)]
+        return whole - np.array(rest)
+
+    def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
+        both = np.concatenate([self.terms.x, x], axis=1)
+        inner, right, *_ = _eliminated(self.rows.products.beside(self.rows, both), self.rows, self.at)
+        first = right.size - x.shape[1]
+        inner[:first, :first] += np.diag(_spreads(self.rows, self.terms, self.at) ** -2.0)
+        known = np.linalg.solve(inner[:first, :first], np.column_stack([inner[:first, first:], right[:first]]))
+        found = np.column_stack([inner[first:, first:], right[first:]]) - inner[first:, :first] @ known
+        return found[:, :-1] / self.noise**2, found[:, -1] / self.noise**2
+
+
+def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evidence:
+    """The evidence of terms at its most probable amplitudes, from ordinary ones, or from the `start` of noise and
+    processes.
+    """
+    products = rows.products.beside(rows, terms.x)
+    groups, has_terms = rows.groups, bool(np.any(terms.scaled))
+    priors = [NOISE_LEVEL, *(group.prior for group in groups), *([MECHANISM_AMPLITUDE] if has_terms else [])]
+    centre, width = np.array(priors, dtype=float).T
+
+    last: dict[bytes, _Solution] = {}
+
+    def found(at: FloatArray) -> _Solution:
+        key = at.tobytes()
+        if key not in last:
+            last.clear()
+            last[key] = _solved(products, rows, terms, at)
+        return last[key]
+
+    def beyond(at: FloatArray) -> FloatArray:
+        return np.concatenate([[0.0], np.maximum(at[1:] - _LARGEST, 0.0)])
+
+    def cost(at: FloatArray) -> float:
+        off = 0.5 * float(np.sum(((at - centre) / width) ** 2) + np.sum((beyond(at) / _WALL) ** 2))
+        return _value(products, rows, found(at), at) + off
+
+    def slope(at: FloatArray) -> FloatArray:
+        own = _slope(products, rows, terms, at, found(at))
+        return np.asarray(own + (at - centre) / width**2 + beyond(at) / _WALL**2)
+
+    def curvature(at: FloatArray) -> FloatArray:
+        prior = width**-2.0 + (beyond(at) > 0.0) / _WALL**2
+        return np.asarray(_curvature(rows, terms, at, found(at)) + np.diag(prior))
+
+    ordinary = centre[: 1 + len(groups)] if start is None else start
+    options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}
+    begun = np.append(ordinary, centre[ordinary.size :])
+    best = minimize(cost, begun, jac=slope, hess=curvature, method="trust-exact", options=options).x
+    polished = best - np.linalg.solve(curvature(best), slope(best))
+    return Evidence(rows, terms, products, polished, terms.prior - cost(polished))
+
+
+def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:
+    return np.asarray(np.exp(at[1 : 1 + len(rows.groups)]))
+
+
+def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
+    """Prior 1-sigma of b and c under noise of 1."""
+    amplitude = np.exp(at[-1]) if np.any(terms.scaled) else 1.0
+    return np.concatenate([rows.spread, np.where(terms.scaled, amplitude, 1.0) * terms.spread])
+
+
+_Parts = list[tuple[FloatArray, FloatArray, FloatArray]]
+
+
+def _eliminated(products: Products, rows: Rows, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float, _Parts]:
+    """Normal equations of U and X with all processes eliminated: matrix, right side, squares, half log determinants,
+    and of each flight L, W and w.
+    """
+    amplitudes = _amplitudes(rows, at)
+    parts: _Parts = []
+    inner, right, misfit, level = products.across, products.right, products.square, 0.0
+    for block, (gram, with_border, with_y) in zip(rows.blocks, products.blocks, strict=True):
+        scale = np.repeat(amplitudes, [own.stop - own.start for own in block.columns])
+        matrix = scale[:, np.newaxis] * gram * scale
+        matrix[np.diag_indices_from(matrix)] += 1.0
+        factor = cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
+        both = scale[:, np.newaxis] * np.column_stack([with_border, with_y])
+        made = solve_triangular(factor, both, lower=True, check_finite=False)
+        inner = inner - made[:, :-1].T @ made[:, :-1]
+        right = right - made[:, :-1].T @ made[:, -1]
+        misfit -= float(made[:, -1] @ made[:, -1])
+        level += float(np.sum(np.log(np.diag(factor))))
+        parts.append((factor, made[:, :-1], made[:, -1]))
+    return inner, right, misfit, level, parts
+
+
+def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray, with_modes: bool = True) -> _Solution:
+    """What is integrated out; modes and variances of processes only where they are wanted."""
+    spread = _spreads(rows, terms, at)
+    inner, right, misfit, level, parts = _eliminated(products, rows, at)
+    inner = inner + np.diag(spread**-2.0)
+    outer = cholesky(inner, lower=True, check_finite=False)
+    border = cho_solve((outer, True), right, check_finite=False)
+    level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))
+    covariance = cho_solve((outer, True), np.eye(border.size), check_finite=False)
+    modes, inverses, falls = [], [], []
+    for factor, made, own in parts if with_modes else ():
+        both = solve_triangular(factor, np.column_stack([made, own]), lower=True, trans="T", check_finite=False)
+        lower, _ = dpotri(factor, lower=1)
+        inverses.append(np.tril(lower) + np.tril(lower, -1).T)
+        falls.append(both[:, :-1])
+        modes.append(both[:, -1] - both[:, :-1] @ border)
+    rest = misfit - float(right @ border)
+    return _Solution(level, rest, border, covariance, tuple(modes), tuple(inverses), tuple(falls))
+
+
+def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> float:
+    """Minus log p, but for a constant and the priors of amplitudes."""
+    freedom = products.rows - int(np.sum(np.isinf(rows.spread)))
+    return float(found.level + freedom * at[0] + 0.5 * found.misfit * np.exp(-2.0 * at[0]))
+
+
+def _cost(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> float:
+    return _value(products, rows, _solved(products, rows, terms, at, with_modes=False), at)
+
+
+def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> FloatArray:
+    """Derivative of `_value` by the logarithms (noise, amplitudes of processes, of the mechanism)."""
+    slope, per_noise = np.zeros(at.size), np.exp(-2.0 * at[0])
+    for block, mode, variance in zip(rows.blocks, found.modes, found.variances, strict=True):
+        each = 1.0 - per_noise * mode**2 - variance
+        for k, own in enumerate(block.columns, start=1):
+            slope[k] += float(np.sum(each[own]))
+    slope[0] = products.rows - int(np.sum(np.isinf(rows.spread))) - found.misfit * per_noise
+    if np.any(terms.scaled):
+        chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
+        precision = _spreads(rows, terms, at)[chosen] ** -2.0
+        squares = per_noise * found.border[chosen] ** 2 + np.diag(found.covariance)[chosen]
+        slope[-1] = float(np.sum(1.0 - precision * squares))
+    return slope
+
+
+def _curvature(rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> FloatArray:
+    """Second derivatives of `_value`.
+
+    With Q = 1 - C of the standardised unknowns u = [a c] of covariance C and mode m, d Q_ij / d log S_k takes Q_ik Q_kj
+    and d m_i / d log S_k takes Q_ik m_k. Processes of different flights have what they share alone in common, so that
+    of two flights sums over their columns suffice.
+    """
+    per_noise, mechanism = np.exp(-2.0 * at[0]), bool(np.any(terms.scaled))
+    squares, traces, pairs = np.zeros(at.size - 1), np.zeros(at.size - 1), np.zeros((at.size - 1, at.size - 1))
+    chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
+    precision = np.where(chosen, 1.0 / _spreads(rows, terms, at), 0.0)
+    sums, grams = np.zeros((at.size - 1, chosen.size)), np.zeros((at.size - 1, chosen.size, chosen.size))
+
+    def gather(mode: FloatArray, makes: FloatArray, inverse: FloatArray, groups: Sequence[slice], first: int) -> None:
+        """What unknowns of one flight, or of all, have among themselves; `makes` of each by what all share."""
+        places, starts = np.arange(first, first + len(groups)), [own.start for own in groups]
+        through = makes @ found.covariance @ makes.T
+        q = np.eye(mode.size) - inverse - through
+        both = 4.0 * per_noise * mode[:, np.newaxis] * (q + through) * mode - 2.0 * (q**2 - through**2)
+        pairs[np.ix_(places, places)] += np.add.reduceat(np.add.reduceat(both, starts, axis=0), starts, axis=1)
+        squares[places] += np.add.reduceat(per_noise * mode**2, starts)
+        traces[places] += np.add.reduceat(np.diag(q), starts)
+        for place, own in zip(places, groups, strict=True):
+            sums[place] += makes[own].T @ mode[own]
+            grams[place] += makes[own].T @ makes[own]
+
+    for block, mode, inverse, follows in zip(rows.blocks, found.modes, found.inverses, found.follows, strict=True):
+        gather(mode, -follows, inverse, block.columns, 0)
+    if mechanism:
+        makes = np.diag(precision)[chosen]
+        mode = makes @ found.border
+        gather(mode, makes, np.zeros((mode.size, mode.size)), [slice(0, mode.size)], at.size - 2)
+    pairs -= 4.0 * per_noise * sums @ found.covariance @ sums.T
+    through = grams @ found.covariance
+    pairs -= 2.0 * np.einsum("iab,jba->ij", through, through)
+    out = np.zeros((at.size, at.size))
+    out[1:, 1:] = pairs + np.diag(2.0 * (traces - squares))
+    out[0, 1:] = out[1:, 0] = 2.0 * squares
+    out[0, 0] = 2.0 * found.misfit * per_noise
+    return out

@@ -1,0 +1,326 @@
+"""What was observed and what may explain it, as rows at unit noise.
+
+    y = U b + X c + Z a + e
+
+y   derolled rates and transverse force, whitened
+U   what all flights share: the baseline, and moments within the vehicle's tolerances
+X   terms of a hypothesis, and what its knots and delays move
+Z   of each flight: the splines of every process
+e   noise of unit variance
+
+What a flight has without a prior (constants of integration, normal force) is projected out of all of these. Errors of
+record and vehicle within their tolerances, T with a prior of 1, are noise here: rows are whitened by (1 + T T')^-1/2.
+Rows of different flights have b and c alone in common, so that T and Z are blocks, one a flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.mechanisms.contract import MomentProcess
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.held_out import block_of_whitened_row
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import prediction_slopes
+from brv_hypo.thresholds import ALWAYS, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
+
+SETTLING = 8  # samples
+TIME_BLOCKS = 12  # of a record, each left out in turn
+# Singular values of unit columns that count, of the largest.
+_CUTOFF = 1e-10
+_UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its width
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of Z that share an amplitude."""
+
+    name: str
+    family: str
+    units: str
+    """Of the history that the columns make."""
+    size: float
+    """One unit of the amplitude, in `units`."""
+    prior: tuple[float, float]
+    """Centre and 1-sigma of the logarithm of the amplitude."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group.
+
+    `raw` is Z before whitening; `errors` (m, rank) are directions that errors within tolerances make, and `shrunk`
+    (rank,) what whitening leaves of each; `estimates` (errors, rank) makes those errors, in tolerances, of what a model
+    does not explain along each, and `items` says which nuisances they are.
+    """
+
+    rows: IntArray
+    z: FloatArray
+    columns: tuple[slice, ...]
+    raw: FloatArray
+    errors: FloatArray
+    shrunk: FloatArray
+    estimates: FloatArray
+    items: tuple[int, ...]
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Rows of the flight (m, ...) where errors within tolerances are noise."""
+        return np.asarray(rows - self.errors @ (((1.0 - self.shrunk) * (self.errors.T @ rows).T).T))
+
+
+class Products(NamedTuple):
+    """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and of each
+    flight Z'Z, Z'[U X] and Z'y.
+    """
+
+    rows: int
+    square: float
+    across: FloatArray
+    right: FloatArray
+    blocks: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    chosen: tuple[IntArray, ...]
+    """Which rows of each flight (count,)."""
+
+    @classmethod
+    def of(cls, rows: Rows, use: BoolArray, count: int) -> Products:
+        """Of some rows (n,) without a hypothesis."""
+        chosen = tuple(np.flatnonzero(use[block.rows]) for block in rows.blocks)
+        y, shared, blocks = rows.y[use], rows.shared[use], []
+        for block, here in zip(rows.blocks, chosen, strict=True):
+            z, those = block.z[here], block.rows[here]
+            blocks.append((z.T @ z, z.T @ rows.shared[those], z.T @ rows.y[those]))
+        return cls(count, float(y @ y), shared.T @ shared, shared.T @ y, tuple(blocks), chosen)
+
+    def beside(self, rows: Rows, x: FloatArray) -> Products:
+        """With columns of a hypothesis (n, k)."""
+        across, right, blocks = np.zeros((x.shape[1], rows.shared.shape[1])), np.zeros(x.shape[1]), []
+        own = np.zeros((x.shape[1], x.shape[1]))
+        for block, here, known in zip(rows.blocks, self.chosen, self.blocks, strict=True):
+            those = block.rows[here]
+            columns = x[those]
+            across += columns.T @ rows.shared[those]
+            right += columns.T @ rows.y[those]
+            own += columns.T @ columns
+            blocks.append((known[0], np.concatenate([known[1], block.z[here].T @ columns], axis=1), known[2]))
+        whole = np.block([[self.across, across.T], [across, own]])
+        return self._replace(across=whole, right=np.append(self.right, right), blocks=tuple(blocks))
+
+    def less(self, other: Products) -> Products:
+        """Of all rows but those of `other`."""
+        pairs = zip(self.blocks, other.blocks, strict=True)
+        blocks = tuple((a[0] - b[0], a[1] - b[1], a[2] - b[2]) for a, b in pairs)
+        across, right = self.across - other.across, self.right - other.right
+        return Products(self.rows - other.rows, self.square - other.square, across, right, blocks, ())
+
+
+@dataclass(frozen=True)
+class Terms:
+    """X of a hypothesis (n, k): its selected terms, then what its knots and delays move."""
+
+    x: FloatArray
+    spread: FloatArray
+    """Prior 1-sigma (k,) of each coefficient, of terms at a mechanism's amplitude of 1."""
+    scaled: BoolArray
+    """Which of them (k,) the mechanism's amplitude multiplies: the terms."""
+    prior: float = 0.0
+    """Log probability of these terms before the data."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows that all hypotheses have in common."""
+
+    problem: Problem
+    frame: RateFrame
+    y: FloatArray
+    """(n,)"""
+    shared: FloatArray
+    """U (n, columns): orthonormal columns of the baseline, then what the vehicle's tolerances allow."""
+    spread: FloatArray
+    """Prior 1-sigma of the columns of U: infinite of the baseline."""
+    coefficients: FloatArray
+    """What makes the baseline's coefficients of those of U (baseline columns, its rank)."""
+    blocks: tuple[Block, ...]
+    groups: tuple[Group, ...]
+    moment: float
+    """rms of the moment coefficient at the linearisation point."""
+    static: float
+    """What that moment makes of the rows before whitening, as a length."""
+    own: FloatArray
+    """Orthonormal columns of what is projected out (n, rank)."""
+    counted: BoolArray
+    """Which rows (n,) count: not the first of a record, where the filters of instruments still settle."""
+    noise_ratio: float = 1.0
+    """Their noise over what the record states."""
+
+    @property
+    def size(self) -> int:
+        """Rows that count less what was projected out of them."""
+        return int(np.sum(self.counted) - self.own.shape[1])
+
+    def whitened(self, raw: FloatArray) -> FloatArray:
+        """Rows (n, columns) at unit noise: what has no prior is projected out, errors within tolerances are noise."""
+        out = np.where(self.counted[:, np.newaxis], raw, 0.0)
+        out -= self.own @ (self.own.T @ out)
+        for block in self.blocks:
+            out[block.rows] = block.whitened(out[block.rows])
+        return np.asarray(out)
+
+    def beside_baseline(self, rows: FloatArray) -> FloatArray:
+        """Rows (n, ...) at unit noise less their best fit by the baseline."""
+        basis = self.shared[:, np.isinf(self.spread)]
+        return np.asarray(rows - basis @ (basis.T @ rows))
+
+    def of_moments(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
+        """Columns of moments as rows (n, columns)."""
+        return self.whitened(self.problem.raw_design(frame, columns)[: self.y.size])
+
+    def terms(self, fit: HypothesisFit | None) -> Terms:
+        """X of a fitted hypothesis, with the static moment of its own fit; no columns of the baseline only."""
+        if fit is None or not fit.selected:
+            return Terms(np.zeros((self.y.size, 0)), np.zeros(0), np.zeros(0, dtype=bool))
+        frame = self.frame_of(fit)
+        x = self.of_moments(frame, fit.selected)
+        sizes = np.sqrt(np.mean(np.abs(frame.moments(fit.selected)) ** 2, axis=0))
+        spread = self.moment / np.maximum(sizes, 1e-12 * self.moment)
+        if fit.nonlinear:
+            rates = prediction_slopes(fit.nonlinear, fit.columns, fit.values, frame)
+            slopes = np.zeros((self.y.size, rates.shape[1]))
+            slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
+            x = np.concatenate([x, self.whitened(slopes)], axis=1)
+            time = frame.coefficient_time
+            whole = float(time.max() - time.min())
+            ranges = [whole if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
+            spread = np.concatenate([spread, _UNIFORM * np.array(ranges)])
+        always = all(column.time_basis.kind == "constant" for column in fit.selected)
+        return Terms(x, spread, np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0)
+
+    def frame_of(self, fit: HypothesisFit) -> RateFrame:
+        """The frame in which C_mw is that of a fit."""
+        return self.frame.with_mechanisms(fit.mechanisms).with_in_plane_moment(fit.columns, fit.values)
+
+    @cached_property
+    def products(self) -> Products:
+        """Those of all rows."""
+        return Products.of(self, np.ones(self.y.size, dtype=bool), self.size)
+
+    @cached_property
+    def stretch_products(self) -> tuple[Products, ...]:
+        """Those of each stretch of time."""
+        chosen = [self.time_blocks == k for k in np.unique(self.time_blocks)]
+        return tuple(Products.of(self, use, int(np.sum(use))) for use in chosen)
+
+    @cached_property
+    def time_blocks(self) -> IntArray:
+        """Which stretch of time each row belongs to (n,), `TIME_BLOCKS` of a flight."""
+        return block_of_whitened_row(self.problem, TIME_BLOCKS)[: self.y.size]
+
+
+def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
+    """The rows of a problem that has the processes of the record among its nuisances, about a fitted hypothesis."""
+    known = problem.frame.with_mechanisms(point.mechanisms)
+    frame = known.with_in_plane_moment(point.columns, point.values)
+    moment = float(np.sqrt(np.mean(np.abs(frame.moments(point.columns) @ point.values) ** 2)))
+    top, nuisances = 2 * problem.rows.rates, problem.rows.nuisances
+    items, design = nuisances.items, problem.rows.nuisance_design[:top]
+    levels = design.shape[1] - len(items)
+    drifts, moments = record_processes(), moment_processes()
+    names = {each.name for each in drifts}
+    bounded = [k for k in nuisances.bounded.tolist() if items[k].name not in names]
+    free = sorted(set(range(len(items))) - set(nuisances.bounded.tolist()))
+    use = _counted(problem)
+    own, _ = _orthonormal(use[:, np.newaxis] * design[:, [*range(levels), *(levels + k for k in free)]])
+
+    def less(rows: FloatArray) -> FloatArray:
+        rows = use[:, np.newaxis] * rows
+        return np.asarray(rows - own @ (own.T @ rows))
+
+    def of_items(chosen: Sequence[int]) -> FloatArray:
+        return design[:, [levels + k for k in chosen]]
+
+    blocks = []
+    for flight, motion in enumerate(frame.motions):
+        rows = _rows_of_flight(problem, flight)
+        within = tuple(k for k in bounded if items[k].flight == flight)
+        directions, sizes, right = np.linalg.svd(less(of_items(within))[rows], full_matrices=False)
+        shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
+        parts = [
+            of_items([k for k, item in enumerate(items) if item.name == each.name and item.flight == flight])
+            for each in drifts
+        ]
+        start, stop = float(motion.time[0]), float(motion.time[-1])
+        mine = [each.model_copy(update={"start": start, "stop": stop}) for each in moments]
+        acting = frame.with_mechanisms(mine)
+        for process in mine:
+            unit = np.sqrt(np.mean(np.abs(np.array(process.shapes(motion))) ** 2))
+            parts.append(moment / max(unit, 1e-300) * _of_process(problem, acting, process, flight)[:top])
+        ends = np.cumsum([part.shape[1] for part in parts])
+        columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
+        raw = np.concatenate(parts, axis=1)
+        block = Block(rows, raw, columns, raw[rows], directions, shrunk, right.T * (sizes * shrunk), within)
+        blocks.append(replace(block, z=block.whitened(less(raw)[rows])))
+    groups = (
+        *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
+        *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
+    )
+    fixed, nothing = problem.raw_design(frame, problem.baseline)[:top], np.zeros((top, 0))
+    length = float(np.linalg.norm(fixed @ point.values[: fixed.shape[1]]))
+    empty = Rows(
+        problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, length, own, use
+    )
+    present = np.array([items[k].present for k in bounded])
+    y = empty.whitened((problem.raw_response[:top] - of_items(bounded) @ present)[:, np.newaxis])[:, 0]
+    baseline, coefficients = _orthonormal(empty.whitened(fixed))
+    allowed = empty.whitened(of_items([k for k in bounded if items[k].flight is None]))
+    spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
+    shared = np.concatenate([baseline, allowed], axis=1)
+    return replace(empty, y=y, shared=shared, spread=spread, coefficients=coefficients)
+
+
+def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flight: int) -> FloatArray:
+    """The splines of a process of one flight as rows."""
+    always = TimeBasis("constant")
+    columns = [
+        Regressor(process.name, term.name, (), always, "1", flight=flight)
+        for term in process.terms(frame.motions[flight], {})
+    ]
+    return problem.raw_design(frame, columns)
+
+
+def _rows_of_flight(problem: Problem, flight: int) -> IntArray:
+    """Which rows are of one flight."""
+    flights = problem.frame.flight_of_row[problem.rows.part.rows]
+    return np.flatnonzero(np.tile(flights[_samples(problem)], 4) == flight)
+
+
+def _samples(problem: Problem) -> IntArray:
+    """The first sample of each row of one channel."""
+    rows = problem.rows
+    return np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
+
+
+def _counted(problem: Problem) -> BoolArray:
+    """Rows (n,) from `SETTLING` samples after the first of their flight on."""
+    samples = _samples(problem)
+    flights = problem.frame.flight_of_row[problem.rows.part.rows][samples]
+    first = np.array([samples[flights == flight].min() for flight in flights])
+    return np.tile(samples - first >= SETTLING, 4)
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal columns (n, rank) of the same span, and what makes coefficients of those of these."""
+    if not columns.shape[1]:
+        return columns, np.zeros((0, 0))
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    left, sizes, right = np.linalg.svd(columns / scale, full_matrices=False)
+    kept = sizes > _CUTOFF * sizes[0]
+    return left[:, kept], (right[kept].T / sizes[kept]) / scale[:, np.newaxis]

@@ -1,0 +1,214 @@
+"""Every hypothesis beside processes: fits with the errors of one evidence, and what the leader explains.
+
+The search knows no processes. About its leader the record is linearised once more with all of them, and every
+hypothesis, and what may be there instead, gets its evidence there (`inference`). Entrance: `judged`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
+from brv_hypo.inference.evidence import Evidence, maximised
+from brv_hypo.inference.rows import Rows, rows_of
+from brv_hypo.io.text import hypothesis
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.intervals import within_bounds
+from brv_hypo.ranking.limits import scale_variance
+from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
+from brv_hypo.ranking.result import Explained, ProcessEstimate
+from brv_hypo.ranking.with_processes import moved, plainest
+from brv_hypo.regression.build import point_of
+from brv_hypo.regression.fit import (
+    HypothesisFit,
+    fit_hypothesis,
+    follows_static_moment,
+    likeliest,
+    renewed,
+    self_consistent,
+)
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import ROUGH, SETTLED, Steps
+from brv_hypo.regression.uncertainty import with_design
+
+OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
+NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
+
+
+Progress = Callable[[str], None]
+Hypotheses = Mapping[str, tuple[Mechanism, ...]]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Fits whose criterion, coefficients and errors are those of the evidence, and the evidence of each."""
+
+    problem: Problem
+    """Linear about the leader, without processes."""
+    rows: Rows
+    """Linear about the same point, with processes."""
+    fits: tuple[HypothesisFit, ...]
+    evidences: tuple[Evidence, ...]
+
+    @property
+    def leader(self) -> int:
+        """The place of the most probable hypothesis."""
+        return min(range(len(self.fits)), key=lambda k: self.fits[k].information)
+
+    @cached_property
+    def squares(self) -> float:
+        """The sum of squares of the baseline's residual without processes."""
+        return float(np.sum(self.baseline_residual**2))
+
+    @cached_property
+    def baseline_residual(self) -> FloatArray:
+        """What the baseline without processes does not explain (rows,)."""
+        return self.rows.beside_baseline(self.rows.y)
+
+    @property
+    def null(self) -> int:
+        """The place of the baseline only."""
+        return next(k for k, fit in enumerate(self.fits) if not fit.mechanisms)
+
+
+def judged(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
+) -> Judged:
+    """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
+
+    Where another has the larger evidence there, the record is linearised about that one once more.
+    """
+    problem, settings = settled(reconstructions, config)
+    fits, about = _searched(problem, hypotheses, say), set[str]()
+    while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
+        about.add(leader.name)
+        say(f"linearising about {hypothesis(leader.name)}")
+        fit = self_consistent(problem, replace(leader, log_evidence=None))
+        point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+        records = cleaned(problem, point, settings)
+        if records is None:  # without the leader's errors no motion remains: the record is linearised as it reads
+            point = replace(point, errors=tuple({} for _ in point.errors))
+            records = cleaned(problem, point, settings)
+        assert records is not None
+        whole = with_processes(point, records, settings, config)
+        problem = without_processes(whole, point)
+        fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
+        rows, start = _rows(whole, next(each for each in fits if each.name == fit.name))
+        null, at = maximised(rows, rows.terms(None), start), rows.frame_of(fit)
+        first = [maximised(rows, rows.terms(each), start) if each.selected else null for each in fits]
+        least = max(own.level for own in first) - OUT_OF_REACH
+        pairs = [
+            plainest(problem, (each, own), null, at) if each.selected and own.level > least else (each, own)
+            for each, own in zip(fits, first, strict=True)
+        ]
+        best = max(range(len(pairs)), key=lambda k: pairs[k][1].level)
+        pairs[best] = moved(problem, pairs[best], closely=True)
+        evidences = [own for _, own in pairs]
+        fits = [with_design(problem, _estimated(*each, null)) for each in pairs]
+    return Judged(problem, rows, tuple(fits), tuple(evidences))
+
+
+def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits in a problem linearised about the leader: knots and delays come from where they lie.
+
+    Those that stay out of reach keep theirs.
+    """
+    there = [
+        renewed(problem, replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)), Steps(0, 0.0))
+        for fit in fits
+    ]
+    first = likeliest(there)
+    return [
+        renewed(problem, fit, SETTLED if fit is first else ROUGH) if _in_reach(fit, first) else fit for fit in there
+    ]
+
+
+def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
+    """Every hypothesis searched on the grid of knots and delays, and refined."""
+    fits: list[HypothesisFit] = []
+    for name, mechanisms in hypotheses.items():
+        say(f"fitting {hypothesis(name)}")
+        rival = min((fit.information for fit in fits), default=math.inf)
+        fits.append(fit_hypothesis(problem, name, mechanisms, rival))
+    return fits
+
+
+def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
+    """Whether a fit may still come near the leader."""
+    return fit.information <= leader.information + SEARCH_OUT_OF_REACH
+
+
+def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
+    """The rows about the leader, under the noise that each channel has beside it and all processes; the logarithms of
+    noise and amplitudes there.
+    """
+    rows, noise, half = rows_of(whole, leader), whole.rows.noise, whole.rows.rates
+    own = maximised(rows, rows.terms(leader))
+    residual, start = own.residual, own.at[: 1 + len(rows.groups)]
+    channels = (slice(0, half), slice(half, None))
+    rates, force = (float(np.sqrt(np.mean(residual[own][rows.counted[own]] ** 2))) for own in channels)
+    scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
+    again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), leader)
+    return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start
+
+
+def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisFit:
+    """The fit with the criterion, coefficients and errors of its evidence."""
+    count, covariance = len(fit.columns), own.covariance.copy()
+    values = own.values[:count] if fit.selected else own.values
+    if fit.selected and not follows_static_moment(fit.mechanisms):
+        terms = np.arange(fit.baseline_size, count)
+        covariance[np.ix_(terms, terms)] += scale_variance(null.rows.problem) * np.outer(values[terms], values[terms])
+    found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=covariance)
+    return within_bounds(replace(found, bound_cost=0.0))
+
+
+def explained(judged: Judged) -> Explained:
+    """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual.
+
+    The rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and
+    Stein, Ann. Statist. 9, 1981): it knows of what a model lacks, as errors of coefficients do not.
+    """
+    leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
+    count = int(np.sum(leader.terms.scaled))
+    if not count:
+        return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0))
+    made = judged.rows.beside_baseline(leader.terms.x[:, :count])
+
+    def share_of(use: BoolArray) -> float:
+        coefficients = np.linalg.lstsq(made[use], residual[use], rcond=None)[0]
+        return 1.0 - float(np.sum((residual[use] - made[use] @ coefficients) ** 2) / np.sum(residual[use] ** 2))
+
+    share = share_of(np.ones(residual.size, dtype=bool))
+    without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
+    error = float(np.sqrt((without.size - 1) * np.var(without)))
+    low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
+    return Explained(share=share, unexplained=1.0 - share, interval_95=(low, high))
+
+
+def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
+    """Every process beside the leader, the one that makes most of the record first."""
+    own, rows = judged.evidences[judged.leader], judged.rows
+    found = []
+    for k, group in enumerate(rows.groups):
+        size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
+        found.append(
+            ProcessEstimate(
+                name=group.name,
+                family=group.family,
+                size=size,
+                std_error=error,
+                units=group.units,
+                share_of_moment=float(np.linalg.norm(own.made_by(k))) / rows.static,
+                tolerance=float(np.exp(group.prior[0])) * group.size,
+            )
+        )
+    return tuple(sorted(found, key=lambda each: -each.share_of_moment))

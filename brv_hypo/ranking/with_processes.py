@@ -1,0 +1,159 @@
+"""A hypothesis beside processes: fitted, acting between two times, without what is not wanted there.
+
+The search, which knows no processes, describes with many knots what they explain. Entrance: `plainest`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.inference.evidence import Evidence, maximised
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column
+from brv_hypo.ranking.limits import even_edges, regions
+from brv_hypo.regression.fit import HypothesisFit, solved
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import nonlinear_parameters
+
+_LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
+_INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
+KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
+STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
+_GAIN = 0.3  # nats by which such a step has to raise the evidence
+FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
+_WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
+PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
+
+Pair = tuple[HypothesisFit, Evidence]
+
+
+def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> Pair:
+    """The hypothesis as it is, or acting between two times alone, whichever is likelier beside processes; then without
+    the changes that are not wanted there, its knots and delays where they are likeliest.
+    """
+    fit, pairs = pair[0], [pair]
+    if len(fit.mechanisms) == 1:
+        like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
+        found = acting(problem, like, fit.mechanisms, null, even_edges(frame, PLAIN_EDGES))
+        pairs += [] if found is None else [found]
+    best = max(pairs, key=lambda each: each[1].level)
+    return moved(problem, _completed(problem, _without_unwanted(problem, best)))
+
+
+def acting(
+    problem: Problem, like: HypothesisFit, mechanisms: Sequence[Mechanism], null: Evidence, edges: FloatArray
+) -> Pair | None:
+    """One of several mechanisms, that which explains most between two of these times, as a hypothesis like another;
+    None where none is determined.
+    """
+    found = [(each, shape) for each in mechanisms for shape in regions(null, like.frame, each, edges)]
+    if not found:
+        return None
+    mechanism, best = max(found, key=lambda each: each[1].peak)
+    frame = like.frame.with_mechanisms([mechanism])
+    always, time = "constant" in mechanism.time_variation, frame.coefficient_time
+    reach = float(edges[1] - edges[0])
+    for _ in range(FINER if edges.size > 2 else 0):
+        near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
+        closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
+        best = max(regions(null, like.frame, mechanism, closer, [best.theta]), key=lambda each: each.peak)
+        reach *= 2.0 / (FINER_EDGES - 1)
+    columns = [
+        term_column(
+            mechanism, term, best.theta, TimeBasis("jump", edge) if edge > time.min() else TimeBasis("constant")
+        )
+        for edge in best.region
+        if edge < time.max() and (edge > time.min() or always)
+        for term in mechanism.terms(frame.motions[0], dict(best.theta))
+    ]
+    own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
+    return moved(problem, fitted(problem, own, columns, null))
+
+
+def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], start: Evidence) -> Pair:
+    """The hypothesis of a fit with other columns, beside processes."""
+    columns, rows = (*problem.baseline, *selected), start.rows
+    fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
+    parameters = nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots)
+    fit = replace(fit, nonlinear=parameters)
+    return fit, maximised(rows, rows.terms(fit), start.at[: 1 + len(rows.groups)])
+
+
+def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
+    """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay."""
+    share = 1.0
+    for _ in range(CLOSE_STEPS if closely else KNOT_STEPS):
+        fit, own = pair
+        columns, count = fit.columns, len(fit.columns)
+        shifts, errors = own.values[count:], np.sqrt(np.diag(own.covariance)[count:])
+        if np.all(np.abs(shifts) <= STAYS[closely] * errors):
+            break
+        for parameter, shift in zip(fit.nonlinear, (share * shifts).tolist(), strict=True):
+            columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
+        there = fitted(problem, fit, columns[fit.baseline_size :], own)
+        gain = there[1].level - own.level
+        if gain > (-_GAIN if closely else _GAIN):
+            pair = there
+        elif closely:
+            share *= 0.5
+        else:
+            break
+    return pair
+
+
+def _completed(problem: Problem, pair: Pair) -> Pair:
+    """With all terms of a mechanism where some jump, unless that is far less likely: a term that a process explains as
+    well is uncertain, not absent.
+    """
+    fit, own = pair
+    if len(fit.mechanisms) != 1 or any(column.time_basis.kind == "ramp" for column in fit.selected):
+        return pair
+    (mechanism,), motion = fit.mechanisms, fit.frame.motions[0]
+    bases = dict.fromkeys((column.time_basis, column.theta) for column in fit.selected)
+    whole = [
+        term_column(mechanism, term, theta, basis)
+        for basis, theta in bases
+        if basis.kind == "jump" or "constant" in mechanism.time_variation
+        for term in mechanism.terms(motion, dict(theta))
+    ]
+    if len(whole) == len(fit.selected):
+        return pair
+    there = moved(problem, fitted(problem, fit, whole, own))
+    columns = there[1].terms.x[:, : len(whole)]
+    if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > _WORST_CONDITION:
+        return pair
+    return there if there[1].level > own.level - _LINEAR else pair
+
+
+def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
+    """Without changes at knots that lower the evidence, the least wanted first, and one of two within a sample."""
+    step = max(record.flight.step for record in problem.records)
+    while True:
+        fit, own = pair
+        bases = sorted({(column.time_basis, column.theta) for column in fit.selected}, key=lambda each: each[0].start)
+        if len(bases) < 2:
+            return pair
+        levels = {basis: _level_without(fit, own, basis) for basis in bases}
+        close = [b for a, b in pairwise(bases) if b[1] == a[1] and b[0].start - a[0].start < step]
+        least = max(close or bases, key=levels.__getitem__)
+        if not close and levels[least] < own.level - _LINEAR:
+            return pair
+        rest = [column for column in fit.selected if (column.time_basis, column.theta) != least]
+        fewer = moved(problem, fitted(problem, fit, rest, own))
+        if fewer[1].informed < _INFORMED or (not close and fewer[1].level < own.level):
+            return pair
+        pair = fewer
+
+
+def _level_without(fit: HypothesisFit, own: Evidence, basis: tuple[TimeBasis, Theta]) -> float:
+    """The log evidence without what changes with a time basis, and without a knot or delay that moves nothing else."""
+    mine = [k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis]
+    alone = [k for k, p in enumerate(fit.nonlinear) if {j - fit.baseline_size for j in p.columns} <= set(mine)]
+    return own.level_without([*mine, *(len(fit.selected) + k for k in alone)])

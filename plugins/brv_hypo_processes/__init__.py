@@ -1,0 +1,1 @@
+"""Processes of moments, instruments and air that nobody has modelled, as plugins of Brv-Hypo."""

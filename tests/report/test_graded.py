@@ -1,0 +1,193 @@
+"""A graded verdict: what the leader explains, and the processes beside it, in terminal, page and Python."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+
+from brv_hypo.docs import text
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.ranking import Comparison
+from brv_hypo.ranking.result import Explained, MechanismLimit, ProcessEstimate
+from brv_hypo.report.comparison import comparison_charts, comparison_document
+from brv_hypo.report.document import Bars, Table, Texts
+from brv_hypo.report.html import Provenance, page
+from brv_hypo.report.tables import LEAST_PROCESS, ranking_table
+from brv_hypo.report.terminal import terminal_view
+from tests.chains import compared_nominal
+
+NAN = float("nan")
+EXPLAINED = Explained(share=0.87, unexplained=0.13, interval_95=(0.81, 0.92))
+SENTENCE = "damping explains 87 % (81 to 92 %) of the residual of the baseline; 13 % is due to processes and noise."
+MOMENT = 0.0412
+
+
+def process(name: str, family: str, size: float, units: str, share: float, tolerance: float) -> ProcessEstimate:
+    return ProcessEstimate(
+        name=name,
+        family=family,
+        size=size,
+        std_error=0.15 * size,
+        units=units,
+        share_of_moment=share,
+        tolerance=tolerance,
+    )
+
+
+PROCESSES = (
+    process("static_change", "stiffness", 0.051 * MOMENT, "1", 0.049, 0.01 * MOMENT),
+    process("body_change", "body", 0.024 * MOMENT, "1", 0.023, 0.01 * MOMENT),
+    process("turbulence", "air", 1.43, "m/s", 0.016, 0.1),
+    process("density_change", "air", 0.0061, "1", 0.012, 0.002),
+    process("cross_damping_change", "rate", 0.0081 * MOMENT, "1", 0.0079, 0.01 * MOMENT),
+    process("accel_drift", "accelerometers", 0.0212, "m/s^2", 0.0031, 0.005),
+    process("gyro_drift", "gyros", 3.1e-4, "rad/s", 0.0021, 8.7e-5),
+    process("side_change", "side", 0.0009 * MOMENT, "1", 0.0009, 0.01 * MOMENT),
+)
+
+
+def graded(winner: str | None = "damping", explained: Explained | None = EXPLAINED, **verdict: object) -> Comparison:
+    """A comparison in which `damping` is ranked first, 12.34 nats above the baseline only."""
+    comparison = compared_nominal()
+    known = {"damping": 12.34, "none": 0.0}
+    rows = sorted(comparison.ranking, key=lambda row: -known[row.mechanism])
+    ranking = [
+        row.model_copy(update={"rank": rank, "log_evidence": known[row.mechanism]})
+        for rank, row in enumerate(rows, start=1)
+    ]
+    new = {"winner": winner, "outcome": "named" if winner else "none adequate", "reason": "One sentence."}
+    new |= {"equivalent": (winner,) if winner else (), "explained": explained, "processes": PROCESSES, **verdict}
+    return comparison.model_copy(
+        update={"ranking": tuple(ranking), "verdict": comparison.verdict.model_copy(update=new)}
+    )
+
+
+def printed(comparison: Comparison, *, verbose: bool = False) -> str:
+    console = Console(width=80, file=io.StringIO(), highlight=False, markup=False)
+    console.print(terminal_view(comparison_document(comparison), verbose=verbose))
+    return console.file.getvalue()
+
+
+def line_of(text: str, name: str) -> list[str]:
+    (line,) = (line for line in text.splitlines() if line.startswith(name))
+    return line.split()
+
+
+class TestTerminal:
+    def test_what_the_leader_explains_follows_the_sentence_of_the_verdict(self) -> None:
+        shown = printed(graded())
+        inside = " ".join(shown.replace("│", " ").split())
+        assert f"One sentence. {SENTENCE}" in inside
+        assert shown.index("One sentence.") < shown.index("damping explains") < shown.index("Processes beside damping")
+
+    def test_six_processes_are_shown_in_80_columns_and_the_others_with_verbose(self) -> None:
+        short, whole = printed(graded()), printed(graded(), verbose=True)
+        assert max(cell_len(line) for line in short.splitlines()) <= 80
+        assert "and 1 more: -v" in short
+        for each in PROCESSES:
+            assert (each.name in whole) == (each.share_of_moment > LEAST_PROCESS)
+        for each in PROCESSES[:6]:
+            assert line_of(short, each.name) == line_of(whole, each.name)
+        assert "gyro_drift" not in short
+
+    def test_a_process_has_its_size_with_error_and_unit_and_its_multiple_of_an_ordinary_size(self) -> None:
+        shown = printed(graded())
+        assert line_of(shown, "turbulence") == ["turbulence", "air", "1.43", "0.21", "m/s", "14", "×", "1.6", "%"]
+        assert line_of(shown, "static_change")[-4:] == ["5.1", "×", "4.9", "%"]
+
+    def test_that_no_process_is_large_is_said(self) -> None:
+        shown = printed(graded(processes=PROCESSES[-1:]))
+        assert "No process makes more than 0.1 % of the static moment." in shown
+        assert "Processes beside" not in shown
+
+    def test_a_verdict_of_an_earlier_version_has_neither(self) -> None:
+        shown = printed(graded(explained=None, processes=()))
+        assert "rocess" not in shown
+        assert "explains" not in shown
+
+    def test_the_ranking_has_the_evidence_in_the_order_of_the_ranks(self) -> None:
+        rows = ranking_table(graded()).rows
+        assert [(row["rank"], row["mechanism"], row["ln evidence"]) for row in rows] == [
+            ("1", "damping", "12.3"),
+            ("2", "baseline only", "0.0"),
+        ]
+        unknown = graded().ranking[0].model_copy(update={"log_evidence": NAN})
+        (row,) = ranking_table(graded().model_copy(update={"ranking": (unknown,)})).rows
+        assert row["ln evidence"] == "–"
+
+
+class TestPage:
+    def test_the_verdict_is_followed_by_processes_and_a_chart_of_families(self) -> None:
+        document = comparison_document(graded())
+        html = page(document, Provenance())
+        places = [html.index(f">{text}") for text in (f"One sentence.\n{SENTENCE}", "Processes beside", "Processes by")]
+        assert places == sorted(places)
+        assert places[-1] < html.index("<th>rank</th>")
+        assert "A process is a smooth change that nobody has modelled" in html
+        assert "ln evidence: ln of the record&#39;s probability density" in html
+        assert document.charts[0].name == "families"
+
+    def test_shares_of_one_family_add_as_the_root_of_their_squares(self) -> None:
+        (bars,) = comparison_document(graded()).charts[0].panels[0].layers
+        assert isinstance(bars, Bars)
+        shares = dict(zip(bars.names, bars.values, strict=True))
+        assert shares["air"] == pytest.approx(2.0)
+        assert list(bars.values) == sorted(bars.values, reverse=True)
+        assert set(shares) == {each.family for each in PROCESSES}
+        assert bars.texts[0] == "4.9 %"
+
+    def test_limits_that_are_withheld_are_not_drawn_and_the_page_says_why(self) -> None:
+        withheld = graded(None, limits=(MechanismLimit(mechanism="damping", share_of_moment_95=NAN),))
+        assert "limits" not in {chart.name for chart in comparison_charts(withheld)}
+        assert "Withheld: no hypothesis that was compared is adequate." in page(
+            comparison_document(withheld), Provenance()
+        )
+        document = comparison_document(graded())
+        assert "limits" in {chart.name for chart in document.charts}
+        texts = [text for block in document.blocks if isinstance(block, Texts) for text in block.texts]
+        assert not any(text.startswith("Withheld") for text in texts)
+
+
+class TestPython:
+    def test_the_headline_says_how_much_the_named_mechanism_explains(self) -> None:
+        assert repr(graded()) == "<Comparison: 1 flight, 2 hypotheses: named damping (explains 87 %)>"
+        assert "named damping (explains 87 %)" in graded()._repr_html_()
+        assert SENTENCE in graded()._repr_html_()
+
+    @pytest.mark.parametrize(("share", "words"), [(0.9969, "99.69 %"), (0.0042, "0.42 %"), (0.5, "50 %")])
+    def test_a_share_near_nothing_or_all_is_not_rounded_to_it(self, share, words) -> None:
+        explained = Explained(share=share, unexplained=1.0 - share, interval_95=(share, share))
+        assert f"explains {words}" in graded(explained=explained).headline()
+
+    def test_baseline_only_explains_nothing_of_its_own_residual(self) -> None:
+        named = graded("none", Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0)))
+        empty = named.model_copy(update={"ranking": named.ranking[::-1]})
+        assert empty.headline().endswith("named baseline only")
+        assert empty.conclusion() == "One sentence."
+
+    def test_a_leader_that_is_not_named_explains_its_share_all_the_same(self) -> None:
+        assert "explains" not in graded(None).headline()
+        assert graded(None).conclusion() == f"One sentence.\n{SENTENCE}"
+
+    def test_rows_have_the_evidence(self) -> None:
+        assert [row["log_evidence"] for row in graded().rows()] == [12.34, 0.0]
+        assert list(graded().to_dataframe()["log_evidence"]) == [12.34, 0.0]
+
+    def test_json_gives_it_all_back(self) -> None:
+        withheld = graded(None, limits=(MechanismLimit(mechanism="damping", share_of_moment_95=NAN),))
+        for comparison in (graded(), withheld):
+            assert Comparison.from_json(comparison.to_json()) == comparison
+
+
+def test_every_process_and_key_is_in_the_manual() -> None:
+    verdict, reference = text("verdict"), text("reference")
+    for each in (*moment_processes(), *record_processes()):
+        (row,) = (row for row in verdict.splitlines() if row.startswith("|") and f"`{each.name}`" in row.split("|")[1])
+        assert row.split("|")[2].strip() == each.family
+        assert row.split("|")[4].strip() == str(each.splines)
+    for key in (*ProcessEstimate.model_fields, *Explained.model_fields):
+        assert key in reference
+    assert isinstance(comparison_document(graded()).beside[0], Table)
