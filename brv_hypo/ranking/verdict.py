@@ -115,7 +115,8 @@ def judge(
     count = whole.leader.held_out.size
     repeated = [_without(listed, outside, fit, other_prior, k) for k in range(count)]
     alike = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
-    confirmed = float(np.mean([each.leader.name == whole.leader.name for each in repeated])) if count else 1.0
+    confirming = sum(each.leader.name == whole.leader.name for each in repeated)
+    confirmed = 1.0 if confirming == count else (confirming + 1.0) / (count + 2.0)  # Laplace's rule of succession
     decision = decide(listed, outside, fit, other_prior, confirmed)
     leader, chances = decision.leader, decision.chances
     standing = [c.name for c in listed if c is not leader and chances[c.name] >= CREDIBLE_PROBABILITY]
@@ -171,7 +172,7 @@ def _without(
 
 
 def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
-    """Probabilities with the leader's lowered to the share of the repetitions that confirm it.
+    """Probabilities with the leader's lowered to that at which repetitions confirm it.
 
     The rest lead its rivals on the list, to whom that goes by their probabilities; it says nothing of `other`.
     """
