@@ -11,8 +11,8 @@ ranges are Occam's share of what was searched. With M = 1 + S Z' Z S of each fli
     A = [U X]' [U X] + P - sum of W' W,   W = L^-1 S Z' [U X],   M = L L',   P the prior's precision
     2 log p = -n log s^2 - sum log |M| - log |A| + log |P| - (y' y - sum w' w - u' A^-1 u) / s^2
 
-Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4; the curvature,
-exact for one flight, is that of restricted likelihood (Searle, Casella and McCulloch, Variance Components, 1992, 6.6).
+Source: Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, sections 2.7 and 5.4; the curvature
+is that of restricted likelihood (Searle, Casella and McCulloch, Variance Components, 1992, 6.6).
 """
 
 from __future__ import annotations

@@ -312,8 +312,8 @@ def _counted(problem: Problem) -> BoolArray:
     """Rows (n,) from `SETTLING` samples after the first of their flight on."""
     samples = _samples(problem)
     flights = problem.frame.flight_of_row[problem.rows.part.rows][samples]
-    first = np.array([samples[flights == flight].min() for flight in flights])
-    return np.tile(samples - first >= SETTLING, 4)
+    _, first, number = np.unique(flights, return_index=True, return_inverse=True)
+    return np.tile(samples - samples[first][number] >= SETTLING, 4)
 
 
 def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:

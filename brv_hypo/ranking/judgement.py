@@ -112,7 +112,8 @@ def judged(
         best = max(range(len(pairs)), key=lambda k: pairs[k][1].level)
         pairs[best] = moved(problem, pairs[best], closely=True)
         evidences = [own for _, own in pairs]
-        fits = [with_design(problem, _estimated(*each, null)) for each in pairs]
+        scale = scale_variance(whole)
+        fits = [with_design(problem, _estimated(*each, null, scale)) for each in pairs]
     return Judged(problem, rows, tuple(fits), tuple(evidences))
 
 
@@ -160,13 +161,13 @@ def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
     return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start
 
 
-def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence) -> HypothesisFit:
-    """The fit with the criterion, coefficients and errors of its evidence."""
+def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence, scale: float) -> HypothesisFit:
+    """The fit with the criterion, coefficients and errors of its evidence; `scale`: see `scale_variance`."""
     count, covariance = len(fit.columns), own.covariance.copy()
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):
         terms = np.arange(fit.baseline_size, count)
-        covariance[np.ix_(terms, terms)] += scale_variance(null.rows.problem) * np.outer(values[terms], values[terms])
+        covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
     found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
 

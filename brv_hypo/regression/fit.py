@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -209,19 +209,25 @@ def settled(
     if follows_static_moment(fit.mechanisms):
         values = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched).values
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
-    found = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
-    if problem.refine:
-        parameters = nonlinear_parameters(columns, found.baseline_size, reduced.frame, problem.knots)
-        fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-        refined = refine(columns, parameters, fresh, reduced, steps)
-        found = replace(
-            found,
-            columns=refined.columns,
-            values=refined.values,
-            residual=refined.residual,
-            nonlinear=refined.nonlinear,
-        )
-    return found
+    if not problem.refine:
+        return solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
+    size = len(problem.baseline)
+    parameters = nonlinear_parameters(columns, size, reduced.frame, problem.knots)
+    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
+    refined = refine(columns, parameters, fresh, reduced, steps)
+    return HypothesisFit(
+        fit.name,
+        fit.mechanisms,
+        reduced.frame,
+        refined.columns,
+        size,
+        refined.values,
+        refined.residual,
+        problem.samples,
+        problem.efficiency,
+        fit.searched,
+        refined.nonlinear,
+    )
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
