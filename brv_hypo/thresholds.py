@@ -259,6 +259,9 @@ BOUND_COSTS = threshold(
 SPECIFIC = threshold(
     5.0, "nats", "terms that are characteristic of a mechanism are significant", "Kass and Raftery 1995: very strong"
 )
+FAMILY_SIGNIFICANT = threshold(
+    3.0, "nats", "a family of processes holds some of a residual", "Kass and Raftery 1995: strong"
+)
 ALWAYS = threshold(
     0.1,
     "1",

@@ -18,7 +18,7 @@ is that of restricted likelihood (Searle, Casella and McCulloch, Variance Compon
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -28,7 +28,9 @@ from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.inference.rows import Products, Rows, Terms
+from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.problem import Problem
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
 # Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.
@@ -216,6 +218,20 @@ def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evid
     best = minimize(cost, begun, jac=slope, hess=curvature, method="trust-exact", options=options).x
     polished = best - np.linalg.solve(curvature(best), slope(best))
     return Evidence(rows, terms, products, polished, terms.prior - cost(polished))
+
+
+def rows_under_own_noise(whole: Problem, point: HypothesisFit) -> tuple[Rows, FloatArray]:
+    """The rows about a fit, under the noise that each channel has beside it and all processes; the logarithms of noise
+    and amplitudes there.
+    """
+    rows, noise, half = rows_of(whole, point), whole.rows.noise, whole.rows.rates
+    own = maximised(rows, rows.terms(point))
+    residual, start = own.residual, own.at[: 1 + len(rows.groups)]
+    channels = (slice(0, half), slice(half, None))
+    rates, force = (float(np.sqrt(np.mean(residual[own][rows.counted[own]] ** 2))) for own in channels)
+    scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
+    again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), point)
+    return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start
 
 
 def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ Rows of different flights have b and c alone in common, so that T and Z are bloc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -134,6 +134,16 @@ class Terms:
     prior: float = 0.0
     """Log probability of these terms before the data."""
 
+    def only(self, places: Sequence[int]) -> Terms:
+        """Some of the columns."""
+        chosen = list(places)
+        return replace(self, x=self.x[:, chosen], spread=self.spread[chosen], scaled=self.scaled[chosen])
+
+    def beside(self, x: FloatArray, spread: FloatArray) -> Terms:
+        """With further columns (n, k) of known prior 1-sigma (k,)."""
+        sizes, scaled = np.append(self.spread, spread), np.append(self.scaled, np.zeros(spread.size, dtype=bool))
+        return replace(self, x=np.concatenate([self.x, x], axis=1), spread=sizes, scaled=scaled)
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -174,6 +184,18 @@ class Rows:
         for block in self.blocks:
             out[block.rows] = block.whitened(out[block.rows])
         return np.asarray(out)
+
+    def only(self, families: Collection[str]) -> Rows:
+        """The same with the processes of some families alone."""
+        kept = [k for k, group in enumerate(self.groups) if group.family in families]
+        blocks = []
+        for block in self.blocks:
+            places = [np.arange(block.columns[k].start, block.columns[k].stop) for k in kept]
+            ends = np.cumsum([each.size for each in places]).tolist()
+            columns = tuple(slice(end - each.size, end) for end, each in zip(ends, places, strict=True))
+            chosen = np.concatenate(places)
+            blocks.append(replace(block, raw=block.raw[:, chosen], z=block.z[:, chosen], columns=columns))
+        return replace(self, blocks=tuple(blocks), groups=tuple(self.groups[k] for k in kept))
 
     def beside_baseline(self, rows: FloatArray) -> FloatArray:
         """Rows (n, ...) at unit noise less their best fit by the baseline."""

@@ -24,6 +24,9 @@ from brv_hypo.motion.motion import Motion
 
 TimeVariation = Literal["constant", "jump", "ramp"]
 
+FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
+"""What kind of thing a record effect or a process is."""
+
 _EARLIER_NAMES = {"C_N0": "C_m0", "C_Nalpha": "C_malpha", "C_Nalpha3": "C_malpha3"}
 
 
@@ -185,6 +188,8 @@ class RecordEffect(BaseModel, ABC):
     claims: ClassVar[str]
     source: ClassVar[str]
     kind: ClassVar[Literal["instrument", "environment"]]
+    family: ClassVar[str] = "data quality"
+    """One of `FAMILIES`: whose residual it would explain."""
     carried: ClassVar[bool] = True
     """Whether it is part of every hypothesis, with the prior that the tolerances in `components` give it; of another
     distribution where its file (`--plugin`) or its name is given. False for events that are hypotheses of their own,
@@ -208,10 +213,6 @@ class RecordEffect(BaseModel, ABC):
 
 
 # ---- Processes: what vehicles, air and instruments do that nobody has modelled ----
-
-
-FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
-"""What kind of thing a process is."""
 
 
 class MomentProcess(Mechanism):
@@ -258,8 +259,6 @@ class RecordProcess(RecordEffect):
     source = MomentProcess.source
     carried = False
 
-    family: ClassVar[str]
-    """One of `FAMILIES`."""
     channels: ClassVar[tuple[str, ...]]
     splines: ClassVar[int]
     """How many each channel has: 1, a constant, or at least 4."""

@@ -15,8 +15,8 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
-from brv_hypo.inference.evidence import Evidence, maximised
-from brv_hypo.inference.rows import Rows, rows_of
+from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
+from brv_hypo.inference.rows import Rows
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -101,7 +101,7 @@ def judged(
         whole = with_processes(point, records, settings, config)
         problem = without_processes(whole, point)
         fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
-        rows, start = _rows(whole, next(each for each in fits if each.name == fit.name))
+        rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == fit.name))
         null, at = maximised(rows, rows.terms(None), start), rows.frame_of(fit)
         first = [maximised(rows, rows.terms(each), start) if each.selected else null for each in fits]
         least = max(own.level for own in first) - OUT_OF_REACH
@@ -145,20 +145,6 @@ def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[H
 def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
     """Whether a fit may still come near the leader."""
     return fit.information <= leader.information + SEARCH_OUT_OF_REACH
-
-
-def _rows(whole: Problem, leader: HypothesisFit) -> tuple[Rows, FloatArray]:
-    """The rows about the leader, under the noise that each channel has beside it and all processes; the logarithms of
-    noise and amplitudes there.
-    """
-    rows, noise, half = rows_of(whole, leader), whole.rows.noise, whole.rows.rates
-    own = maximised(rows, rows.terms(leader))
-    residual, start = own.residual, own.at[: 1 + len(rows.groups)]
-    channels = (slice(0, half), slice(half, None))
-    rates, force = (float(np.sqrt(np.mean(residual[own][rows.counted[own]] ** 2))) for own in channels)
-    scaled = [replace(own, sigma=by * own.sigma) for own, by in ((noise.rates, rates), (noise.force, force))]
-    again = rows_of(whole.under(replace(noise, rates=scaled[0], force=scaled[1])), leader)
-    return replace(again, noise_ratio=float(np.hypot(rates, force) / np.sqrt(2.0))), start
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence, scale: float) -> HypothesisFit:

@@ -1,8 +1,4 @@
-"""`UnlistedMoment`: a smooth or slowly turning moment that no listed mechanism has, tried in a mechanism's place.
-
-`particular_share`: what a fit says of its mechanisms in particular, beyond changes of the coefficients that many
-things bring.
-"""
+"""`UnlistedMoment`: a smooth or slowly turning moment that no listed mechanism has, tried in a mechanism's place."""
 
 from __future__ import annotations
 
@@ -12,12 +8,12 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.constants import OUTSIDE, TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
+from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
 from brv_hypo.mechanisms.checked import checked_terms
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.term import Regressor, theta_grid
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.fit import HypothesisFit, settled
+from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.problem import Problem
 
@@ -152,23 +148,3 @@ def plain_columns(fit: HypothesisFit) -> tuple[Regressor, ...]:
     """The selected columns without those that are characteristic of a mechanism."""
     telling = {(mechanism.name, term) for mechanism in fit.mechanisms for term in mechanism.characteristic}
     return tuple(column for column in fit.selected if (column.mechanism, column.term) not in telling)
-
-
-def particular_share(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> float:
-    """The share of what a fit explains beyond `null` that is lost without its characteristic columns.
-
-    The knots of what is left move to where they fit best then. None where the fit has none of them; all of it where
-    every column is, or no mechanism names any.
-    """
-    plain = plain_columns(fit)
-    if not plain or not any(mechanism.characteristic for mechanism in fit.mechanisms):
-        return 1.0
-    if plain == fit.selected:
-        return 0.0
-    without = settled(problem, fit, (*problem.baseline, *plain), plain)
-    return (without.rss - fit.rss) / max(null.rss - fit.rss, 1e-300)
-
-
-def is_particular(problem: Problem, null: HypothesisFit, fit: HypothesisFit) -> bool:
-    """Whether what is characteristic of its mechanisms explains more of what a fit does than next to nothing."""
-    return particular_share(problem, null, fit) > OUTSIDE**2

@@ -6,7 +6,7 @@ residuals, motion, spectra and coefficients over time and Mach number. `comparis
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Role, Texts, Values
 from brv_hypo.report.motion_charts import PLAIN, Drawn, Moments, Scale, Setting, caption, cut_text, framed
-from brv_hypo.report.style import probability, share
+from brv_hypo.report.style import probability
 
 LEADING = 2
 """Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""
@@ -54,7 +54,7 @@ def comparison_charts(comparison: Comparison) -> list[Chart]:
     drawn = [
         Chart("probability", "Probability", "probability", [Panel("", [Bars(names, values, texts)])] if names else [],
               range=(0.0, 1.08), caption=over),
-        Chart("limits", "Limits at 95 %", title, _shares(limits, "third"), caption=read),
+        Chart("limits", "Limits at 95 %", title, charts.share_bars(limits, "third"), caption=read),
         _sizes(comparison),
     ]  # fmt: skip
     for index, series in enumerate(comparison.series):
@@ -62,19 +62,12 @@ def comparison_charts(comparison: Comparison) -> list[Chart]:
     return [chart for chart in drawn if chart.panels]
 
 
-def _shares(shares: Mapping[str, float], role: Role) -> list[Panel]:
-    """Bars of those that are known, in percent; nothing where none is."""
-    known = {name: value for name, value in shares.items() if np.isfinite(value)}
-    percent, texts = [100.0 * value for value in known.values()], list(map(share, known.values()))
-    return [Panel("", [Bars(list(known), percent, texts, role)])] if known else []
-
-
 def _families(comparison: Comparison) -> Chart:
     """The share of the static moment's rms of each family's processes, largest first."""
     shares: dict[str, float] = {}
     for each in comparison.verdict.processes:
         shares[each.family] = float(np.hypot(shares.get(each.family, 0.0), each.share_of_moment))
-    panels = _shares(dict(sorted(shares.items(), key=lambda item: -item[1])), "second")
+    panels = charts.share_bars(dict(sorted(shares.items(), key=lambda item: -item[1])), "second")
     read = "What a family's processes make of the record: rms (root of the sum of squares) over the static moment's."
     return Chart("families", "Processes by family", "of the static moment, %", panels, caption=read)
 

@@ -25,6 +25,7 @@ from brv_hypo.flight.record import RecordFault
 from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
+    Bars,
     Chart,
     Layer,
     Line,
@@ -36,6 +37,7 @@ from brv_hypo.report.document import (
     Values,
     wrapped_degrees,
 )
+from brv_hypo.report.style import share
 
 _BULK = (0.01, 0.99)
 """Quantiles of the values that a frame always holds."""
@@ -381,3 +383,10 @@ def _intervals(path: PlanePath) -> Iterator[Panel]:
         line = Line(x[inside], y[inside], "measured", "path")
         first = Line(line.x[:1], line.y[:1], "second", "start", dots=True, large=True)
         yield Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first])
+
+
+def share_bars(shares: Mapping[str, float], role: Role) -> list[Panel]:
+    """Bars of those that are known, in percent; nothing where none is."""
+    known = {name: value for name, value in shares.items() if np.isfinite(value)}
+    percent, texts = [100.0 * value for value in known.values()], list(map(share, known.values()))
+    return [Panel("", [Bars(list(known), percent, texts, role)])] if known else []

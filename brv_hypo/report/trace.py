@@ -13,7 +13,7 @@ from brv_hypo.report.document import Block, Chart, Document, Panel, Picture, Rol
 from brv_hypo.report.motion_charts import BODY, Drawn, Moments, Setting, caption, cut_text, framed
 from brv_hypo.report.style import interval, number, p_value, share
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
-from brv_hypo.residuals.result import Residual, StaticSlope, Step, Trace
+from brv_hypo.residuals.result import ProcessHistory, Residual, StaticSlope, Step, Trace
 
 
 def trace_charts(result: Trace) -> list[Chart]:
@@ -47,6 +47,36 @@ def trace_charts(result: Trace) -> list[Chart]:
     return drawn
 
 
+def families_chart(step: Step) -> Chart:
+    """The share of a step's residual that each family explains, largest first."""
+    panels = charts.share_bars({each.family: each.share for each in step.decomposition}, "second")
+    read = (
+        "Of the mean square that the first model does not explain: first by effects that were added, then by processes."
+    )
+    return Chart("families", "What holds the residual, by family", "of the residual, %", panels, caption=read)
+
+
+def families_text(step: Step) -> str:
+    """The families that hold some of a step's residual, and how the largest process of the first of them goes."""
+    known = [each for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY]
+    if not known:
+        return ""
+    shares = [f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))})" for each in known]
+    history = known[0].history
+    return " ".join((f"By family: {', '.join(shares)}.", *([] if history is None else [f"{_history_text(history)}."])))
+
+
+def _history_text(history: ProcessHistory) -> str:
+    """A process with the least and the largest value of its history."""
+    units = "" if history.units == "1" else f" {history.units}"
+    places = []
+    for k in sorted({history.values.index(min(history.values)), history.values.index(max(history.values))}):
+        value = f"{number(history.values[k], 2)} ± {number(history.std_errors[k], 1)}{units}"
+        where = f"Mach {number(history.mach[k])}, alpha {number(np.degrees(history.alpha_rad[k]), 2)}°"
+        places.append(f"{value} at {number(history.time_s[k])} s ({where})")
+    return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
+
+
 def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
     """The slope of the static moment by Mach number, or by time where that is not known or stays the same."""
     by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
@@ -69,12 +99,13 @@ def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
 
 # ---- A trace as a document ----
 
+LEAST_FAMILY = 0.005  # of a residual, which is worth a word
 SHOWN_AT_FIRST = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""
 _STOPPED = {
     "white": "The residual is noise.",
     "nothing significant": "No effect explains more.",
-    "nothing improves held-out error": "No effect that was tried predicts more.",
+    "nothing improves held-out error": "No effect that was tried predicts more, or more than processes do.",
     "limit": "",
 }
 """Why the loop stopped, where that says something of the flight."""
@@ -88,11 +119,12 @@ def trace_document(result: Trace) -> Document:
         "" if sound else CONTRADICTED,
         f"Found: {found}." if found else "Nothing was found.",
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
+        families_text(result.steps[0]),
         result.static_stability,
         _STOPPED[result.stopped],
         result.unexplained,
     )
-    blocks: list[Block] = [Picture(chart) for chart in trace_charts(result)]
+    blocks: list[Block] = [_account_table(result), *map(Picture, trace_charts(result))]
     for step in result.steps:
         blocks += _step(step)
     if result.final_residual is not None:
@@ -111,7 +143,18 @@ def trace_document(result: Trace) -> Document:
         conclusion=" ".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
         blocks=blocks,
+        beside=(Picture(families_chart(result.steps[0])),),
     )
+
+
+def _account_table(result: Trace) -> Table:
+    """The held-out error of one model after another, and of the noise."""
+    rows = [
+        {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
+        for each in result.account
+    ]
+    rows.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
+    return Table(rows, "mean square of the moment error, model by model", ("model",))
 
 
 def residual_text(residual: Residual) -> str:
@@ -137,7 +180,7 @@ def _step(step: Step) -> list[Block]:
         }
         for row in step.candidates
     ]
-    sentences = [outcome_text(step)]
+    sentences = list(filter(None, (families_text(step), outcome_text(step))))
     if step.look_alikes:
         sentences.insert(0, f"fit this flight equally well: {', '.join(step.look_alikes)}")
     if step.taken_out:
@@ -162,8 +205,9 @@ def outcome_text(step: Step) -> str:
     if step.added is None or after is None:
         # what was significant in the fit, and why it was not added; the last of them where no repetition names it
         unnamed = step.refused[-1:] if step.named_in == 0.0 else ()
-        worse = step.refused[: len(step.refused) - len(unnamed)]
+        worse = [name for name in step.refused if name not in (*unnamed, *step.unwanted)]
         reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
+        reasons += [f"processes explain the flight far better than {', '.join(step.unwanted)}"] if step.unwanted else []
         why = "; ".join([*reasons, *(f"no repetition names {name}" for name in unnamed)])
         errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
         return f"added nothing{f' ({why})' if why else ''}; {errors}"
@@ -171,10 +215,13 @@ def outcome_text(step: Step) -> str:
     ratio = number(step.error_ratio_held_out)
     if step.error_ratio_std_error is not None:
         ratio += f" ± {number(step.error_ratio_std_error, 2)}"
+    gain = (
+        "" if step.evidence_gain is None else f", {number(step.evidence_gain, 2)} nats more evidence beside processes"
+    )
     text = (
         f"{what}, a {step.standing}, which {share(step.named_in)} of the repetitions name: error in the fit "
         f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "
-        f"(ratio {ratio})"
+        f"(ratio {ratio}){gain}"
     )
     if step.held_out_score is not None:
         fall = number(step.held_out_score, 2)

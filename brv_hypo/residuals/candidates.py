@@ -1,4 +1,4 @@
-"""What may be added to a model: every candidate's fall of the residual, and its prediction of blocks held out."""
+"""What may be added to a model, every candidate fitted beside it."""
 
 from __future__ import annotations
 
@@ -6,21 +6,13 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from scipy import stats
-from scipy.linalg import cho_factor, cho_solve
 
-from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import (
-    CANDIDATE_SOUND,
-    CONFOUNDED_COSINE,
-    CONFOUNDED_GAIN,
-    CONFOUNDED_NEAR,
-    RECORD_EFFECT_LARGEST,
-)
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import CONFOUNDED_COSINE, CONFOUNDED_GAIN, CONFOUNDED_NEAR, RECORD_EFFECT_LARGEST
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.ranking.intervals import intervals, within_bounds
@@ -32,68 +24,7 @@ from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters, refine
 from brv_hypo.regression.uncertainty import with_errors
 
-# ---- Errors on stretches left out of the fit in turn, without fitting again ----
-
-
-# Share of a candidate's direction outside a stretch below which nothing but the stretch tells its coefficient.
-_UNTOLD = 1e-6
-# What keeps a stretch's matrix regular where the baseline is told by it alone.
-_RIDGE = 1e-9
 _SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """The left-out errors of fits to one problem."""
-
-    problem: Problem
-
-    @cached_property
-    def _basis(self) -> FloatArray:
-        """Basis (rows, unknowns) of baseline, constants and nuisances."""
-        design = self.problem.whole_design(self.problem.frame, self.problem.baseline)
-        vectors, sizes, _ = np.linalg.svd(design / lengths(design), full_matrices=False)
-        return np.asarray(vectors[:, sizes > 1e-10 * sizes[0]], dtype=float)
-
-    @cached_property
-    def _stretches(self) -> list[tuple[IntArray, tuple[FloatArray, bool]]]:
-        """The rows of each stretch, in all channels, with the factor of its matrix."""
-        problem = self.problem
-        n = problem.rows.part.thinned_rows(problem.rows.noise)
-        found = []
-        for a, b in problem.rows.part.thinned_pieces(problem.rows.noise):
-            rows = np.concatenate([np.arange(channel * n + a, channel * n + b) for channel in range(4)])
-            own = self._basis[rows]
-            found.append((rows, cho_factor((1.0 + _RIDGE) * np.eye(rows.size) - own @ own.T)))
-        return found
-
-    def error(self, fit: HypothesisFit) -> float:
-        """Sum of squared errors, weighed, on every stretch, each from a fit of everything to the others."""
-        extra = self._directions(fit)
-        parts = extra.T @ self.problem.response
-        total = 0.0
-        for rows, factor in self._stretches:
-            error, own = fit.residual[rows], extra[rows]
-            solved = cho_solve(factor, np.column_stack([error, own]))
-            outside, turn = np.linalg.eigh(np.eye(own.shape[1]) - own.T @ solved[:, 1:])
-            told = outside > _UNTOLD
-            # A direction that the other stretches cannot tell is not predicted at all.
-            silent = own @ turn[:, ~told] @ (turn[:, ~told].T @ parts)
-            left = solved[:, 0] + cho_solve(factor, silent)
-            weights = turn[:, told].T @ own.T @ left / outside[told]
-            predicted = left + solved[:, 1:] @ turn[:, told] @ weights
-            total += float(np.sum((np.triu(factor[0]) @ predicted) ** 2))
-        return total
-
-    def explained(self, null: HypothesisFit, fit: HypothesisFit) -> float:
-        """Share of the null's left-out error, weighed, that the fit saves."""
-        return 1.0 - self.error(fit) / self.error(null)
-
-    def _directions(self, fit: HypothesisFit) -> FloatArray:
-        """Orthonormal directions (rows, columns) that the fit's own columns add to the basis."""
-        if not fit.selected:
-            return np.zeros((self.problem.rows.size, 0))
-        return directions_beyond(self._basis, self.problem.design(fit.frame, fit.selected))
 
 
 def directions_beyond(basis: FloatArray, design: FloatArray) -> FloatArray:
@@ -113,11 +44,9 @@ Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
-    `explains` is the share of the weighed error on stretches left out of its fit that it saves;
-    `fall` is that of the sum of squares, in effective samples. `contribution` (rows,) is what it adds to the
-    prediction beyond what the model could take over,
-    `in_rates` the fall of the whitened rates' squares. `ahead` is the gain of the best further effect beside it, where
-    that was asked for.
+    `explains` is the share of the weighed squares that it saves, `fall` their fall in effective samples.
+    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the fall
+    of the whitened rates' squares.
     """
 
     name: str
@@ -129,20 +58,8 @@ class Candidate:
     contribution: FloatArray
     in_rates: float
     fall: float
+    explains: float
     effect: RecordEffect | None = None
-    explains: float | None = None
-    ahead: float | None = None
-
-    @property
-    def together(self) -> float:
-        """Its gain with that of the best further effect."""
-        return self.gain + (self.ahead or 0.0)
-
-    def leads(self, other: Candidate) -> float:
-        """By how much it gains more, with what goes best beside either where that is known of both."""
-        if self.ahead is None or other.ahead is None:
-            return self.gain - other.gain
-        return self.together - other.together
 
 
 def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
@@ -151,18 +68,15 @@ def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -
     return candidate_of(problem, null, likeliest(fits), mechanism.name, "mechanism") if fits else None
 
 
-def search_mechanism(left_out: LeftOut, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
+def search_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
     """The mechanism's best columns with knots and delays refined, as they enter one after another or as the exact
     search finds them: what begins and ends takes two terms, neither of which may be worth much alone.
-
-    Those that predict left-out stretches clearly worse than the best of them drop out: their knots follow chance.
     """
-    problem = left_out.problem
     found = [_refined(problem, likeliest(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
     if len(problem.records) == 1:  # the exact search knows no columns of one flight of several
         found.append(fit_hypothesis(problem, mechanism.name, (mechanism,)))
     found = [bounded(problem, fit) for fit in found]
-    return candidate_of(problem, null, _soundest(left_out, found), mechanism.name, "mechanism")
+    return candidate_of(problem, null, _soundest(found), mechanism.name, "mechanism")
 
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -183,21 +97,16 @@ def _absurd(fit: HypothesisFit) -> bool:
     return any(max(limits[0] - value, value - limits[1]) > limits[1] - limits[0] for value, limits in values if limits)
 
 
-def refine_again(left_out: LeftOut, null: HypothesisFit, candidate: Candidate) -> Candidate:
+def refine_again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
     """The candidate with knots and delays refined once more, if that is better."""
-    problem, mechanism = left_out.problem, candidate.fit.mechanisms[0]
+    mechanism = candidate.fit.mechanisms[0]
     rivals = [candidate.fit, _refined(problem, candidate.fit, mechanism)]
-    return candidate_of(problem, null, _soundest(left_out, rivals), candidate.name, candidate.kind)
+    return candidate_of(problem, null, _soundest(rivals), candidate.name, candidate.kind)
 
 
-def _soundest(left_out: LeftOut, fits: Sequence[HypothesisFit]) -> HypothesisFit:
-    """The best fit, those left aside that predict left-out stretches clearly worse than the best of them.
-
-    Those of absurd values are left aside too, unless all are.
-    """
-    fits = [fit for fit in fits if math.isfinite(fit.information)] or fits
-    errors = [left_out.error(fit) for fit in fits]
-    return likeliest([fit for fit, error in zip(fits, errors, strict=True) if error <= CANDIDATE_SOUND * min(errors)])
+def _soundest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
+    """The best fit, those of absurd values left aside unless all are."""
+    return likeliest([fit for fit in fits if math.isfinite(fit.information)] or fits)
 
 
 def _on_grid(problem: Problem, mechanism: Mechanism) -> list[HypothesisFit]:
@@ -257,6 +166,17 @@ def fitted_again(problem: Problem, null: HypothesisFit, candidate: Candidate) ->
         solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
     )
     return replace(candidate_of(problem, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
+
+
+def with_columns(
+    problem: Problem, null: HypothesisFit, candidate: Candidate, columns: tuple[Regressor, ...]
+) -> Candidate:
+    """A candidate with other columns."""
+    every = (*problem.baseline, *columns)
+    nonlinear = nonlinear_parameters(every, len(problem.baseline), candidate.fit.frame, problem.knots)
+    return fitted_again(
+        problem, null, replace(candidate, fit=replace(candidate.fit, columns=every, nonlinear=nonlinear))
+    )
 
 
 def forward(
@@ -403,6 +323,7 @@ def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name
         contribution=null.residual - fit.residual,
         in_rates=_fall(problem, null, fit),
         fall=f_ratio * extra * fit.efficiency,
+        explains=1.0 - fit.rss / null.rss,
     )
 
 
@@ -429,10 +350,10 @@ def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ..
     return tuple(
         other.name
         for other in others
-        if other is not leader
+        if other.name != leader.name
         and other.gain > 0.0
         and (
-            abs(leader.leads(other)) < CONFOUNDED_NEAR
+            abs(leader.gain - other.gain) < CONFOUNDED_NEAR
             or (alike(leader, other) and other.gain > CONFOUNDED_GAIN * leader.gain)
         )
     )

@@ -1,8 +1,4 @@
-"""`Look`: at one step of a trace, the fitted model and every candidate tried beside it.
-
-Where two effects act at once, a third may explain more than either alone: candidates that lead are judged by what they
-explain together with the best effect beside them, on the fitted part (`looked_ahead`).
-"""
+"""`Look`: at one step of a trace, the fitted model and every candidate tried beside it."""
 
 from __future__ import annotations
 
@@ -10,7 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from brv_hypo.constants import CANDIDATES_LEFT_OUT, CONFOUNDED_NEAR, RECORD_EFFECT_CLOSER, TWO_STEP, TWO_STEP_RIVAL
+from brv_hypo.constants import RECORD_EFFECT_CLOSER
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
@@ -20,9 +16,7 @@ from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import (
     Candidate,
-    LeftOut,
     Variant,
-    bounded,
     fitted_again,
     refine_again,
     search_mechanism,
@@ -33,52 +27,6 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import problem_of, with_efficiency
-
-
-def looked_ahead(problem: Problem, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]) -> list[Candidate]:
-    """The candidates, the leading ones with what the best further effect gains, where one has anything to gain.
-
-    A leader that leaves nothing needs no comparison.
-    """
-    leaders = [candidate for candidate in found if candidate.kind == "mechanism" and candidate.gain > CONFOUNDED_NEAR]
-    leaders = sorted(leaders, key=lambda candidate: -candidate.gain)[:TWO_STEP]
-    if not leaders or (first := _beside(problem, leaders[0], mechanisms)) <= 0.0:
-        return list(found)
-    ahead = {leaders[0].name: first}
-    for rival in leaders[1:]:
-        if rival.gain >= TWO_STEP_RIVAL * leaders[0].gain:
-            ahead[rival.name] = _beside(problem, rival, mechanisms)
-    return [replace(candidate, ahead=ahead.get(candidate.name)) for candidate in found]
-
-
-def looked_ahead_like(
-    problem: Problem, described: Candidate, found: Sequence[Candidate], mechanisms: Sequence[Mechanism]
-) -> Candidate:
-    """A description in generic terms, with what the best effect beside it gains where that is known of its rivals.
-
-    One that takes up a little of two effects at once would explain more than the name of either.
-    """
-    rivals = [candidate for candidate in found if candidate.ahead is not None]
-    if not any(described.gain > TWO_STEP_RIVAL * rival.gain for rival in rivals):
-        return described
-    return replace(described, ahead=_beside(problem, described, mechanisms))
-
-
-def _beside(problem: Problem, candidate: Candidate, mechanisms: Sequence[Mechanism]) -> float:
-    """Fall of the extended BIC by the best other mechanism beside the candidate; 0 where none gains."""
-    beside = replace(problem, baseline=candidate.fit.columns, frame=candidate.fit.frame)
-    null = fit_hypothesis(beside, "none", ())
-    others = [mechanism for mechanism in mechanisms if mechanism.name != candidate.name]
-    return max((0.0, *(_gain(beside, null, mechanism) for mechanism in others)))
-
-
-def _gain(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> float:
-    if mechanism.time_variation != ("constant",) and len(problem.records) == 1:
-        fit = bounded(problem, fit_hypothesis(problem, mechanism.name, (mechanism,)))
-        return null.information - fit.information
-    found = try_mechanism(problem, null, mechanism)
-    return found.gain if found is not None else 0.0
-
 
 # ---- One look at the flights: the reconstruction, the model as it stands, and every candidate beside it ----
 
@@ -140,22 +88,16 @@ def look(
         problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
         leader = _leader(found)
         if any(column.theta or column.time_basis.kind != "constant" for column in leader.fit.selected):
-            closer = refine_again(LeftOut(problem), null, leader)
+            closer = refine_again(problem, null, leader)
             found = [closer if c is leader else c for c in found]
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
         found = [fitted_again(problem, null, candidate) for candidate in found]
-        found = looked_ahead(problem, found, mechanisms)
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     dictionary = dictionary_of(problem) if config.discover else None
     discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
-    if discovery is not None:
-        described = looked_ahead_like(problem, discovery.candidate, found, mechanisms)
-        discovery = replace(discovery, candidate=described)
-    left_out = LeftOut(problem)
-    told = [replace(c, explains=left_out.explained(null, c.fit)) for c in found[:CANDIDATES_LEFT_OUT]]
     components = _placed([variant for variants in catalogue.values() for variant in variants])
-    return Look(seen, problem, null, (*told, *found[CANDIDATES_LEFT_OUT:]), flights, components, dictionary, discovery)
+    return Look(seen, problem, null, tuple(found), flights, components, dictionary, discovery)
 
 
 def generic_name(model: Model) -> str:
@@ -172,9 +114,8 @@ def _searched(
     problem: Problem, null: HypothesisFit, found: Sequence[Candidate], mechanisms: Mapping[str, Mechanism]
 ) -> list[Candidate]:
     """The candidates, those with knots or delays searched anew: on a coarse grid any of them may look like nothing."""
-    left_out = LeftOut(problem)
     searched = {name for name, m in mechanisms.items() if m.time_variation != ("constant",) or m.parameters()}
-    return [search_mechanism(left_out, null, mechanisms[c.name]) if c.name in searched else c for c in found]
+    return [search_mechanism(problem, null, mechanisms[c.name]) if c.name in searched else c for c in found]
 
 
 def _closer(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,16 +18,17 @@ from brv_hypo.constants import (
     LOOP_SHARED,
     LOOP_TRIES,
 )
+from brv_hypo.model.term import Regressor
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.regression.unlisted import is_particular
-from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
+from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes, with_columns
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.judge import Agreement, Prediction, agreement, force_errors, moment_errors, ratio, residuals_of
 from brv_hypo.residuals.prediction_interval import lasting
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
+from brv_hypo.thresholds import SPECIFIC
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,16 @@ class Tried:
     errors_before: tuple[Prediction, Prediction]
     certain: bool
     carried: bool
+    gain: float | None = None
+    """Of the log evidence beside all processes; None where that was not asked."""
 
     @property
     def taken(self) -> bool:
+        """Whether the held-out part agrees, and processes do not explain the record far better."""
+        return self.agrees and (self.gain is None or self.gain > -SPECIFIC)
+
+    @property
+    def agrees(self) -> bool:
         """Whether the held-out part agrees.
 
         The moments' error has to fall, unless the fitted part leaves no doubt; an error of the record may show in the
@@ -112,35 +120,39 @@ def choose(
     before: Sequence[Tried] = (),
     residual_is_white: bool = False,
     scheduled: bool = True,
+    plainest: Callable[[State], tuple[float, tuple[Regressor, ...]]] | None = None,
 ) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
-    less. What does not predict stretches left out of the fitted part does not count, nor, where the residual is white,
-    what is not beyond doubt: but an effect may still exceed the tolerance that every fit allows it. `before` holds
+    less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
+    tolerance that every fit allows it. `before` holds
     what was tried on this look already; `scheduled` says that the model has a schedule by Mach number.
     """
     held = {column.mechanism for column in here.problem.baseline}
     ranked = tuple(_ranked(here, discovery, held))
     ranked = ranked if scheduled else _schedules_first(ranked)
     chances = adjusted(ranked)
-    known = {id(tried.candidate): tried for tried in before}
+    known = {tried.candidate.name: tried for tried in before if tried.candidate.kind != "discovered"}
     tried: list[Tried] = []
     for candidate in ranked:
         if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
             continue
-        # A schedule that comes first is judged by the smooth one that is taken in with it, on the held-out part.
-        idle = (
-            candidate.explains is not None and candidate.explains <= 0.0 and (scheduled or not follows_mach(candidate))
-        )
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
-        if ((residual_is_white and not certain) or idle) and not is_carried(here.problem, candidate.name):
+        if residual_is_white and not certain and not is_carried(here.problem, candidate.name):
             continue
-        if any(alike(candidate, other.candidate) for other in tried):
+        if any(alike(candidate, other.candidate) for other in tried if not other.agrees):
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             break
-        tried.append(known.get(id(candidate)) or _try(here, state, candidate, certain, add))
+        found = known.get(candidate.name) or _try(here, state, candidate, certain, add)
+        if found.agrees and found.gain is None and plainest is not None:
+            gain, columns = plainest(found.state)
+            if columns and set(columns) != set(candidate.fit.selected):
+                other = with_columns(here.problem, here.null, candidate, columns)
+                found = _try(here, state, other, certain, add)
+            found = replace(found, gain=gain)
+        tried.append(found)
         if tried[-1].taken or len(tried) == LOOP_TRIES:
             break
     return Choice(ranked, discovery, tuple(tried))
@@ -194,22 +206,20 @@ def _try(here: Look, state: State, candidate: Candidate, certain: bool, add: Cal
 def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ()) -> list[Candidate]:
     """The candidates, best first.
 
-    What is left of an effect that the model holds is that effect, described better: another has to beat it clearly. A
-    description in generic terms has to beat a name clearly, unless what the mechanism of that name explains is next to
-    nothing without changes that are not particular to it: then the description leads where it is as good.
+    The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
+    description in generic terms a name.
     """
     ranked = sorted(
-        here.candidates,
-        key=lambda candidate: -candidate.together - (CONFOUNDED_NEAR if candidate.name in held else 0.0),
+        here.candidates, key=lambda candidate: -candidate.gain - (CONFOUNDED_NEAR if candidate.name in held else 0.0)
     )
     if discovery is None:
         return ranked
     described = discovery.candidate
-    place = next((k for k, candidate in enumerate(ranked) if _gives_way(here, candidate, described)), len(ranked))
+    place = next((k for k, candidate in enumerate(ranked) if _gives_way(candidate, described)), len(ranked))
     return [*ranked[:place], described, *ranked[place:]]
 
 
-def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
+def _gives_way(candidate: Candidate, described: Candidate) -> bool:
     """Whether a description in generic terms comes before the candidate.
 
     Of several flights, one that all of them share comes before changes in time that are told of each anew, where it
@@ -217,10 +227,7 @@ def _gives_way(here: Look, candidate: Candidate, described: Candidate) -> bool:
     """
     if told_once(described, candidate):
         return described.gain >= LOOP_SHARED * candidate.gain
-    more = described.leads(candidate)
-    if abs(more) >= CONFOUNDED_NEAR:
-        return more > 0.0
-    return not is_particular(here.problem, here.null, candidate.fit)
+    return described.gain - candidate.gain >= CONFOUNDED_NEAR
 
 
 def told_once(described: Candidate, candidate: Candidate) -> bool:

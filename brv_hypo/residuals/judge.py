@@ -35,6 +35,12 @@ class Prediction:
         """Relative standard deviation of the mean square of so much white noise, two axes a sample."""
         return float(1.0 / np.sqrt(max(self.sizes.sum(), 1.0)))
 
+    @property
+    def std_error(self) -> float:
+        """Of the mean square, by the jackknife over stretches."""
+        without = (self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0)
+        return float(np.sqrt((without.size - 1) * np.var(without)))
+
 
 @dataclass(frozen=True)
 class Residuals:

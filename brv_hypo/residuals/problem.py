@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots
 from brv_hypo.regression.build import linearised, on_rows, with_vehicle
@@ -44,11 +45,12 @@ def problem_of(
     config: TraceConfig,
     given: Mapping[str, Rows] | None = None,
     noise: Noise | None = None,
+    processes: Sequence[RecordEffect] = (),
 ) -> Problem:
     """The model's regression on the fitted part; `given` are histories that may be asked for as columns.
 
     Components of record effects that the model holds are free, all others bounded by their tolerances. Without a
-    `noise`, it is what the record itself says, raised to what the model leaves.
+    `noise`, it is what the record itself says, raised to what the model leaves. `processes` of the record may act too.
     """
     frame = seen.frame
     free = [
@@ -56,7 +58,7 @@ def problem_of(
         for number in range(len(flights))
     ]
     vehicle = tolerated(model, seen.flights[0])
-    unknown = nuisances(frame, flights, nuisance_effects(), vehicle, free, seen.taken)
+    unknown = nuisances(frame, flights, (*nuisance_effects(), *processes), vehicle, free, seen.taken)
     force, _ = on_rows(frame, flights)
     time = frame.time
     problem = Problem(

@@ -53,9 +53,34 @@ class Residual(NullIsNaN):
     correlations: tuple[Correlation, ...] = ()
 
 
+class ProcessHistory(NullIsNaN):
+    """The history of a process on the first flight: its coefficient, or the length of several, at times of the record.
+
+    Of processes of the moment `units` are those of a moment coefficient over the shape's.
+    """
+
+    process: str
+    title: str
+    units: str
+    time_s: tuple[float, ...]
+    mach: tuple[float, ...]
+    alpha_rad: tuple[float, ...]
+    values: tuple[float, ...]
+    std_errors: tuple[float, ...]
+
+
+class Family(NullIsNaN):
+    """What a family of effects and processes explains of the residual's mean square; its largest process."""
+
+    family: str
+    share: float
+    interval_95: Interval
+    history: ProcessHistory | None = None
+
+
 class TriedCandidate(NullIsNaN):
-    """One effect as tried: `explains` is the share of the weighed error on stretches left out of its
-    fit; `near_equals` are effects whose columns hold nearly all that it predicts.
+    """One effect as tried: `explains` is the share of the weighed squares that it saves; `near_equals` are effects
+    whose columns hold nearly all that it predicts.
     """
 
     effect: str
@@ -97,15 +122,22 @@ class Step(NullIsNaN):
     blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
     `flight_left_out`: with several flights, what the shared terms predict of each from the others. `taken_out`: effects
     of earlier steps that the model has no need of beside this one.
+    `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has
+    those that explain any, with intervals and the histories of processes. `unwanted`: what is refused as processes
+    explain the record far better; `evidence_gain`: the log evidence that what was added gains beside them, nats.
     `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
     `held_out_score` the fall of the held-out error in both channels in its standard errors.
     """
 
     step: int
     residual: Residual
+    families: dict[str, float] = Field(default={})
+    decomposition: tuple[Family, ...] = ()
     candidates: tuple[TriedCandidate, ...]
     look_alikes: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
+    unwanted: tuple[str, ...] = ()
+    evidence_gain: float | None = None
     taken_out: tuple[str, ...] = ()
     added: str | None
     description: str = ""
@@ -128,6 +160,14 @@ def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:
         for place, step in enumerate(steps)
         if step.added is not None and not any(step.added in later.taken_out for later in steps[place + 1 :])
     )
+
+
+class Account(NullIsNaN):
+    """A model on the way to the last one: its mean squared moment error on held-out blocks, and the standard error."""
+
+    model: str
+    held_out: float
+    std_error: float
 
 
 class ModelSummary(NullIsNaN):
@@ -183,13 +223,15 @@ class Trace(HasCharts, Result):
     steps: tuple[Step, ...]
     findings: tuple[str, ...] = ()
     hints: tuple[str, ...] = ()
+    families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
+    account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
     model: ModelSummary
     static_slopes: tuple[StaticSlope, ...] = ()
     static_stability: str = Field(default="", description="where the static moment is not significantly stable")
     stopped: Stop
     unexplained: str | None
     caveats: tuple[str, ...] = ()
-    noise_floor: float = Field(description="mean square of the moment coefficients' noise on the held-out blocks")
+    noise: float = Field(description="mean square of the moment coefficients' noise on the held-out blocks")
     final_residual: Residual | None = None
     ml: MaximumLikelihood | None = None
     seconds: float = 0.0

@@ -28,6 +28,7 @@ from brv_hypo.residuals.judge import Prediction, force_errors, moment_errors, re
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.problem import constrained, left_by
 from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate, lasting_steps
+from brv_hypo.thresholds import SPECIFIC
 
 
 def near_equals(
@@ -131,14 +132,17 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
     without_flight = None if leading is None else flight_left_out(here.problem, here.seen, leading.candidate)
     standing: Standing | None = None
     if taken is not None and choice.named_in is not None:
-        hinted = only_describes(taken, choice.discovery) or rests_on_hints(earlier)
-        standing = "hint" if hinted else _standing(taken, choice.named_in, without_flight)
+        generic = taken.candidate.kind == "discovered" and (len(state.seen.records) == 1 or _in_pieces(choice))
+        hinted = generic or rests_on_hints(earlier)
+        standing = "hint" if hinted else _standing(taken, choice, choice.named_in, without_flight)
     return Step(
         step=number,
         residual=residual,
         candidates=tuple(_told(c, chances, here, choice.discovery, near[c.name]) for c in told),
         look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
         refused=tuple(tried.candidate.name for tried in choice.tried if tried is not taken),
+        unwanted=tuple(tried.candidate.name for tried in choice.tried if tried.agrees and not tried.taken),
+        evidence_gain=None if taken is None else taken.gain,
         added=None if taken is None else taken.candidate.name,
         standing=standing,
         flight_left_out=without_flight,
@@ -172,9 +176,9 @@ def _told(
     )
 
 
-def only_describes(taken: Tried, discovery: Discovery | None) -> bool:
-    """Whether it is generic terms that name nothing: several that were found one after another."""
-    return discovery is not None and taken.candidate is discovery.candidate and discovery.pieces > 1
+def _in_pieces(choice: Choice) -> bool:
+    """Whether generic terms name nothing even on several flights: several that were found one after another."""
+    return choice.discovery is not None and choice.discovery.pieces > 1
 
 
 def rests_on_hints(earlier: Sequence[Step]) -> bool:
@@ -185,11 +189,12 @@ def rests_on_hints(earlier: Sequence[Step]) -> bool:
     return any(step.standing == "hint" for step in lasting_steps(earlier))
 
 
-def _standing(taken: Tried, share: float, without_flight: FlightLeftOut | None) -> Standing:
+def _standing(taken: Tried, choice: Choice, share: float, without_flight: FlightLeftOut | None) -> Standing:
     """A finding or a hint."""
     lowers = taken.ratio + FINDING_SIGMAS * taken.ratio_error < 1.0
     elsewhere = without_flight is None or without_flight.ratio < 1.0
-    return "finding" if lowers and elsewhere and share >= FINDING_REPEATED else "hint"
+    wanted = taken.gain is None or taken.gain - np.log(len(choice.ranked)) >= SPECIFIC  # one of so many was chosen
+    return "finding" if lowers and elsewhere and wanted and share >= FINDING_REPEATED else "hint"
 
 
 def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:

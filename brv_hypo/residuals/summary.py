@@ -90,7 +90,7 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> 
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flights, last),
-        noise_floor=noise_floor(last.held_out, state.left),
+        noise=noise_floor(last.held_out, state.left),
         final_residual=final,
         discovered=_described(end, moments),
         picture=_picture(before, end, final.flight or 0),

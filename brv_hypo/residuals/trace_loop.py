@@ -1,7 +1,7 @@
 """`trace`, the residual loop: find the residual, add the effect that explains it, repeat until nothing is left.
 
-In the end, effects that the model took in before it held what they stood for are left out (`unneeded`), and the final
-model is refined by maximum likelihood on the measurements themselves (`maximum_likelihood`).
+An effect is added where the evidence wants it beside all processes (`families`), and removed where it no longer does.
+The final model is refined by maximum likelihood on the measurements themselves (`maximum_likelihood`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import IdentificationConfig, identify
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.slope_schedule import KnownSlopeSchedule, SlopeSchedule
@@ -59,14 +59,17 @@ from brv_hypo.residuals.choice import Choice, Tried, choose, comes_first, follow
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery, discover
+from brv_hypo.residuals.families import Beside, beside_processes
 from brv_hypo.residuals.fitted_model import State, first_state, refitted, settled_state, state_of, with_candidate
+from brv_hypo.residuals.judge import Prediction
 from brv_hypo.residuals.linearisation import Model, Seen, see
-from brv_hypo.residuals.problem import increments, with_efficiency
+from brv_hypo.residuals.problem import increments
 from brv_hypo.residuals.restore import restored
-from brv_hypo.residuals.result import Residual, Step, Stop, Trace
+from brv_hypo.residuals.result import Account, Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import Ending, summary, term_estimates
 from brv_hypo.settings import settings_of
+from brv_hypo.thresholds import SPECIFIC
 
 
 def named_in(here: Look, ranked: Sequence[Candidate], name: str, config: TraceConfig, scheduled: bool = True) -> float:
@@ -100,7 +103,7 @@ def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
 
 def _best_name(problem: Problem, candidates: Sequence[Candidate], scheduled: bool) -> str:
     null = fit_hypothesis(problem, "none", ())
-    gains = {each.name: null.information - _criterion(problem, null, each) + (each.ahead or 0.0) for each in candidates}
+    gains = {each.name: null.information - _criterion(problem, null, each) for each in candidates}
     most = max(gains.values())
     schedules = [each.name for each in candidates if is_schedule(each) and comes_first(gains[each.name], most)]
     offered = gains if scheduled or not schedules else schedules
@@ -119,24 +122,23 @@ def _criterion(problem: Problem, null: HypothesisFit, candidate: Candidate) -> f
     return min(each.fit.information for each in found)
 
 
-def unneeded(state: State, names: Sequence[str]) -> tuple[str, ...]:
-    """Those of the effects whose moments explain less beside all others than their coefficients cost (BIC).
+def unwanted(state: State, names: Sequence[str], config: TraceConfig) -> tuple[str, ...]:
+    """Those of the effects whose moments are not wanted beside all others and processes.
 
-    The least needed is left out first, and the rest asked again. Schedules, which change what the baseline is, and what
-    every fit holds within its tolerance are not asked.
+    Schedules, which change what the baseline is, and what every fit has within its tolerance are not asked.
     """
-    found: list[str] = []
-    model = state.model
-    while True:
-        asked = [name for name in dict.fromkeys(names) if _may_go(name, model, state)]
-        problem = with_efficiency(state.problem, _fit(state.problem, model.columns))
-        own = _fit(problem, model.columns).information
-        costs = {name: _fit(problem, without(model, [name]).columns).information - own for name in asked}
-        least = min(costs, key=lambda name: costs[name], default=None)
-        if least is None or costs[least] > 0.0:
-            return tuple(found)
-        found.append(least)
-        model = without(model, [least])
+    model, flights = state.model, state.seen.flights
+    known = {name: model.mechanisms[name] for name in names if name in model.mechanisms}
+    asked = [
+        name
+        for name, mechanism in known.items()
+        if mechanism.follows != "mach" and all(mechanism.tolerance(flight) is None for flight in flights)
+    ]
+    if not asked:
+        return ()
+    first = min(k for k, column in enumerate(model.columns) if column.mechanism in asked)
+    before = replace(model, columns=model.columns[:first])
+    return beside_processes(state, before, config).unwanted(asked)
 
 
 def without(model: Model, names: Sequence[str]) -> Model:
@@ -147,17 +149,6 @@ def without(model: Model, names: Sequence[str]) -> Model:
         columns=tuple(column for column in model.columns if column.mechanism not in names),
         added=tuple(name for name in model.added if name not in names),
     )
-
-
-def _may_go(name: str, model: Model, state: State) -> bool:
-    mechanism = model.mechanisms.get(name)
-    if mechanism is None or mechanism.follows == "mach":
-        return False
-    return all(mechanism.tolerance(flight) is None for flight in state.seen.flights)
-
-
-def _fit(problem: Problem, columns: tuple[Regressor, ...]) -> HypothesisFit:
-    return fit_hypothesis(replace(problem, baseline=columns), "none", ())
 
 
 # ---- The final model of a trace, refined by maximum likelihood on the measurements themselves ----
@@ -243,30 +234,42 @@ def trace(
 def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> Trace:
     begun = clock.perf_counter()
     course = _Course(flights, config, *_candidates(config))
-    steps: list[Step] = []
+    turns: list[Turn] = []
     stopped: Stop = "limit"
     say("reconstructing the motion")
     state = course.begin()
-    first: State | None = None
     discovery: Discovery | None = None
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = course.turn(number, state, steps)
-        first = first or turn.before
-        steps.append(turn.step)
+        turn = course.turn(number, state, [each.step for each in turns])
+        turns.append(turn)
         if turn.discovery is not None and (turn.after is not None or discovery is None):
             discovery = turn.discovery
         state = turn.after or turn.before
         if turn.after is None:
             stopped = turn.reason
             break
-    assert first is not None
-    end = Ending(config, refitted(flights, config, state), tuple(steps), stopped, discovery)
-    result = summary(flights, first.left, end)
+    first, state = turns[0].before, refitted(flights, config, state)
+    steps = confirmed([turn.step for turn in turns], beside_processes(state, first.model, config))
+    result = summary(flights, first.left, Ending(config, state, steps, stopped, discovery))
+    result = result.model_copy(update={"account": course.account(turns, state), "families": steps[0].families})
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
-        result = result.model_copy(update={"ml": maximum_likelihood(end.state)})
+        result = result.model_copy(update={"ml": maximum_likelihood(state)})
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
+
+
+def confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
+    """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
+    final model, or leave that model inadequate.
+    """
+    gains = {name: beside.gain(name) for name in beside.terms}
+    adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
+    kept = {name for name, gain in gains.items() if gain >= SPECIFIC and adequate}
+    return tuple(
+        step.model_copy(update={"standing": "hint"}) if step.standing == "finding" and step.added not in kept else step
+        for step in steps
+    )
 
 
 def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Regressor, ...]:
@@ -334,10 +337,24 @@ class _Course:
             model = replace(model, columns=fit_hypothesis(state.problem, "start", chosen).columns)
         return settled_state(self.flights, model, self.config)
 
+    def account(self, turns: Sequence[Turn], last: State) -> tuple[Account, ...]:
+        """The held-out error of one model after another, from constant coefficients to the last."""
+        first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
+        config, start = self.config, "constant"
+        models: list[tuple[str, Prediction]] = []
+        if config.start != "none" or config.aero is not None:
+            start = "the model given"
+        elif has_schedule(first.model):
+            plain = replace(self, config=config.model_copy(update={"baseline": "constant"}))
+            models, start = [(start, plain.begin().held_out)], "scheduled"
+        errors = [*(turn.before.held_out for turn in turns[: len(added)]), last.held_out]
+        models += zip((start, *added), errors, strict=True)
+        return tuple(Account(model=name, held_out=each.mean_square, std_error=each.std_error) for name, each in models)
+
     def turn(self, number: int, state: State, before: Sequence[Step]) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed.
 
-        What steps `before` added and is not needed beside it is taken out.
+        What steps `before` added and is not wanted beside it is removed.
         """
         usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
         motion = state.seen.frame.motions[0]
@@ -374,7 +391,7 @@ class _Course:
         self, number: int, residual: Residual, here: Look, state: State, choice: Choice, before: Sequence[Step]
     ) -> Turn:
         """The step of a choice, and the model with what was chosen."""
-        step = step_of(number, residual, here, state, choice, before)
+        step = self._decomposed(step_of(number, residual, here, state, choice, before), state, choice.taken)
         reason: Stop = "white" if residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"
@@ -383,10 +400,18 @@ class _Course:
             # Beside a model that lacked the effect, the errors of the record had taken up some of it.
             after = settled_state(self.flights, after.model, self.config)
         others = [each.added for each in before if each.added is not None and each.added != step.added]
-        if after is not None and (gone := unneeded(after, others)):
+        if after is not None and (gone := unwanted(after, others, self.config)):
             after = settled_state(self.flights, without(after.model, gone), self.config)
             step = step.model_copy(update={"taken_out": gone})
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
+
+    def _decomposed(self, step: Step, state: State, taken: Tried | None) -> Step:
+        """The step with what each family explains of its residual; a description in generic terms is of none."""
+        beside = beside_processes(state if taken is None else taken.state, state.model, self.config)
+        named = [] if taken is None or taken.candidate.kind == "discovered" else [taken.candidate.name]
+        found = beside.shares(named)
+        shares = {**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in found}}
+        return step.model_copy(update={"families": shares, "decomposition": found})
 
     def _choice(
         self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = (), white: bool = False
@@ -398,7 +423,12 @@ class _Course:
             return settled_state(self.flights, scheduled(found.model, found.seen), self.config)
 
         known = has_schedule(state.model)
-        choice = choose(here, state, discovery, self.config.significance, add, before, white, known)
+
+        def wanted(found: State) -> tuple[float, tuple[Regressor, ...]]:
+            beside = beside_processes(found, state.model, self.config, found.seen.fitted)
+            return beside.plainest(found.model.added[-1])
+
+        choice = choose(here, state, discovery, self.config.significance, add, before, white, known, wanted)
         if choice.taken is None:
             return choice
         name = choice.taken.candidate.name

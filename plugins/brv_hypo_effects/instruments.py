@@ -87,7 +87,7 @@ _PAIRS = ("yz", "xz", "xy")
 class GyroBias(TriadBias):
     """A constant added to each rate gyro."""
 
-    name = "gyro_bias"
+    name, family = "gyro_bias", "gyros"
     title = "bias of the rate gyros"
     claims = "a rate gyro reads a constant too much"
     source = "report, Appendix B"
@@ -98,7 +98,7 @@ class GyroBias(TriadBias):
 class GyroScale(TriadScale):
     """A scale error of each rate gyro."""
 
-    name = "gyro_scale"
+    name, family = "gyro_scale", "gyros"
     title = "scale error of the rate gyros"
     claims = "a rate gyro reads a constant factor too much"
     source = "report, Appendix B"
@@ -111,7 +111,7 @@ class GyroMisalignment(RecordEffect):
     A rotation makes a reading gain omega x m; two axes that are not orthogonal read of each other with the same sign.
     """
 
-    name = "gyro_misalignment"
+    name, family = "gyro_misalignment", "gyros"
     title = "misalignment of the rate gyros"
     claims = "the gyros' axes are turned against the body's, so that the transverse ones read roll rate"
     source = "report, Appendix B"
@@ -140,7 +140,7 @@ class GyroMisalignment(RecordEffect):
 class AccelBias(TriadBias):
     """A constant added to each accelerometer."""
 
-    name = "accel_bias"
+    name, family = "accel_bias", "accelerometers"
     title = "bias of the accelerometers"
     claims = "an accelerometer reads a constant too much"
     source = "report, Appendix B"
@@ -151,7 +151,7 @@ class AccelBias(TriadBias):
 class AccelScale(TriadScale):
     """A scale error of each accelerometer."""
 
-    name = "accel_scale"
+    name, family = "accel_scale", "accelerometers"
     title = "scale error of the accelerometers"
     claims = "an accelerometer reads a constant factor too much"
     source = "report, Appendix B"
@@ -161,7 +161,7 @@ class AccelScale(TriadScale):
 class AccelPosition(Triad):
     """The accelerometers sit elsewhere than the record declares: true less declared place along each body axis."""
 
-    name = "accel_position"
+    name, family = "accel_position", "accelerometers"
     title = "position of the accelerometers"
     claims = "the accelerometers sit off their declared place, and sense the rotation's accelerations there"
     source = "report, Appendix B; errata E10 and E11"
@@ -177,7 +177,7 @@ class AccelPosition(Triad):
 class AccelMisalignment(Triad):
     """The accelerometers' axes are turned by a small rotation against the body's: a reading gains f x m."""
 
-    name = "accel_misalignment"
+    name, family = "accel_misalignment", "accelerometers"
     title = "misalignment of the accelerometers"
     claims = "the accelerometers' axes are turned against the body's, so that the transverse ones read axial force"
     source = "report, Appendix B"

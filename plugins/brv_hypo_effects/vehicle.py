@@ -24,7 +24,7 @@ class Declared(RecordEffect):
 class DynamicPressureScale(Declared):
     """The record's dynamic pressure is a constant factor too large."""
 
-    name = "dynamic_pressure_scale"
+    name, family = "dynamic_pressure_scale", "air"
     title = "scale error of the dynamic pressure"
     claims = "the dynamic pressure, and with it every coefficient, is off by a constant factor"
     source = "Morelli and Klein, Aircraft System Identification, 2016, chapter 10 (data compatibility)"

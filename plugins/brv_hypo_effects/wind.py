@@ -49,7 +49,7 @@ class Wind(RecordEffect):
     of the velocity at the start; wind along the track is in the record's `velocity` already.
     """
 
-    name = "wind"
+    name, family = "wind", "air"
     title = "slowly changing wind"
     claims = "the air moves across the track, slowly changing along the record"
     source = "kinematics of the velocity relative to the air"
@@ -81,7 +81,7 @@ class WindStep(RecordEffect):
     A step along the track is in the record's `velocity` already. `spread` s is how well `time` is known.
     """
 
-    name = "wind_step"
+    name, family = "wind_step", "air"
     title = "step of the wind"
     claims = "from one instant on, the air moves across the track"
     source = "kinematics of the velocity relative to the air"

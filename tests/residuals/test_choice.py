@@ -12,12 +12,12 @@ import pytest
 from brv_hypo.constants import CONFOUNDED_NEAR, LOOP_SHARED
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.regression import unlisted
 from brv_hypo.residuals import choice
 from brv_hypo.residuals.candidates import Candidate
 from brv_hypo.residuals.choice import Choice, Tried, choose
 from brv_hypo.residuals.judge import Agreement, Prediction
-from brv_hypo.residuals.step_report import only_describes, rests_on_hints
+from brv_hypo.residuals.step_report import rests_on_hints
+from brv_hypo.thresholds import SPECIFIC
 
 SCATTER = 0.05
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -32,7 +32,7 @@ def candidate(
 ) -> Candidate:
     fit: Any = SimpleNamespace(mechanisms=mechanisms, selected=selected)
     kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
-    return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0)
+    return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0, explains=0.5)
 
 
 def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried:
@@ -89,12 +89,8 @@ def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     assert result.told[0].name == "effect 0"
 
 
-@pytest.mark.parametrize("change", [{"fall": 24.0}, {"explains": -0.1}])
-def test_what_is_below_the_detection_limit_or_predicts_nothing_is_not_tried(
-    change: dict[str, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    found = [replace(candidate("trim", 60.0), **change)]
-    assert chosen(found, "trim", monkeypatch).tried == ()
+def test_what_is_below_the_detection_limit_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert chosen([replace(candidate("trim", 60.0), fall=24.0)], "trim", monkeypatch).tried == ()
 
 
 def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,23 +99,11 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
     assert [one.name for one in result.told] == ["trim", "magnus", "lag"]
 
 
-@pytest.mark.parametrize(
-    ("particular", "ahead", "first"),
-    [
-        (0.0, 0.9 * CONFOUNDED_NEAR, "discovered_1"),
-        (0.009, 0.9 * CONFOUNDED_NEAR, "discovered_1"),
-        (0.0, 1.1 * CONFOUNDED_NEAR, "inplane"),
-        (0.5, 0.9 * CONFOUNDED_NEAR, "inplane"),
-        (0.5, -0.9 * CONFOUNDED_NEAR, "inplane"),
-        (0.5, -1.1 * CONFOUNDED_NEAR, "discovered_1"),
-    ],
-)
-def test_a_mechanism_that_explains_nothing_in_particular_gives_way(
-    particular: float, ahead: float, first: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(unlisted, "particular_share", lambda problem, null, fit: particular)
+@pytest.mark.parametrize(("ahead", "first"), [(0.9, "inplane"), (-0.9, "inplane"), (-1.1, "discovered_1")])
+def test_a_description_has_to_beat_a_name_clearly(ahead: float, first: str, monkeypatch: pytest.MonkeyPatch) -> None:
     named = candidate("inplane", 100.0)
-    result = chosen([named], "none", monkeypatch, candidate("discovered_1", 100.0 - ahead))
+    described = candidate("discovered_1", 100.0 - ahead * CONFOUNDED_NEAR)
+    result = chosen([named], "none", monkeypatch, described)
     assert result.ranked[0].name == first
 
 
@@ -206,13 +190,11 @@ def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(rat
     assert tried.taken is expected
 
 
-@pytest.mark.parametrize(("pieces", "told"), [(1, False), (2, True)])
-def test_a_description_of_several_pieces_names_nothing(pieces: int, told: bool) -> None:
-    taken = judged(candidate("discovered_1", 90.0), Agreement(5.0, 5.0), 0.5, True)
-    discovery: Any = SimpleNamespace(candidate=taken.candidate, pieces=pieces)
-    assert only_describes(taken, discovery) is told
-    named = judged(candidate("trim", 90.0), Agreement(5.0, 5.0), 0.5, True)
-    assert not only_describes(named, discovery)
+@pytest.mark.parametrize(("gain", "taken"), [(None, True), (0.1, True), (-0.9, True), (-1.1, False)])
+def test_what_processes_explain_far_better_is_not_taken(gain: float | None, taken: bool) -> None:
+    one = replace(judged(candidate("lag", 90.0), Agreement(5.0, 5.0), 0.5, certain=True), gain=gain and SPECIFIC * gain)
+    assert one.agrees
+    assert one.taken is taken
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def clean() -> Trace:
 def test_a_flight_with_nothing_missing_adds_nothing(clean: Trace) -> None:
     assert clean.added == ()
     assert clean.stopped in ("white", "nothing significant")
-    assert clean.steps[-1].error_before.held_out < 1.2 * clean.noise_floor
+    assert clean.steps[-1].error_before.held_out < 1.2 * clean.noise
 
 
 @pytest.mark.slow
@@ -65,7 +65,7 @@ def test_names_what_was_planted_and_ends_at_the_noise(name: str) -> None:
     # Held at zero, what has a tolerance is partly taken over by what else has one.
     tolerated = name in ("trim", "gyro_scale")
     assert step.error_ratio_held_out < (1.2 if tolerated else 1.0)
-    assert step.error_after.held_out < 1.2 * result.noise_floor
+    assert step.error_after.held_out < 1.2 * result.noise
 
 
 @pytest.mark.thorough

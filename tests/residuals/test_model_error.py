@@ -221,4 +221,4 @@ def test_a_trace_tells_its_models_error(record: Flight) -> None:
     definition = traced_trim().model.definition
     assert definition.error is not None
     assert definition.times == ((float(record.time[0]), float(record.time[-1])),)
-    assert max(definition.error.own) < 3.0 * np.sqrt(traced_trim().noise_floor)
+    assert max(definition.error.own) < 3.0 * np.sqrt(traced_trim().noise)

@@ -111,7 +111,7 @@ def _traced(case: Case) -> Outcome:
         held_out=last.error_before.held_out
         if last.added is None or last.error_after is None
         else last.error_after.held_out,
-        noise_floor=result.noise_floor,
+        noise_floor=result.noise,
         sizes=tuple(size.words for size in sizes),
         times=tuple(size.times for size in sizes),
         seconds=result.seconds,

@@ -1,4 +1,4 @@
-"""Effects that a model has no need of beside others are taken out again."""
+"""Effects that are not wanted beside others and processes are removed again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from brv_hypo.residuals.candidates_at_step import generic_name
 from brv_hypo.residuals.fitted_model import State, settled_state
 from brv_hypo.residuals.linearisation import Model, see
 from brv_hypo.residuals.result import Errors, Residual, Step, lasting_steps
-from brv_hypo.residuals.trace_loop import unneeded, without
+from brv_hypo.residuals.trace_loop import unwanted, without
 from tests.ranking.pulse import fitted, pulse
 
 CONFIG = TraceConfig(maximum_likelihood=False)
@@ -41,13 +41,13 @@ def state() -> State:
 
 @pytest.mark.thorough
 def test_what_the_flight_does_not_need_beside_what_acts_is_named(state: State) -> None:
-    assert unneeded(state, ("bodyfixed", "magnus")) == ("magnus",)
+    assert unwanted(state, ("bodyfixed", "magnus"), CONFIG) == ("magnus",)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["trim", "mach_stiffness", "gyro_bias", "unheard_of"])
 def test_what_every_fit_holds_a_schedule_and_errors_of_the_record_are_not_asked(state: State, name: str) -> None:
-    assert unneeded(state, (name,)) == ()
+    assert unwanted(state, (name,), CONFIG) == ()
 
 
 @pytest.mark.thorough

@@ -1,0 +1,276 @@
+"""Which family of processes holds a residual, and whether an effect that a trace adds is wanted beside all of them.
+
+    y = U b + X c + Z a + e        (`inference.evidence`)
+
+U are the columns of a model before a step, X those of what was added, Z the splines of every process, all linear about
+the model with it. An effect is established where the evidence without it, the amplitudes of processes estimated anew,
+is far less, and refused where it is far larger; between these the data cannot tell it from processes. The residual is
+decomposed by what explains it: first by effects, then by one family of processes after another, each the one that
+raises the evidence most (forward selection). Entrance: `beside_processes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import RECORD_EFFECT_LARGEST
+from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
+from brv_hypo.inference.rows import Rows, Terms
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.term import Regressor
+from brv_hypo.motion.interpolation import time_splines
+from brv_hypo.motion.motion import Motion
+from brv_hypo.ranking.with_processes import plainest
+from brv_hypo.regression.channels import Part
+from brv_hypo.regression.channels import Rows as Histories
+from brv_hypo.regression.fit import HypothesisFit, solved
+from brv_hypo.regression.noise import first_noise
+from brv_hypo.regression.nuisance import on_frame
+from brv_hypo.regression.problem import given_column
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import nonlinear_parameters
+from brv_hypo.regression.response import LinearisedFlight
+from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.fitted_model import State
+from brv_hypo.residuals.linearisation import Applied, Model
+from brv_hypo.residuals.problem import problem_of
+from brv_hypo.residuals.result import Family, ProcessHistory
+from brv_hypo.thresholds import FAMILY_SIGNIFICANT, SPECIFIC
+
+_NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
+_PLACES = 9  # at which the history of a process is reported
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A model and all processes about one point; `terms` are those of each effect that it added."""
+
+    point: HypothesisFit
+    rows: Rows
+    terms: Mapping[str, Terms]
+    families: Mapping[str, str]
+    """That of each effect."""
+    start: FloatArray
+    """Logarithms of noise and amplitudes beside all of it."""
+
+    def evidence(self, names: Sequence[str], families: Sequence[str] | None = None) -> Evidence:
+        """Of some of the effects, beside all processes or those of some families."""
+        terms = self.rows.terms(None)
+        for name in names:
+            own = self.terms[name]
+            joined = terms.beside(own.x, own.spread)
+            terms = replace(joined, scaled=np.append(terms.scaled, own.scaled))
+        rows = self.rows if families is None else self.rows.only(families)
+        return maximised(rows, terms, self.start if families is None else None)
+
+    def gain(self, name: str) -> float:
+        """By how much an effect raises the log evidence beside the others."""
+        others = [each for each in self.terms if each != name]
+        return self.evidence(list(self.terms)).level - self.evidence(others).level
+
+    def plainest(self, name: str) -> tuple[float, tuple[Regressor, ...]]:
+        """Columns of an effect that are likeliest beside the baseline and all processes, and the evidence they gain.
+
+        As `compare` has them: as they are or acting between two times, without changes that are not wanted. An effect of
+        the record has none.
+        """
+        point, own, null = self.point, self.evidence([name]), self.evidence([])
+        columns = tuple(column for column in point.selected if column.mechanism == name)
+        searched = [each for each in point.mechanisms if each.name == name and each.time_variation != ("constant",)]
+        if searched and len(self.rows.frame.motions) == 1:
+            fit, own = plainest(self.rows.problem, (point, own), null, self.rows.frame_of(point))
+            columns = fit.selected
+        return own.level - null.level, columns
+
+    def unwanted(self, asked: Sequence[str]) -> tuple[str, ...]:
+        """Those of some effects without which the evidence is far larger, the least wanted first; then asked again."""
+        names, found = list(self.terms), list[str]()
+        while rest := [name for name in asked if name in names]:
+            levels = {name: self.evidence([each for each in names if each != name]).level for name in rest}
+            least = max(rest, key=levels.__getitem__)
+            if levels[least] < self.evidence(names).level + SPECIFIC:
+                break
+            names.remove(least)
+            found.append(least)
+        return tuple(found)
+
+    def is_adequate(self, names: Sequence[str]) -> bool:
+        """Whether effects explain more of the residual than processes beside them; so where there is neither."""
+        residuals = [self.rows.beside_baseline(self.rows.y), self.evidence(names).residual]
+        if names:
+            residuals.insert(1, _residual(self.rows, [self.terms[name] for name in names]))
+        squares = [float(each @ each) for each in residuals]
+        return squares[0] - squares[-2] >= squares[-2] - squares[-1]
+
+    def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
+        """What effects and then families of processes explain of the residual, the largest first.
+
+        Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
+        """
+        found: list[str] = []
+        residuals = [self.rows.beside_baseline(self.rows.y)]
+        order: list[str] = []
+        for k, name in enumerate(names):
+            residuals.append(_residual(self.rows, [self.terms[each] for each in names[: k + 1]]))
+            order.append(self.families[name])
+        level, best = -np.inf, None
+        while rest := [family for family in dict.fromkeys(g.family for g in self.rows.groups) if family not in found]:
+            tried = {family: self.evidence(names, [*found, family]) for family in rest}
+            family = max(tried, key=lambda each: tried[each].level)
+            if tried[family].level < level + FAMILY_SIGNIFICANT:
+                break
+            best, level = tried[family], tried[family].level
+            found.append(family)
+            residuals.append(best.residual)
+            order.append(family)
+        stretches = self.rows.time_blocks
+        squares = np.array([np.bincount(stretches, weights=each**2) for each in residuals])
+        falls = squares[:-1] - squares[1:]
+        by_family = {family: falls[[k for k, own in enumerate(order) if own == family]].sum(axis=0) for family in order}
+        shares = [_share(family, fall, squares[0]) for family, fall in by_family.items()]
+        histories = {} if best is None else self._histories(best)
+        shares = [each.model_copy(update={"history": histories.get(each.family)}) for each in shares]
+        return tuple(sorted(shares, key=lambda each: -each.share))
+
+    def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
+        """Of each family, the history of the process that makes most of the record, on the first flight."""
+        every: tuple[Process, ...] = (*moment_processes(), *record_processes())
+        processes = {process.name: process for process in every}
+        groups = own.rows.groups
+        sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
+        largest = {groups[k].family: k for k in np.argsort(sizes).tolist()}
+        motion = self.rows.frame.motions[0]
+        return {family: _history(processes[groups[k].name], motion, own, k) for family, k in largest.items()}
+
+
+def beside_processes(state: State, before: Model, config: TraceConfig, part: Part | None = None) -> Beside:
+    """What a model's state has more than a model `before`, and every process beside that, on a part of the record."""
+    model, seen, held = state.model, state.seen, len(before.columns)
+    base, added = model.columns[:held], model.columns[held:]
+    known = {(each.effect.name, each.component, each.flight) for each in before.applied}
+    applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
+    histories = {
+        _label(each): on_frame(seen.frame, each.flight, _unit(state.linear[each.flight], each)) for each in applied
+    }
+    taken = [dict(each) for each in seen.taken]
+    for each in applied:
+        key = (each.effect.name, each.component)
+        taken[each.flight][key] = taken[each.flight].get(key, 0.0) + each.value
+    bare = replace(model, columns=base, applied=before.applied)
+    read = replace(seen, taken=tuple(taken))
+    noise = first_noise(state.linear)
+    problem = problem_of(read, bare, state.linear, config, histories, noise, record_processes())
+    problem = problem.on(part or seen.whole)
+    mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
+    frame = problem.frame.with_mechanisms(mechanisms)
+    point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
+    point = replace(point, nonlinear=nonlinear_parameters(point.columns, held, frame, problem.knots))
+    rows, start = rows_under_own_noise(problem, point)
+    whole = rows.terms(point)
+    terms = {each.name: whole.only(_places(point, each.name)) for each in mechanisms}
+    families = {each.name: _family_of(point, rows.frame.motions, each.name) for each in mechanisms}
+    items = problem.rows.nuisances.items
+    bounded = {items[k].name for k in problem.rows.nuisances.bounded.tolist()}
+    shift = np.zeros(rows.y.size)
+    for name in dict.fromkeys(each.effect.name for each in applied):
+        own = [each for each in applied if each.effect.name == name]
+        x = rows.of_moments(rows.frame, [given_column(_label(each)) for each in own])
+        terms[name] = Terms(x, np.full(len(own), RECORD_EFFECT_LARGEST), np.zeros(len(own), dtype=bool))
+        families[name] = own[0].effect.family
+        if name not in bounded:
+            shift += x @ np.array([each.value / each.size for each in own])
+    return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
+
+
+def _label(applied: Applied) -> str:
+    return f"{applied.effect.name} {applied.component} [flight {applied.flight}]"
+
+
+def _unit(linear: LinearisedFlight, applied: Applied) -> Histories:
+    """The history (n,) of one typical size of a record effect."""
+    return linear.effect(applied.effect, applied.component, applied.size)
+
+
+def _places(point: HypothesisFit, name: str) -> list[int]:
+    """The columns of X that belong to a mechanism: its terms, and what its knots and delays move."""
+    first, count = point.baseline_size, len(point.selected)
+    own = [k for k, column in enumerate(point.selected) if column.mechanism == name]
+    return own + [count + k for k, each in enumerate(point.nonlinear) if {j - first for j in each.columns} <= set(own)]
+
+
+def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
+    """The residual (n,) of the baseline and some terms, without processes."""
+    y = rows.beside_baseline(rows.y)
+    x = rows.beside_baseline(np.concatenate([each.x for each in terms], axis=1))
+    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
+
+
+def _share(family: str, falls: FloatArray, squares: FloatArray) -> Family:
+    """What a family explains of sums of squares by stretches of time (stretches,)."""
+    share, count = float(falls.sum() / squares.sum()), falls.size
+    without = (falls.sum() - falls) / np.maximum(squares.sum() - squares, 1e-300)
+    error = float(np.sqrt((count - 1) * np.var(without)))
+    low, high = np.clip([share - _NORMAL_95 * error, share + _NORMAL_95 * error], 0.0, 1.0).tolist()
+    return Family(family=family, share=float(np.clip(share, 0.0, 1.0)), interval_95=(low, high))
+
+
+def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
+    """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
+    values, errors = own.spline_coefficients(number)
+    count, moment = process.splines, isinstance(process, MomentProcess)
+    shapes = process.shapes(motion) if isinstance(process, MomentProcess) else process.channels
+    unit = float(np.sqrt(np.mean(np.abs(np.array(shapes)) ** 2))) if moment else 1.0
+    own_values, own_errors = (
+        each[: count * len(shapes)].reshape(len(shapes), count) / unit for each in (values, errors)
+    )
+    start, stop = float(motion.time[0]), float(motion.time[-1])
+    places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
+    splines = time_splines(motion.time[places], start, stop, count)
+    paths = splines @ own_values.T
+    sigmas = np.sqrt(splines**2 @ own_errors.T**2)
+    length = np.linalg.norm(paths, axis=1)
+    value = paths[:, 0] if len(shapes) == 1 else length
+    sigma = sigmas[:, 0] if len(shapes) == 1 else np.linalg.norm(paths * sigmas, axis=1) / np.maximum(length, 1e-300)
+    return ProcessHistory(
+        process=process.name,
+        title=process.title,
+        units=own.rows.groups[number].units,
+        time_s=tuple(motion.time[places].tolist()),
+        mach=tuple(motion.mach[places].tolist()),
+        alpha_rad=tuple(motion.alpha[places].tolist()),
+        values=tuple(value.tolist()),
+        std_errors=tuple(sigma.tolist()),
+    )
+
+
+def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
+    """The family whose shapes make most of what an effect's moment is, while it acts."""
+    chosen = [(c, v) for c, v in zip(point.columns, point.values.tolist(), strict=True) if c.mechanism == name]
+    made = np.concatenate(
+        [_moment(point.frame.mechanisms[name], chosen, k, motion) for k, motion in enumerate(motions)]
+    )
+    acts, found = np.abs(made) > 0.0, dict[str, float]()
+    y = np.concatenate([made[acts].real, made[acts].imag])
+    for process in moment_processes():
+        shapes = np.concatenate([np.array(process.shapes(motion)) for motion in motions], axis=1)[:, acts]
+        x = np.concatenate([shapes.real, shapes.imag], axis=1).T
+        rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+        found[process.family] = min(float(rest @ rest), found.get(process.family, np.inf))
+    return min(found, key=found.__getitem__)
+
+
+def _moment(
+    mechanism: Mechanism, chosen: Sequence[tuple[Regressor, float]], flight: int, motion: Motion
+) -> ComplexArray:
+    """C_m,in + i C_n,side (n,) of an effect on one flight."""
+    made = np.zeros(motion.time.size, dtype=complex)
+    for column, value in chosen:
+        if column.acts_on(flight):
+            term = next(t for t in mechanism.terms(motion, dict(column.theta)) if t.name == column.term)
+            made += value * column.time_basis(motion.coefficient_time) * (term.in_plane + 1j * term.out_of_plane)
+    return made
