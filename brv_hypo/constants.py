@@ -122,7 +122,6 @@ OUTSIDE = 0.1
 # square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
 SECOND_ORDER_VALUES = 5e-3
 COMPARED_BLOCKS = 8  # of time, of which each is held out in turn, if a user says nothing else
-CRITERIA_TIE = 1e-6  # relative difference of residual sums of squares below which two subsets are equally good
 
 # ---- Verdict: probability, limits ----
 
@@ -236,7 +235,6 @@ FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
 FINDING_SHOWN = 12.0  # fall of the squared whitened rates above which an effect shows in the moments
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
 WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
-REPORTED_CHANCE = 0.01  # p-value, adjusted for the channels tried, below which a correlation is told; convention
 REPORTED_REGIONS = 16  # stretches of time, of which the worst and its neighbours are told
 REPORTED_REGION_SHARE = 0.5  # of the worst, that its neighbours have
 REPORTED_FREQUENCY_LINES = 1.5  # of the spectrum, within which a frequency is a multiple of roll or meridian rate

@@ -38,22 +38,22 @@ def threshold(value: Number, unit: str, decides: str, source: str) -> Number:
 
 
 # Sources that several thresholds share.
-_TRIAL_STUDY = "tests/motion/test_trial.py and tests.studies.independent.faulty_records"
-_FAULT_STUDIES = "tests.studies.record_faults and tests.studies.independent.faulty_records"
-_JUDGEMENT_AND_STUDY = "judgement; held by tests/flight/test_faults.py and tests.studies.independent.faulty_records"
-_GAP_STUDY = "tests/flight/test_gaps.py and tests.studies.independent.faulty_records"
-_SPIKE_STUDY = "tests/flight/test_spikes.py and tests.studies.independent.faulty_records"
-_LIMIT_TESTS = "tests/motion/test_limits.py"
-_FORMAT_TESTS = "judgement; tests/flight/test_store.py"
-_ANSWERABLE_TESTS = "judgement; tests/motion/test_answerable.py"
+_TRIAL = "tests/motion/test_trial.py and tests.studies.independent.faulty_records"
+_FAULTS = "tests.studies.record_faults and tests.studies.independent.faulty_records"
+_HELD = "judgement; held by tests/flight/test_faults.py and tests.studies.independent.faulty_records"
+_GAPS = "tests/flight/test_gaps.py and tests.studies.independent.faulty_records"
+_SPIKES = "tests/flight/test_spikes.py and tests.studies.independent.faulty_records"
+_LIMITS = "tests/motion/test_limits.py"
+_FORMAT = "judgement; tests/flight/test_store.py"
+_USABLE = "judgement; tests/motion/test_answerable.py"
 
 # ---- Trial of the record, channel by channel: clock, stuck, spikes, bursts, gaps ----
 
 CLOCK_MOST_STEPS = threshold(
-    5, "intervals", "that many odd intervals, or fewer, are clock steps and not jitter or dropouts", _FAULT_STUDIES
+    5, "intervals", "that many odd intervals, or fewer, are clock steps and not jitter or dropouts", _FAULTS
 )
 CLOCK_RUNS_ON = threshold(
-    2.0, "noise variances", "the samples are continuous with the interval closed: the clock stepped", _FAULT_STUDIES
+    2.0, "noise variances", "the samples are continuous with the interval closed: the clock stepped", _FAULTS
 )
 CLOCK_FAR_BETTER = threshold(
     0.01,
@@ -62,76 +62,53 @@ CLOCK_FAR_BETTER = threshold(
     "tests.studies.independent.faulty_records",
 )
 CLOCK_WORST_CHANNEL = threshold(
-    2.0, "1", "how much of the mean misfit any one channel may have for a clock step", _FAULT_STUDIES
+    2.0, "1", "how much of the mean misfit any one channel may have for a clock step", _FAULTS
 )
 CLOCK_FEWEST_MOVED = threshold(
-    2, "channels", "whether enough channels would have moved to call an odd interval a clock step", _FAULT_STUDIES
+    2, "channels", "whether enough channels would have moved to call an odd interval a clock step", _FAULTS
 )
-CLOCK_MOVED_SIGMAS = threshold(
-    8.0, "standard deviations of the noise", "a channel would have moved in the time of the interval", _FAULT_STUDIES
-)
-CLOCK_SLOPE_SIGMAS = threshold(
-    5.0, "standard errors", "the trend of a channel is known well enough for that", _FAULT_STUDIES
-)
-JUMP_SIGMAS = threshold(
-    12.0, "robust standard deviations", "gyros and accelerometers jump together: decisive clock step", _FAULT_STUDIES
-)
-JUMP_TIMES_AROUND = threshold(3.0, "1", "such a jump stands above the misses of parabolas around it", _FAULT_STUDIES)
-STUCK_FEWEST_SAMPLES = threshold(
-    50, "samples", "a channel is long enough to be called stuck or clipped", _JUDGEMENT_AND_STUDY
-)
+CLOCK_MOVED_SIGMAS = threshold(8.0, "noise sigmas", "a channel would have moved in the time of the interval", _FAULTS)
+CLOCK_SLOPE_SIGMAS = threshold(5.0, "standard errors", "the trend of a channel is known well enough for that", _FAULTS)
+JUMP_SIGMAS = threshold(12.0, "robust sigmas", "gyros and accelerometers jump together: decisive clock step", _FAULTS)
+JUMP_TIMES_AROUND = threshold(3.0, "1", "such a jump stands above the misses of parabolas around it", _FAULTS)
+STUCK_FEWEST_SAMPLES = threshold(50, "samples", "a channel is long enough to be called stuck or clipped", _HELD)
 STUCK_REPEATS_SELDOM = threshold(
-    0.02, "1", "a channel does not repeat itself by nature (share of repeated samples)", _JUDGEMENT_AND_STUDY
+    0.02, "1", "a channel does not repeat itself by nature (share of repeated samples)", _HELD
 )
 STUCK_LEAST_SHARE = threshold(
-    1e-3, "1", "least share of repeated samples assumed: how short a run may be that counts", _JUDGEMENT_AND_STUDY
+    1e-3, "1", "least share of repeated samples assumed: how short a run may be that counts", _HELD
 )
-STUCK_CHANCE = threshold(1e-6, "1", "a run of constants is no chance: stuck", _JUDGEMENT_AND_STUDY)
+STUCK_CHANCE = threshold(1e-6, "1", "a run of constants is no chance: stuck", _HELD)
 STUCK_RELEASE = threshold(
-    5.0,
-    "largest common steps",
-    "a channel that repeats itself is stuck: the jump that ends the run",
-    _JUDGEMENT_AND_STUDY,
+    5.0, "largest common steps", "a channel that repeats itself is stuck: the jump that ends the run", _HELD
 )
-FLAT_RUN = threshold(3, "samples", "a flat top: samples at the extreme value in succession", _JUDGEMENT_AND_STUDY)
-FLAT_SAMPLES = threshold(5, "samples", "a flat top: samples at the extreme value in all", _JUDGEMENT_AND_STUDY)
-FLAT_TIMES = threshold(
-    5.0, "1", "a flat top of a quantised channel, over the samples of any level next to it", _JUDGEMENT_AND_STUDY
-)
-MOST_CLIPPED = threshold(
-    0.05, "1", "a clipped channel is decisive instead of masked (share of samples)", _JUDGEMENT_AND_STUDY
-)
-MOST_STUCK = threshold(
-    0.5, "1", "a stuck channel is decisive instead of masked (share of samples)", _JUDGEMENT_AND_STUDY
-)
-DEAD_NOISE = threshold(1e-9, "1", "another instrument is live: its noise over its greatest value", _JUDGEMENT_AND_STUDY)
-DEAD_CHANGE = threshold(
-    0.02, "1", "a constant gauge is dead: relative change of the speed that it missed", _JUDGEMENT_AND_STUDY
-)
-DEAD_PUSH = threshold(
-    2.0, "1", "a constant speed is dead: change that the axial force makes, over DEAD_CHANGE", _JUDGEMENT_AND_STUDY
-)
-SPIKE_SIGMAS = threshold(8.0, "robust standard deviations", "a run of samples is a spike", _SPIKE_STUDY)
-SPIKE_TIMES_CURVATURE = threshold(2.0, "1", "a run is a spike, over the largest second difference around", _SPIKE_STUDY)
-SPIKE_TIMES_FOURTH = threshold(2.5, "1", "or over the largest fourth difference around", _SPIKE_STUDY)
-SPIKE_LONGEST = threshold(2, "samples", "longest run that is an isolated spike", _SPIKE_STUDY)
-SPIKE_LARGEST_FRACTION = threshold(0.02, "1", "more spikes than this share of a channel are its noise", _SPIKE_STUDY)
-BURST_SHORTEST = threshold(3, "samples", "shortest run that is a burst of spikes", _FAULT_STUDIES)
-BURST_LONGEST = threshold(60, "samples", "longest run that is a burst of spikes", _FAULT_STUDIES)
-BURST_SIGMAS = threshold(
-    8.0, "robust standard deviations", "a burst: its edges, and its departure from the quintic", _FAULT_STUDIES
-)
-BURST_TIMES_AROUND = threshold(3.0, "1", "an edge of a burst, over the third differences around", _FAULT_STUDIES)
-BURST_EDGE_OCTAVES = threshold(1.0, "octaves", "the edges of a burst are the steps to its departure", _FAULT_STUDIES)
-BURST_LARGEST_FRACTION = threshold(0.05, "1", "more bursts than this share of a channel are its nature", _FAULT_STUDIES)
-BURST_MOST_EDGES = threshold(200, "edges", "more edges in a channel are its nature", _FAULT_STUDIES)
-UNIFORM_WITHIN = threshold(0.01, "sample intervals", "stamps are uniform; an interval is odd", _GAP_STUDY)
-MISSING_BEYOND_STEPS = threshold(1.5, "sample intervals", "samples are missing between two stamps", _GAP_STUDY)
-GAP_BEYOND_MEDIANS = threshold(2.5, "median intervals", "an interval is a gap, and counts for no mean step", _GAP_STUDY)
-LARGEST_GROWTH = threshold(50, "1", "stamps are refused: samples of an even grid over samples recorded", _GAP_STUDY)
-BRIDGED_SAMPLES = threshold(5, "samples", "a gap in rates and forces is bridged instead of cut", _GAP_STUDY)
-BRIDGED_CYCLES = threshold(1.0 / 8.0, "cycles of the transverse motion", "or is so short: bridged, not cut", _GAP_STUDY)
-BRIDGED_SECONDS = threshold(1.0, "s", "a gap in the air data is bridged instead of cut", _GAP_STUDY)
+FLAT_RUN = threshold(3, "samples", "a flat top: samples at the extreme value in succession", _HELD)
+FLAT_SAMPLES = threshold(5, "samples", "a flat top: samples at the extreme value in all", _HELD)
+FLAT_TIMES = threshold(5.0, "1", "a flat top of a quantised channel, over the samples of any level next to it", _HELD)
+MOST_CLIPPED = threshold(0.05, "1", "a clipped channel is decisive instead of masked (share of samples)", _HELD)
+MOST_STUCK = threshold(0.5, "1", "a stuck channel is decisive instead of masked (share of samples)", _HELD)
+DEAD_NOISE = threshold(1e-9, "1", "another instrument is live: its noise over its greatest value", _HELD)
+DEAD_CHANGE = threshold(0.02, "1", "a constant gauge is dead: relative change of the speed that it missed", _HELD)
+DEAD_PUSH = threshold(2.0, "1", "a constant speed is dead: change that the axial force makes, over DEAD_CHANGE", _HELD)
+SPIKE_SIGMAS = threshold(8.0, "robust sigmas", "a run of samples is a spike", _SPIKES)
+SPIKE_TIMES_CURVATURE = threshold(2.0, "1", "a run is a spike, over the largest second difference around", _SPIKES)
+SPIKE_TIMES_FOURTH = threshold(2.5, "1", "or over the largest fourth difference around", _SPIKES)
+SPIKE_LONGEST = threshold(2, "samples", "longest run that is an isolated spike", _SPIKES)
+SPIKE_LARGEST_FRACTION = threshold(0.02, "1", "more spikes than this share of a channel are its noise", _SPIKES)
+BURST_SHORTEST = threshold(3, "samples", "shortest run that is a burst of spikes", _FAULTS)
+BURST_LONGEST = threshold(60, "samples", "longest run that is a burst of spikes", _FAULTS)
+BURST_SIGMAS = threshold(8.0, "robust sigmas", "a burst: its edges, and its departure from the quintic", _FAULTS)
+BURST_TIMES_AROUND = threshold(3.0, "1", "an edge of a burst, over the third differences around", _FAULTS)
+BURST_EDGE_OCTAVES = threshold(1.0, "octaves", "the edges of a burst are the steps to its departure", _FAULTS)
+BURST_LARGEST_FRACTION = threshold(0.05, "1", "more bursts than this share of a channel are its nature", _FAULTS)
+BURST_MOST_EDGES = threshold(200, "edges", "more edges in a channel are its nature", _FAULTS)
+UNIFORM_WITHIN = threshold(0.01, "sample intervals", "stamps are uniform; an interval is odd", _GAPS)
+MISSING_BEYOND_STEPS = threshold(1.5, "sample intervals", "samples are missing between two stamps", _GAPS)
+GAP_BEYOND_MEDIANS = threshold(2.5, "median intervals", "an interval is a gap, and counts for no mean step", _GAPS)
+LARGEST_GROWTH = threshold(50, "1", "stamps are refused: samples of an even grid over samples recorded", _GAPS)
+BRIDGED_SAMPLES = threshold(5, "samples", "a gap in rates and forces is bridged instead of cut", _GAPS)
+BRIDGED_CYCLES = threshold(1.0 / 8.0, "cycles of the transverse motion", "or is so short: bridged, not cut", _GAPS)
+BRIDGED_SECONDS = threshold(1.0, "s", "a gap in the air data is bridged instead of cut", _GAPS)
 PRESSURE_CONSISTENT = threshold(
     0.05,
     "1",
@@ -141,98 +118,92 @@ PRESSURE_CONSISTENT = threshold(
 
 # ---- Trial of the record: gyros against accelerometers against air data ----
 
-FASTEST_RATE = threshold(1e3, "rad/s", "the gyros are in wrong units: the record is refused", _ANSWERABLE_TESTS)
+FASTEST_RATE = threshold(1e3, "rad/s", "the gyros are in wrong units: the record is refused", _USABLE)
 LARGEST_MOMENT = threshold(
-    1.0, "1", "moment coefficient of no vehicle: with LEAST_SWING, the air is too thin to answer", _ANSWERABLE_TESTS
+    1.0, "1", "moment coefficient of no vehicle: with LEAST_SWING, the air is too thin to answer", _USABLE
 )
 LEAST_SWING = threshold(
-    1e-3, "1", "the air is too thin: change of the rates by the largest moment over their own change", _ANSWERABLE_TESTS
+    1e-3, "1", "the air is too thin: change of the rates by the largest moment over their own change", _USABLE
 )
 COMPATIBILITY_KEPT = threshold(
-    (0.002, 0.1, 0.1), "1", "a relation counts as kept: share of it that is unexplained, by relation", _TRIAL_STUDY
+    (0.002, 0.1, 0.1), "1", "a relation counts as kept: share of it that is unexplained, by relation", _TRIAL
 )
-COMPATIBILITY_TOO_NOISY = threshold(0.3, "1", "a relation says nothing: share of it that is noise", _TRIAL_STUDY)
+COMPATIBILITY_TOO_NOISY = threshold(0.3, "1", "a relation says nothing: share of it that is noise", _TRIAL)
 COMPATIBILITY_NORMAL_SLOPE = threshold(
-    1.2, "1/rad", "normal-force slope of any body, from which a found slope is judged", _TRIAL_STUDY
+    1.2, "1/rad", "normal-force slope of any body, from which a found slope is judged", _TRIAL
 )
-COMPATIBILITY_NORMAL_SPREAD = threshold(1.3, "1", "1-sigma of the logarithm of that slope among bodies", _TRIAL_STUDY)
+COMPATIBILITY_NORMAL_SPREAD = threshold(1.3, "1", "1-sigma of the logarithm of that slope among bodies", _TRIAL)
 COMPATIBILITY_WIND = threshold(
-    10.0, "m/s", "1-sigma of the wind along the path, which may explain a deceleration", _TRIAL_STUDY
+    10.0, "m/s", "1-sigma of the wind along the path, which may explain a deceleration", _TRIAL
 )
 COMPATIBILITY_WIND_TOLERANCES = threshold(
-    2.0, "standard deviations", "the same in tolerances of the flight, where that is more", _TRIAL_STUDY
+    2.0, "sigmas", "the same in tolerances of the flight, where that is more", _TRIAL
 )
 COMPATIBILITY_AXIAL_SPREAD = threshold(
-    0.25, "1", "1-sigma of the logarithm of true over sensed deceleration of a sound record", _TRIAL_STUDY
+    0.25, "1", "1-sigma of the logarithm of true over sensed deceleration of a sound record", _TRIAL
 )
-COMPATIBILITY_DENSITY_SPREAD = threshold(0.35, "1", "1-sigma of the logarithm of the density of the day", _TRIAL_STUDY)
+COMPATIBILITY_DENSITY_SPREAD = threshold(0.35, "1", "1-sigma of the logarithm of the density of the day", _TRIAL)
 COMPATIBILITY_NOISE_SPREAD = threshold(
-    0.5, "1", "1-sigma of the logarithm of noise among three instruments of one make", _TRIAL_STUDY
+    0.5, "1", "1-sigma of the logarithm of noise among three instruments of one make", _TRIAL
 )
 COMPATIBILITY_STEADY = threshold(
-    3.0, "1", "a constant transverse force counts against a correction: size over what oscillates", _TRIAL_STUDY
+    3.0, "1", "a constant transverse force counts against a correction: size over what oscillates", _TRIAL
 )
 COMPATIBILITY_FURTHER_MISTAKE = threshold(
-    1.5, "ln likelihood", "each further mistake in one record is less likely", _TRIAL_STUDY
+    1.5, "ln likelihood", "each further mistake in one record is less likely", _TRIAL
 )
-COMPATIBILITY_BROKEN = threshold(0.012, "1", "relation 1 is broken: unexplained share beyond the noise", _TRIAL_STUDY)
-COMPATIBILITY_TIMES_NOISE = threshold(
-    4.0, "1", "noise counts so many times before a share is unexplained", _TRIAL_STUDY
-)
-COMPATIBILITY_STRAINED = threshold(
-    0.003, "1", "relation 1 is strained: unexplained share beyond the noise", _TRIAL_STUDY
-)
+COMPATIBILITY_BROKEN = threshold(0.012, "1", "relation 1 is broken: unexplained share beyond the noise", _TRIAL)
+COMPATIBILITY_TIMES_NOISE = threshold(4.0, "1", "noise counts so many times before a share is unexplained", _TRIAL)
+COMPATIBILITY_STRAINED = threshold(0.003, "1", "relation 1 is strained: unexplained share beyond the noise", _TRIAL)
 COMPATIBILITY_BROKEN_ALONE = threshold(
-    0.7, "1", "gyros contradict themselves where accelerometers say nothing: unexplained share", _TRIAL_STUDY
+    0.7, "1", "gyros contradict themselves where accelerometers say nothing: unexplained share", _TRIAL
 )
 COMPATIBILITY_AXIAL_WITHIN = threshold(
-    (0.5, 2.0), "1", "the axial accelerometer or the speed is wrong: true over sensed deceleration", _TRIAL_STUDY
+    (0.5, 2.0), "1", "the axial accelerometer or the speed is wrong: true over sensed deceleration", _TRIAL
 )
-COMPATIBILITY_AXIAL_SIGMAS = threshold(3.0, "standard errors", "the same: certainty of that ratio", _TRIAL_STUDY)
+COMPATIBILITY_AXIAL_SIGMAS = threshold(3.0, "standard errors", "the same: certainty of that ratio", _TRIAL)
 COMPATIBILITY_PRESSURE_WITHIN = threshold(
-    (0.3, 3.0), "1", "dynamic pressure or altitude is wrong: density over that of the standard atmosphere", _TRIAL_STUDY
+    (0.3, 3.0), "1", "dynamic pressure or altitude is wrong: density over that of the standard atmosphere", _TRIAL
 )
 COMPATIBILITY_NORMAL_WITHIN = threshold(
-    (0.04, 30.0), "1/rad", "accelerometers or pressure are wrong: slope of the normal force", _TRIAL_STUDY
+    (0.04, 30.0), "1/rad", "accelerometers or pressure are wrong: slope of the normal force", _TRIAL
 )
 COMPATIBILITY_DECISIVE = threshold(
-    2.2, "ln likelihood", "a mistake of sign, axis or unit is named: gain by undoing it", _TRIAL_STUDY
+    2.2, "ln likelihood", "a mistake of sign, axis or unit is named: gain by undoing it", _TRIAL
 )
 COMPATIBILITY_DECISIVE_IF_STRAINED = threshold(
-    4.5, "ln likelihood", "the same, of a record that is strained but not broken", _TRIAL_STUDY
+    4.5, "ln likelihood", "the same, of a record that is strained but not broken", _TRIAL
 )
 COMPATIBILITY_CORRECTED = threshold(
-    0.4, "1", "a correction restores a broken relation: share of it that it leaves", _TRIAL_STUDY
+    0.4, "1", "a correction restores a broken relation: share of it that it leaves", _TRIAL
 )
-COMPATIBILITY_NEARLY_EQUAL = threshold(
-    1.0, "ln likelihood", "another correction is named beside the best", _TRIAL_STUDY
-)
+COMPATIBILITY_NEARLY_EQUAL = threshold(1.0, "ln likelihood", "another correction is named beside the best", _TRIAL)
 COMPATIBILITY_UNRELATED = threshold(
-    0.5, "1", "gyros and accelerometers belong to no one motion: unexplained share of each relation", _TRIAL_STUDY
+    0.5, "1", "gyros and accelerometers belong to no one motion: unexplained share of each relation", _TRIAL
 )
-COMPATIBILITY_QUIET = threshold(0.1, "1", "noise is small enough to say so: its share of a relation", _TRIAL_STUDY)
+COMPATIBILITY_QUIET = threshold(0.1, "1", "noise is small enough to say so: its share of a relation", _TRIAL)
 
 # ---- Motion: filters, smoothing, the fit of forces and rates ----
 
 WARNED_PER_CYCLE = threshold(
-    20.0, "samples", "warning: too few samples in a cycle of the transverse motion; status degraded", _LIMIT_TESTS
+    20.0, "samples", "warning: too few samples in a cycle of the transverse motion; status degraded", _LIMITS
 )
-WARNED_ALPHA = threshold(0.1, "1", "warning: sigma of alpha over its rms; status degraded", _LIMIT_TESTS)
-WARNED_MOMENTS = threshold(0.2, "1", "warning: noise of the moments over their rms; status degraded", _LIMIT_TESTS)
-WARNED_GRAVITY = threshold(2.0, "1", "warning: gravity found over gravity expected; status degraded", _LIMIT_TESTS)
+WARNED_ALPHA = threshold(0.1, "1", "warning: sigma of alpha over its rms; status degraded", _LIMITS)
+WARNED_MOMENTS = threshold(0.2, "1", "warning: noise of the moments over their rms; status degraded", _LIMITS)
+WARNED_GRAVITY = threshold(2.0, "1", "warning: gravity found over gravity expected; status degraded", _LIMITS)
 
 # ---- Format of a record ----
 
-MINIMUM_SAMPLES = threshold(16, "samples", "a record, or a segment of it, is too short to use", _FORMAT_TESTS)
+MINIMUM_SAMPLES = threshold(16, "samples", "a record, or a segment of it, is too short to use", _FORMAT)
 SLOWEST = threshold(
     0.1,
     "m/s",
     "a slower vehicle is at rest and its sample is refused: coefficients are per speed and dynamic pressure",
-    _FORMAT_TESTS,
+    _FORMAT,
 )
-SHORTEST_STEP = threshold(1e-7, "s", "time is in a larger unit than stated and the record is refused", _FORMAT_TESTS)
+SHORTEST_STEP = threshold(1e-7, "s", "time is in a larger unit than stated and the record is refused", _FORMAT)
 LARGEST_PROPERTY = threshold(
-    1e9, "SI", "a property of the vehicle is a fill value (its inverse is the least value)", _FORMAT_TESTS
+    1e9, "SI", "a property of the vehicle is a fill value (its inverse is the least value)", _FORMAT
 )
 LEAST_SEGMENT_SAMPLES = threshold(
     16,
@@ -243,18 +214,18 @@ LEAST_SEGMENT_SAMPLES = threshold(
 
 # ---- Priors of what a hypothesis may have beside it: centre and 1-sigma of the logarithm of an amplitude ----
 
-_PROCESS_STUDY = "judgement; held by tests.studies.independent.imperfect_study"
+_FLIGHTS = "judgement; held by tests.studies.independent.imperfect_study"
 RECORD_AMPLITUDE = threshold(
-    (-2.3, 2.0), "log units", "how large drifts of instruments and air may be, in their ordinary sizes", _PROCESS_STUDY
+    (-2.3, 2.0), "log units", "how large drifts of instruments and air may be, in their ordinary sizes", _FLIGHTS
 )
 MOMENT_AMPLITUDE = threshold(
-    (-4.6, 1.5), "log units", "how large processes of the moment may be, of the static moment's rms", _PROCESS_STUDY
+    (-4.6, 1.5), "log units", "how large processes of the moment may be, of the static moment's rms", _FLIGHTS
 )
 MECHANISM_AMPLITUDE = threshold(
-    (-2.3, 1.2), "log units", "how large a mechanism's terms may be, of the static moment's rms", _PROCESS_STUDY
+    (-2.3, 1.2), "log units", "how large a mechanism's terms may be, of the static moment's rms", _FLIGHTS
 )
 BOUND_COSTS = threshold(
-    0.5, "1", "a mechanism is impossible: part of what it gains that values within its bounds lose", _PROCESS_STUDY
+    0.5, "1", "a mechanism is impossible: part of what it gains that values within its bounds lose", _FLIGHTS
 )
 SPECIFIC = threshold(
     5.0, "nats", "terms that are characteristic of a mechanism are significant", "Kass and Raftery 1995: very strong"
@@ -263,9 +234,6 @@ FAMILY_SIGNIFICANT = threshold(
     3.0, "nats", "a family of processes holds some of a residual", "Kass and Raftery 1995: strong"
 )
 ALWAYS = threshold(
-    0.1,
-    "1",
-    "that a mechanism acts from before the record begins, which a vehicle's own asymmetry does",
-    _PROCESS_STUDY,
+    0.1, "1", "that a mechanism acts from before the record begins, which a vehicle's own asymmetry does", _FLIGHTS
 )
-NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _PROCESS_STUDY)
+NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _FLIGHTS)

@@ -185,17 +185,12 @@ def _step(step: Step) -> list[Block]:
         sentences.insert(0, f"fit this flight equally well: {', '.join(step.look_alikes)}")
     if step.taken_out:
         sentences.append(f"removed, as the model no longer needs it: {', '.join(step.taken_out)}")
-    correlated = [
-        f"{one.moment} correlates with {one.channel}: {number(one.coefficient, 2)} (p {p_value(one.p_value)})"
-        for one in step.residual.correlations
-    ]
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
     words = ("effect", "kind", "confounded with")
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
         Table(candidates, words=words, marked=marked, most=SHOWN_AT_FIRST),
         Texts(sentences, bullets=False, strong=step.added is not None),
-        Texts(correlated, "Correlations", shown="verbose"),
     ]
 
 

@@ -96,6 +96,11 @@ class Choice:
         return self.tried[-1] if self.named_in != 0.0 and self.tried and self.tried[-1].taken else None
 
     @property
+    def unwanted(self) -> tuple[str, ...]:
+        """Those that the held-out part agrees with, but processes explain far better."""
+        return tuple(each.candidate.name for each in self.tried if each.agrees and not each.taken)
+
+    @property
     def leading(self) -> Tried | None:
         """What is added or, where nothing is, the best that counts."""
         return self.taken or (self.tried[0] if self.tried else None)

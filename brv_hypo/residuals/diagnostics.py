@@ -1,4 +1,4 @@
-"""`find`: tests of a residual: whiteness, size, where it is largest, its frequency, what it correlates with."""
+"""`find`: tests of a residual: whiteness, size, where it is largest, its frequency."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import numpy as np
 from scipy import stats
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.constants import (
-    REPORTED_CHANCE,
     REPORTED_FREQUENCY_LINES,
     REPORTED_FREQUENCY_WITHIN,
     REPORTED_REGION_SHARE,
@@ -16,16 +15,15 @@ from brv_hypo.constants import (
     WHITE_CHANCE,
     WHITE_LAGS,
 )
-from brv_hypo.flight.record import ACCELEROMETERS, Flight
 from brv_hypo.motion.kinematics import plane_from_body
-from brv_hypo.motion.motion import SMOOTH, Motion
+from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import remove_levels
-from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
-from brv_hypo.regression.whitening import effective_samples, white
+from brv_hypo.regression.uncertainty import ResidualMoments
+from brv_hypo.regression.whitening import white
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.problem import left_by
-from brv_hypo.residuals.result import Correlation, Residual
+from brv_hypo.residuals.result import Residual
 
 
 def find(look: Look, left: ResidualMoments) -> Residual:
@@ -45,9 +43,6 @@ def find(look: Look, left: ResidualMoments) -> Residual:
     p_value = _whiteness(look)
     channels = _channels(body, motion.windward_meridian[samples])
     worst = max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable]))
-    flown = residual_moments(look.seen.frame, look.seen.records, look.seen.frame.observed).body[rows]
-    measured = np.maximum(_by_region(time, flown, usable), 1e-300)
-    relative = _worst_region(time, _by_region(time, body, usable) / measured)
     frequency = _dominant(body, usable, float(np.median(np.diff(time))))
     return Residual(
         flight=number if several else None,
@@ -56,12 +51,9 @@ def find(look: Look, left: ResidualMoments) -> Residual:
         p_value=p_value,
         noise_ratio=_noise_ratio(look.seen, left, number),
         worst_channel=worst,
-        worst_region_s=_worst_region(time, _by_region(time, body, usable))[0],
-        worst_share_region_s=relative[0],
-        worst_share=float(np.sqrt(relative[1])),
+        worst_region_s=_worst_region(time, _by_region(time, body, usable)),
         dominant_frequency_hz=frequency,
         dominant_frequency_is=_name_frequency(motion, frequency),
-        correlations=_correlations(look.seen.flights[number], motion, samples, channels, usable),
     )
 
 
@@ -115,8 +107,8 @@ def _by_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> Float
     )
 
 
-def _worst_region(time: FloatArray, size: FloatArray) -> tuple[tuple[float, float], float]:
-    """The stretch around the largest of the regions' sizes in which they stay above that share of it; that size."""
+def _worst_region(time: FloatArray, size: FloatArray) -> tuple[float, float]:
+    """The stretch around the largest of the regions' sizes in which they stay above that share of it."""
     edges = np.linspace(time[0], time[-1], REPORTED_REGIONS + 1)
     worst = int(np.argmax(size))
     first = last = worst
@@ -124,7 +116,7 @@ def _worst_region(time: FloatArray, size: FloatArray) -> tuple[tuple[float, floa
         first -= 1
     while last < REPORTED_REGIONS - 1 and size[last + 1] > REPORTED_REGION_SHARE * size[worst]:
         last += 1
-    return (float(edges[first]), float(edges[last + 1])), float(size[worst])
+    return float(edges[first]), float(edges[last + 1])
 
 
 def _dominant(body: ComplexArray, usable: BoolArray, step: float) -> float:
@@ -149,24 +141,3 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
     away, name = min(found)
     near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
     return name if near else "not a multiple of the roll or meridian rate"
-
-
-def _correlations(
-    flight: Flight, motion: Motion, samples: IntArray, channels: dict[str, FloatArray], usable: BoolArray
-) -> tuple[Correlation, ...]:
-    """The most telling correlations of the in-plane and out-of-plane residual with motion and record."""
-    others = {name: getattr(motion, name) for name in ("time", "alpha", *SMOOTH)}
-    others |= {name: getattr(flight, name) for name in ACCELEROMETERS}
-    found = []
-    for moment in ("C_m,in", "C_n,side"):
-        own = channels[moment][usable]
-        n = effective_samples([own - own.mean()], max_lag=own.size // 4)
-        for name, values in others.items():
-            other = values[samples][usable]
-            if not np.all(np.isfinite(other)) or np.ptp(other) == 0.0 or np.ptp(own) == 0.0:
-                continue
-            r = float(np.corrcoef(own, other)[0, 1])
-            t = abs(r) * np.sqrt(max(n - 2.0, 1.0) / max(1.0 - r * r, 1e-12))
-            chance = min(1.0, 2.0 * len(others) * 2.0 * float(stats.t.sf(t, max(n - 2.0, 1.0))))
-            found.append(Correlation(moment=moment, channel=name, coefficient=r, p_value=chance))
-    return tuple([c for c in sorted(found, key=lambda c: c.p_value) if c.p_value < REPORTED_CHANCE][:4])

@@ -76,8 +76,8 @@ class Beside:
     def plainest(self, name: str) -> tuple[float, tuple[Regressor, ...]]:
         """Columns of an effect that are likeliest beside the baseline and all processes, and the evidence they gain.
 
-        As `compare` has them: as they are or acting between two times, without changes that are not wanted. An effect of
-        the record has none.
+        As `compare` has them: as they are or acting between two times, without changes that are not wanted. None where
+        the effect is of the record.
         """
         point, own, null = self.point, self.evidence([name]), self.evidence([])
         columns = tuple(column for column in point.selected if column.mechanism == name)

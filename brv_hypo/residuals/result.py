@@ -19,19 +19,8 @@ Standing = Literal["finding", "hint"]
 Stop = Literal["white", "nothing significant", "nothing improves held-out error", "limit"]
 
 
-class Correlation(NullIsNaN):
-    """A residual moment that goes with a channel: coefficient, and p-value at the effective sample size."""
-
-    moment: str
-    channel: str
-    coefficient: float
-    p_value: float
-
-
 class Residual(NullIsNaN):
     """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst.
-
-    `worst_share` is the residual's rms over that of the measured moments, in the region where that is largest.
 
     `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise.
     `noise_ratio`: mean square of the residual moments over that of their noise. `worst_region_s` s;
@@ -46,11 +35,8 @@ class Residual(NullIsNaN):
     noise_ratio: float
     worst_channel: str
     worst_region_s: Interval
-    worst_share_region_s: Interval
-    worst_share: float
     dominant_frequency_hz: float
     dominant_frequency_is: str
-    correlations: tuple[Correlation, ...] = ()
 
 
 class ProcessHistory(NullIsNaN):

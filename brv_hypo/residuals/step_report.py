@@ -141,7 +141,7 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
         candidates=tuple(_told(c, chances, here, choice.discovery, near[c.name]) for c in told),
         look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
         refused=tuple(tried.candidate.name for tried in choice.tried if tried is not taken),
-        unwanted=tuple(tried.candidate.name for tried in choice.tried if tried.agrees and not tried.taken),
+        unwanted=choice.unwanted,
         evidence_gain=None if taken is None else taken.gain,
         added=None if taken is None else taken.candidate.name,
         standing=standing,

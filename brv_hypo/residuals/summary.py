@@ -38,7 +38,6 @@ from brv_hypo.residuals.static_slope import (
     whole_fit,
 )
 
-_MANY_TIMES = 10.0  # from here on a ratio is told in times, not in percent
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 
 
@@ -248,23 +247,13 @@ def _unexplained(residual: Residual) -> str | None:
     if residual.white:
         return None
     start, stop = residual.worst_region_s
-    first, last = residual.worst_share_region_s
-    went = "".join(
-        f"; {c.moment} correlates with {c.channel} (r = {c.coefficient:.2f})" for c in residual.correlations[:1]
-    )
     ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
     times = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
     return (
         f"The residual has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
         f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
-        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is}){went}; relative to the "
-        f"measured moment it is largest from {first:.2f} to {last:.2f} s, {_of_rms(residual.worst_share)} the moment's "
-        "rms there."
+        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is})."
     )
-
-
-def _of_rms(share: float) -> str:
-    return f"{100.0 * share:.0f} % of" if share < _MANY_TIMES else f"{share:.0f} times"
 
 
 def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:

@@ -431,8 +431,9 @@ class _Course:
         choice = choose(here, state, discovery, self.config.significance, add, before, white, known, wanted)
         if choice.taken is None:
             return choice
-        name = choice.taken.candidate.name
-        return replace(choice, named_in=named_in(here, choice.ranked, name, self.config, known))
+        name, unwanted = choice.taken.candidate.name, choice.unwanted
+        offered = [each for each in choice.ranked if each.name not in unwanted]
+        return replace(choice, named_in=named_in(here, offered, name, self.config, known))
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:
