@@ -46,7 +46,8 @@ class Candidate:
 
     `explains` is the share of the weighed squares that it saves, `fall` their fall in effective samples.
     `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the fall
-    of the whitened rates' squares.
+    of the whitened rates' squares. `evidence` is the log evidence that it gains beside all processes, nats; None where
+    that was not asked.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Candidate:
     fall: float
     explains: float
     effect: RecordEffect | None = None
+    evidence: float | None = None
 
 
 def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:

@@ -18,10 +18,9 @@ from brv_hypo.constants import (
     LOOP_SHARED,
     LOOP_TRIES,
 )
-from brv_hypo.model.term import Regressor
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes, with_columns
+from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
@@ -125,14 +124,14 @@ def choose(
     before: Sequence[Tried] = (),
     residual_is_white: bool = False,
     scheduled: bool = True,
-    plainest: Callable[[State], tuple[float, tuple[Regressor, ...]]] | None = None,
+    gain_of: Callable[[State], float] | None = None,
 ) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
-    tolerance that every fit allows it. `before` holds
-    what was tried on this look already; `scheduled` says that the model has a schedule by Mach number.
+    tolerance that every fit allows it. `before` holds what was tried on this look already; `scheduled` says that the
+    model has a schedule by Mach number; `gain_of` is what the last effect of a model gains beside all processes.
     """
     held = {column.mechanism for column in here.problem.baseline}
     ranked = tuple(_ranked(here, discovery, held))
@@ -151,12 +150,8 @@ def choose(
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             break
         found = known.get(candidate.name) or _try(here, state, candidate, certain, add)
-        if found.agrees and found.gain is None and plainest is not None:
-            gain, columns = plainest(found.state)
-            if columns and set(columns) != set(candidate.fit.selected):
-                other = with_columns(here.problem, here.null, candidate, columns)
-                found = _try(here, state, other, certain, add)
-            found = replace(found, gain=gain)
+        if found.agrees and found.gain is None and gain_of is not None:
+            found = replace(found, gain=gain_of(found.state))
         tried.append(found)
         if tried[-1].taken or len(tried) == LOOP_TRIES:
             break
@@ -209,13 +204,17 @@ def _try(here: Look, state: State, candidate: Candidate, certain: bool, add: Cal
 
 
 def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ()) -> list[Candidate]:
-    """The candidates, best first.
+    """The candidates, best first: by their evidence beside processes, then by the fall of the extended BIC.
 
     The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
     description in generic terms a name.
     """
     ranked = sorted(
-        here.candidates, key=lambda candidate: -candidate.gain - (CONFOUNDED_NEAR if candidate.name in held else 0.0)
+        here.candidates,
+        key=lambda candidate: (
+            np.inf if candidate.evidence is None else -candidate.evidence,
+            -candidate.gain - (CONFOUNDED_NEAR if candidate.name in held else 0.0),
+        ),
     )
     if discovery is None:
         return ranked
@@ -232,6 +231,8 @@ def _gives_way(candidate: Candidate, described: Candidate) -> bool:
     """
     if told_once(described, candidate):
         return described.gain >= LOOP_SHARED * candidate.gain
+    if candidate.evidence is not None and described.evidence is not None:
+        return described.evidence - candidate.evidence >= SPECIFIC
     return described.gain - candidate.gain >= CONFOUNDED_NEAR
 
 

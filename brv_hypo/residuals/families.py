@@ -13,25 +13,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
-from brv_hypo.inference.rows import Rows, Terms
+from brv_hypo.inference.rows import Rows, Terms, rows_of
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.with_processes import plainest
+from brv_hypo.ranking.with_processes import fitted, plainest
 from brv_hypo.regression.channels import Part
 from brv_hypo.regression.channels import Rows as Histories
 from brv_hypo.regression.fit import HypothesisFit, solved
 from brv_hypo.regression.noise import first_noise
 from brv_hypo.regression.nuisance import on_frame
-from brv_hypo.regression.problem import given_column
+from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.response import LinearisedFlight
@@ -73,19 +74,35 @@ class Beside:
         others = [each for each in self.terms if each != name]
         return self.evidence(list(self.terms)).level - self.evidence(others).level
 
-    def plainest(self, name: str) -> tuple[float, tuple[Regressor, ...]]:
-        """Columns of an effect that are likeliest beside the baseline and all processes, and the evidence they gain.
+    def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
+        """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
 
-        As `compare` has them: as they are or acting between two times, without changes that are not wanted. None where
-        the effect is of the record.
+        As it was fitted or acting between two times, without changes that are not wanted (`compare` has it so).
         """
-        point, own, null = self.point, self.evidence([name]), self.evidence([])
-        columns = tuple(column for column in point.selected if column.mechanism == name)
-        searched = [each for each in point.mechanisms if each.name == name and each.time_variation != ("constant",)]
-        if searched and len(self.rows.frame.motions) == 1:
-            fit, own = plainest(self.rows.problem, (point, own), null, self.rows.frame_of(point))
-            columns = fit.selected
-        return own.level - null.level, columns
+        pair = self._pair(fit)
+        if fit.mechanisms and len(self.rows.frame.motions) == 1 and fit.mechanisms[0].time_variation != ("constant",):
+            pair = plainest(self.rows.problem, pair, self.null, self.rows.frame_of(pair[0]))
+        return pair[1].level - self.null.level, pair[0].selected
+
+    def gain_of(self, fit: HypothesisFit) -> float:
+        """The log evidence that an effect gains as it was fitted."""
+        return self._pair(fit)[1].level - self.null.level
+
+    def _pair(self, fit: HypothesisFit) -> tuple[HypothesisFit, Evidence]:
+        if not fit.mechanisms:
+            terms = _of_record(self.rows.of_moments(self.rows.frame, fit.selected))
+            return fit, maximised(self.rows, terms, self.start)
+        like = replace(fit, frame=self.rows.problem.frame.with_mechanisms(fit.mechanisms))
+        return fitted(self.rows.problem, like, fit.selected, self.null)
+
+    def under(self, problem: Problem) -> Beside:
+        """The same on another part of the record, or with other errors."""
+        return replace(self, rows=rows_of(problem, self.point))
+
+    @cached_property
+    def null(self) -> Evidence:
+        """Of the baseline and processes alone."""
+        return self.evidence([])
 
     def unwanted(self, asked: Sequence[str]) -> tuple[str, ...]:
         """Those of some effects without which the evidence is far larger, the least wanted first; then asked again."""
@@ -148,13 +165,22 @@ class Beside:
         return {family: _history(processes[groups[k].name], motion, own, k) for family, k in largest.items()}
 
 
-def beside_processes(state: State, before: Model, config: TraceConfig, part: Part | None = None) -> Beside:
-    """What a model's state has more than a model `before`, and every process beside that, on a part of the record."""
+def beside_processes(
+    state: State,
+    before: Model,
+    config: TraceConfig,
+    part: Part | None = None,
+    given: Mapping[str, Histories] | None = None,
+) -> Beside:
+    """What a model's state has more than a model `before`, and every process beside that, on a part of the record.
+
+    `given`: histories that may be asked for.
+    """
     model, seen, held = state.model, state.seen, len(before.columns)
     base, added = model.columns[:held], model.columns[held:]
     known = {(each.effect.name, each.component, each.flight) for each in before.applied}
     applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
-    histories = {
+    histories = dict(given or {}) | {
         _label(each): on_frame(seen.frame, each.flight, _unit(state.linear[each.flight], each)) for each in applied
     }
     taken = [dict(each) for each in seen.taken]
@@ -180,11 +206,16 @@ def beside_processes(state: State, before: Model, config: TraceConfig, part: Par
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]
         x = rows.of_moments(rows.frame, [given_column(_label(each)) for each in own])
-        terms[name] = Terms(x, np.full(len(own), RECORD_EFFECT_LARGEST), np.zeros(len(own), dtype=bool))
+        terms[name] = _of_record(x)
         families[name] = own[0].effect.family
         if name not in bounded:
             shift += x @ np.array([each.value / each.size for each in own])
     return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
+
+
+def _of_record(x: FloatArray) -> Terms:
+    """Histories (n, k) of one typical size of components of a record effect."""
+    return Terms(x, np.full(x.shape[1], RECORD_EFFECT_LARGEST), np.zeros(x.shape[1], dtype=bool))
 
 
 def _label(applied: Applied) -> str:

@@ -22,7 +22,7 @@ from brv_hypo.constants import (
     LOOP_REPEATED_BLOCKS,
     LOOP_REPEATED_KNOTS,
     LOOP_RIVALS,
-    LOOP_SHARED,
+    LOOP_WITH_EVIDENCE,
     REPEATED_ERRORS,
     SCHEDULE_TRIFLE,
     TRACED_SMALLEST,
@@ -41,7 +41,7 @@ from brv_hypo.motion import try_record
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.ranking.summary import likelihood_block, record_summary
 from brv_hypo.regression.channels import split
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import Regressed
 from brv_hypo.residuals.baseline import (
@@ -53,9 +53,9 @@ from brv_hypo.residuals.baseline import (
     with_priors,
     without_bend,
 )
-from brv_hypo.residuals.candidates import Candidate, adjusted, fitted_again, look_alikes, try_mechanism
+from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes, with_columns
 from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
-from brv_hypo.residuals.choice import Choice, Tried, choose, comes_first, follows_mach, is_schedule, told_once
+from brv_hypo.residuals.choice import Choice, Tried, choose, follows_mach, is_schedule
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery, discover
@@ -72,19 +72,19 @@ from brv_hypo.settings import settings_of
 from brv_hypo.thresholds import SPECIFIC
 
 
-def named_in(here: Look, ranked: Sequence[Candidate], name: str, config: TraceConfig, scheduled: bool = True) -> float:
-    """Share of the repetitions in which the effect of that name is the best of all, among `ranked` (best first).
+def named_in(beside: Beside, offered: Sequence[Candidate], name: str, seen: Seen, config: TraceConfig) -> float:
+    """Share of the repetitions in which the effect of that name gains most beside all processes, among `offered`."""
+    own = next(candidate for candidate in offered if candidate.name == name)
+    known = [each for each in offered if each is not own and each.evidence is not None]
+    best = []
+    for problem in _repetitions(beside.rows.problem, seen, config):
+        again = beside.under(problem)
+        gains = {each.name: again.gain_of(each.fit) for each in (own, *known[:LOOP_RIVALS])}
+        best.append(max(gains, key=gains.__getitem__))
+    return float(np.mean([each == name for each in best]))
 
-    `scheduled` says that the model has a schedule by Mach number: where it has none, one comes first.
-    """
-    own = next(candidate for candidate in ranked if candidate.name == name)
-    rivals = [candidate for candidate in ranked if candidate is not own and candidate.gain > 0.0][:LOOP_RIVALS]
-    again = [_best_name(problem, [own, *rivals], scheduled) == name for problem in _repetitions(here, config)]
-    return float(np.mean(again))
 
-
-def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
-    problem, seen = here.problem, here.seen
+def _repetitions(problem: Problem, seen: Seen, config: TraceConfig) -> Iterator[Problem]:
     for share in LOOP_REPEATED_BLOCKS:
         fitted, _ = split(seen.frame, seen.whole.seen, round(share * config.blocks))
         yield problem.on(fitted)
@@ -101,25 +101,21 @@ def _repetitions(here: Look, config: TraceConfig) -> Iterator[Problem]:
                 yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
 
 
-def _best_name(problem: Problem, candidates: Sequence[Candidate], scheduled: bool) -> str:
-    null = fit_hypothesis(problem, "none", ())
-    gains = {each.name: null.information - _criterion(problem, null, each) for each in candidates}
-    most = max(gains.values())
-    schedules = [each.name for each in candidates if is_schedule(each) and comes_first(gains[each.name], most)]
-    offered = gains if scheduled or not schedules else schedules
-    best = max((each for each in candidates if each.name in offered), key=lambda each: gains[each.name])
-    once = [each for each in candidates if told_once(each, best) and gains[each.name] >= LOOP_SHARED * gains[best.name]]
-    best = max(once, key=lambda each: gains[each.name], default=best)
-    return best.name if gains[best.name] > 0.0 else "none"
+def with_evidence(here: Look, beside: Beside) -> Look:
+    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there."""
+    leading = {id(each) for each in here.candidates[:LOOP_WITH_EVIDENCE] if each.gain > 0.0}
+    found = [_with_evidence(here, beside, each) if id(each) in leading else each for each in here.candidates]
+    discovery = here.discovery
+    if discovery is not None:
+        discovery = replace(discovery, candidate=_with_evidence(here, beside, discovery.candidate))
+    return replace(here, candidates=tuple(found), discovery=discovery)
 
 
-def _criterion(problem: Problem, null: HypothesisFit, candidate: Candidate) -> float:
-    """The least extended BIC of the effect: with its columns as they were found, or chosen anew on the grid."""
-    found = [fitted_again(problem, null, candidate)]
-    if candidate.kind == "mechanism":
-        anew = try_mechanism(problem, null, candidate.fit.mechanisms[0])
-        found += [anew] if anew is not None else []
-    return min(each.fit.information for each in found)
+def _with_evidence(here: Look, beside: Beside, candidate: Candidate) -> Candidate:
+    gain, columns = beside.likeliest(candidate.fit)
+    if set(columns) != set(candidate.fit.selected):
+        candidate = with_columns(here.problem, here.null, candidate, columns)
+    return replace(candidate, evidence=gain)
 
 
 def unwanted(state: State, names: Sequence[str], config: TraceConfig) -> tuple[str, ...]:
@@ -364,10 +360,14 @@ class _Course:
         here = look(state.seen, state.model, state.linear, untried, effects, self.config)
         state = state_of(state.model, state.seen, here.problem, state.linear)
         residual = find(here, state.left)
-        choice = self._choice(here, state, here.discovery, white=residual.white)
+        beside = beside_processes(state, state.model, self.config, state.seen.fitted, here.problem.given)
+        here = with_evidence(here, beside)
+        choice = self._choice(here, state, beside, here.discovery, white=residual.white)
         if choice.taken is None and here.dictionary is not None and not residual.white:
             more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), DESCRIBED_TERMS)
-            described = self._choice(here, state, more, choice.tried)
+            if more is not None:
+                more = replace(more, candidate=_with_evidence(here, beside, more.candidate))
+            described = self._choice(here, state, beside, more, choice.tried)
             choice = described if described.taken else choice
         if choice.taken is None and bends and (named := self._naming_the_bend(number, state, bends)) is not None:
             return named
@@ -384,7 +384,9 @@ class _Course:
         here = look(bare.seen, model, bare.linear, bends, (), self.config.model_copy(update={"discover": False}))
         bare = state_of(model, bare.seen, here.problem, bare.linear)
         residual = find(here, bare.left)
-        choice = self._choice(here, bare, None, white=residual.white)
+        beside = beside_processes(bare, model, self.config, bare.seen.fitted)
+        here = with_evidence(here, beside)
+        choice = self._choice(here, bare, beside, None, white=residual.white)
         return self._turn(number, residual, here, bare, choice, ()) if choice.taken else None
 
     def _turn(
@@ -414,7 +416,13 @@ class _Course:
         return step.model_copy(update={"families": shares, "decomposition": found})
 
     def _choice(
-        self, here: Look, state: State, discovery: Discovery | None, before: Sequence[Tried] = (), white: bool = False
+        self,
+        here: Look,
+        state: State,
+        beside: Beside,
+        discovery: Discovery | None,
+        before: Sequence[Tried] = (),
+        white: bool = False,
     ) -> Choice:
         def add(candidate: Candidate) -> State:
             found = with_candidate(self.flights, self.config, here, state, candidate)
@@ -424,16 +432,18 @@ class _Course:
 
         known = has_schedule(state.model)
 
-        def wanted(found: State) -> tuple[float, tuple[Regressor, ...]]:
-            beside = beside_processes(found, state.model, self.config, found.seen.fitted)
-            return beside.plainest(found.model.added[-1])
+        def gain_of(found: State) -> float:
+            there = beside_processes(found, state.model, self.config, found.seen.fitted)
+            return there.gain(found.model.added[-1])
 
-        choice = choose(here, state, discovery, self.config.significance, add, before, white, known, wanted)
+        choice = choose(here, state, discovery, self.config.significance, add, before, white, known, gain_of)
         if choice.taken is None:
             return choice
         name, unwanted = choice.taken.candidate.name, choice.unwanted
         offered = [each for each in choice.ranked if each.name not in unwanted]
-        return replace(choice, named_in=named_in(here, offered, name, self.config, known))
+        if not known and is_schedule(choice.taken.candidate):  # where the model has no schedule, one comes first
+            offered = [each for each in offered if is_schedule(each)]
+        return replace(choice, named_in=named_in(beside, offered, name, state.seen, self.config))
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:
