@@ -183,7 +183,6 @@ NEAR_EQUAL_COSINE = 0.95  # of an effect's prediction and the columns of another
 
 # ---- Loop: description in generic terms ----
 
-DESCRIBED_SCREENED = 10  # entries at most, of which the best subset is found exactly: 2^10 subsets
 DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
 DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
 # Entries at most that are tried as what begins, ends and jumps in time: the best over stretches that begin and end at
@@ -201,7 +200,6 @@ DESCRIBED_SHARP = 0.1
 DESCRIBED_GRADUAL = 0.3
 DESCRIBED_SLOW = 1.0
 DESCRIBED_HATS = 8  # places of a hat, each as wide as the way to the next
-DESCRIBED_TERMS = 4  # at most, of what is described in the end
 
 # ---- Loop: choice, findings and hints ----
 
@@ -224,10 +222,6 @@ LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what expl
 # Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
 # all a function of Mach number, and jumps in time describe any smooth change.
 LOOP_SCHEDULE = 0.5
-# Share of what changes in time of each of several flights explain, from which one description that all share comes
-# before them: a step in Mach number explained 0.95 and more, jumps in time 0.51
-# (tests.studies.independent.two_flights).
-LOOP_SHARED = 0.8
 LOOP_REPEATED_BLOCKS = (0.75, 1.25)  # of the configured number
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything

@@ -49,39 +49,25 @@ _USABLE = "judgement; tests/motion/test_answerable.py"
 
 # ---- Trial of the record, channel by channel: clock, stuck, spikes, bursts, gaps ----
 
-CLOCK_MOST_STEPS = threshold(
-    5, "intervals", "that many odd intervals, or fewer, are clock steps and not jitter or dropouts", _FAULTS
-)
-CLOCK_RUNS_ON = threshold(
-    2.0, "noise variances", "the samples are continuous with the interval closed: the clock stepped", _FAULTS
-)
+CLOCK_MOST_STEPS = threshold(5, "intervals", "so many odd intervals, or fewer, are clock steps", _FAULTS)
+CLOCK_RUNS_ON = threshold(2.0, "noise variances", "continuous with the interval closed: the clock stepped", _FAULTS)
 CLOCK_FAR_BETTER = threshold(
     0.01,
     "1",
     "or continuous relative to the misfit with the interval as stamped",
     "tests.studies.independent.faulty_records",
 )
-CLOCK_WORST_CHANNEL = threshold(
-    2.0, "1", "how much of the mean misfit any one channel may have for a clock step", _FAULTS
-)
-CLOCK_FEWEST_MOVED = threshold(
-    2, "channels", "whether enough channels would have moved to call an odd interval a clock step", _FAULTS
-)
+CLOCK_WORST_CHANNEL = threshold(2.0, "1", "part of the mean misfit that one channel may have", _FAULTS)
+CLOCK_FEWEST_MOVED = threshold(2, "channels", "channels that a clock step would have moved", _FAULTS)
 CLOCK_MOVED_SIGMAS = threshold(8.0, "noise sigmas", "a channel would have moved in the time of the interval", _FAULTS)
-CLOCK_SLOPE_SIGMAS = threshold(5.0, "standard errors", "the trend of a channel is known well enough for that", _FAULTS)
+CLOCK_SLOPE_SIGMAS = threshold(5.0, "sigmas", "the trend of a channel is known well enough for that", _FAULTS)
 JUMP_SIGMAS = threshold(12.0, "robust sigmas", "gyros and accelerometers jump together: decisive clock step", _FAULTS)
 JUMP_TIMES_AROUND = threshold(3.0, "1", "such a jump stands above the misses of parabolas around it", _FAULTS)
 STUCK_FEWEST_SAMPLES = threshold(50, "samples", "a channel is long enough to be called stuck or clipped", _HELD)
-STUCK_REPEATS_SELDOM = threshold(
-    0.02, "1", "a channel does not repeat itself by nature (share of repeated samples)", _HELD
-)
-STUCK_LEAST_SHARE = threshold(
-    1e-3, "1", "least share of repeated samples assumed: how short a run may be that counts", _HELD
-)
+STUCK_REPEATS_SELDOM = threshold(0.02, "1", "a channel does not repeat itself by nature (repeated share)", _HELD)
+STUCK_LEAST_SHARE = threshold(1e-3, "1", "least share of repeats assumed: how short a run counts", _HELD)
 STUCK_CHANCE = threshold(1e-6, "1", "a run of constants is no chance: stuck", _HELD)
-STUCK_RELEASE = threshold(
-    5.0, "largest common steps", "a channel that repeats itself is stuck: the jump that ends the run", _HELD
-)
+STUCK_RELEASE = threshold(5.0, "largest common steps", "a repetitive channel is stuck: jump that ends the run", _HELD)
 FLAT_RUN = threshold(3, "samples", "a flat top: samples at the extreme value in succession", _HELD)
 FLAT_SAMPLES = threshold(5, "samples", "a flat top: samples at the extreme value in all", _HELD)
 FLAT_TIMES = threshold(5.0, "1", "a flat top of a quantised channel, over the samples of any level next to it", _HELD)
@@ -119,75 +105,45 @@ PRESSURE_CONSISTENT = threshold(
 # ---- Trial of the record: gyros against accelerometers against air data ----
 
 FASTEST_RATE = threshold(1e3, "rad/s", "the gyros are in wrong units: the record is refused", _USABLE)
-LARGEST_MOMENT = threshold(
-    1.0, "1", "moment coefficient of no vehicle: with LEAST_SWING, the air is too thin to answer", _USABLE
-)
-LEAST_SWING = threshold(
-    1e-3, "1", "the air is too thin: change of the rates by the largest moment over their own change", _USABLE
-)
-COMPATIBILITY_KEPT = threshold(
-    (0.002, 0.1, 0.1), "1", "a relation counts as kept: share of it that is unexplained, by relation", _TRIAL
-)
+LARGEST_MOMENT = threshold(1.0, "1", "moment coefficient of no vehicle: the air is too thin", _USABLE)
+LEAST_SWING = threshold(1e-3, "1", "change of rates by that moment over their own", _USABLE)
+COMPATIBILITY_KEPT = threshold((0.002, 0.1, 0.1), "1", "a relation is kept: unexplained share, by relation", _TRIAL)
 COMPATIBILITY_TOO_NOISY = threshold(0.3, "1", "a relation says nothing: share of it that is noise", _TRIAL)
-COMPATIBILITY_NORMAL_SLOPE = threshold(
-    1.2, "1/rad", "normal-force slope of any body, from which a found slope is judged", _TRIAL
-)
+COMPATIBILITY_NORMAL_SLOPE = threshold(1.2, "1/rad", "normal-force slope of any body", _TRIAL)
 COMPATIBILITY_NORMAL_SPREAD = threshold(1.3, "1", "1-sigma of the logarithm of that slope among bodies", _TRIAL)
-COMPATIBILITY_WIND = threshold(
-    10.0, "m/s", "1-sigma of the wind along the path, which may explain a deceleration", _TRIAL
-)
-COMPATIBILITY_WIND_TOLERANCES = threshold(
-    2.0, "sigmas", "the same in tolerances of the flight, where that is more", _TRIAL
-)
+COMPATIBILITY_WIND = threshold(10.0, "m/s", "sigma of the wind along the path, which may decelerate", _TRIAL)
+COMPATIBILITY_WIND_TOLERANCES = threshold(2.0, "sigmas", "the same in tolerances, where that is more", _TRIAL)
 COMPATIBILITY_AXIAL_SPREAD = threshold(
-    0.25, "1", "1-sigma of the logarithm of true over sensed deceleration of a sound record", _TRIAL
+    0.25, "1", "log sigma of true over sensed deceleration of a sound record", _TRIAL
 )
 COMPATIBILITY_DENSITY_SPREAD = threshold(0.35, "1", "1-sigma of the logarithm of the density of the day", _TRIAL)
-COMPATIBILITY_NOISE_SPREAD = threshold(
-    0.5, "1", "1-sigma of the logarithm of noise among three instruments of one make", _TRIAL
-)
-COMPATIBILITY_STEADY = threshold(
-    3.0, "1", "a constant transverse force counts against a correction: size over what oscillates", _TRIAL
-)
-COMPATIBILITY_FURTHER_MISTAKE = threshold(
-    1.5, "ln likelihood", "each further mistake in one record is less likely", _TRIAL
-)
+COMPATIBILITY_NOISE_SPREAD = threshold(0.5, "1", "log sigma of noise among three instruments of one make", _TRIAL)
+COMPATIBILITY_STEADY = threshold(3.0, "1", "constant transverse force counts against a correction", _TRIAL)
+COMPATIBILITY_FURTHER_MISTAKE = threshold(1.5, "nats", "a further mistake in one record is less likely", _TRIAL)
 COMPATIBILITY_BROKEN = threshold(0.012, "1", "relation 1 is broken: unexplained share beyond the noise", _TRIAL)
 COMPATIBILITY_TIMES_NOISE = threshold(4.0, "1", "noise counts so many times before a share is unexplained", _TRIAL)
 COMPATIBILITY_STRAINED = threshold(0.003, "1", "relation 1 is strained: unexplained share beyond the noise", _TRIAL)
-COMPATIBILITY_BROKEN_ALONE = threshold(
-    0.7, "1", "gyros contradict themselves where accelerometers say nothing: unexplained share", _TRIAL
-)
+COMPATIBILITY_BROKEN_ALONE = threshold(0.7, "1", "gyros contradict themselves: unexplained share", _TRIAL)
 COMPATIBILITY_AXIAL_WITHIN = threshold(
-    (0.5, 2.0), "1", "the axial accelerometer or the speed is wrong: true over sensed deceleration", _TRIAL
+    (0.5, 2.0), "1", "axial force or speed is wrong: true over sensed deceleration", _TRIAL
 )
-COMPATIBILITY_AXIAL_SIGMAS = threshold(3.0, "standard errors", "the same: certainty of that ratio", _TRIAL)
+COMPATIBILITY_AXIAL_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that ratio", _TRIAL)
 COMPATIBILITY_PRESSURE_WITHIN = threshold(
     (0.3, 3.0), "1", "dynamic pressure or altitude is wrong: density over that of the standard atmosphere", _TRIAL
 )
 COMPATIBILITY_NORMAL_WITHIN = threshold(
-    (0.04, 30.0), "1/rad", "accelerometers or pressure are wrong: slope of the normal force", _TRIAL
+    (0.04, 30.0), "1/rad", "accelerometers or pressure are wrong: normal-force slope", _TRIAL
 )
-COMPATIBILITY_DECISIVE = threshold(
-    2.2, "ln likelihood", "a mistake of sign, axis or unit is named: gain by undoing it", _TRIAL
-)
-COMPATIBILITY_DECISIVE_IF_STRAINED = threshold(
-    4.5, "ln likelihood", "the same, of a record that is strained but not broken", _TRIAL
-)
-COMPATIBILITY_CORRECTED = threshold(
-    0.4, "1", "a correction restores a broken relation: share of it that it leaves", _TRIAL
-)
-COMPATIBILITY_NEARLY_EQUAL = threshold(1.0, "ln likelihood", "another correction is named beside the best", _TRIAL)
-COMPATIBILITY_UNRELATED = threshold(
-    0.5, "1", "gyros and accelerometers belong to no one motion: unexplained share of each relation", _TRIAL
-)
+COMPATIBILITY_DECISIVE = threshold(2.2, "nats", "a mistake of sign, axis or unit: gain by undoing it", _TRIAL)
+COMPATIBILITY_DECISIVE_IF_STRAINED = threshold(4.5, "nats", "the same, of a strained record", _TRIAL)
+COMPATIBILITY_CORRECTED = threshold(0.4, "1", "a correction restores a relation: unexplained part", _TRIAL)
+COMPATIBILITY_NEARLY_EQUAL = threshold(1.0, "nats", "another correction is named beside the best", _TRIAL)
+COMPATIBILITY_UNRELATED = threshold(0.5, "1", "gyros and accelerometers disagree: unexplained shares", _TRIAL)
 COMPATIBILITY_QUIET = threshold(0.1, "1", "noise is small enough to say so: its share of a relation", _TRIAL)
 
 # ---- Motion: filters, smoothing, the fit of forces and rates ----
 
-WARNED_PER_CYCLE = threshold(
-    20.0, "samples", "warning: too few samples in a cycle of the transverse motion; status degraded", _LIMITS
-)
+WARNED_PER_CYCLE = threshold(20.0, "samples", "degraded: too few samples in a cycle of the motion", _LIMITS)
 WARNED_ALPHA = threshold(0.1, "1", "warning: sigma of alpha over its rms; status degraded", _LIMITS)
 WARNED_MOMENTS = threshold(0.2, "1", "warning: noise of the moments over their rms; status degraded", _LIMITS)
 WARNED_GRAVITY = threshold(2.0, "1", "warning: gravity found over gravity expected; status degraded", _LIMITS)
@@ -202,9 +158,7 @@ SLOWEST = threshold(
     _FORMAT,
 )
 SHORTEST_STEP = threshold(1e-7, "s", "time is in a larger unit than stated and the record is refused", _FORMAT)
-LARGEST_PROPERTY = threshold(
-    1e9, "SI", "a property of the vehicle is a fill value (its inverse is the least value)", _FORMAT
-)
+LARGEST_PROPERTY = threshold(1e9, "SI", "a property of the vehicle is a fill value (or its inverse)", _FORMAT)
 LEAST_SEGMENT_SAMPLES = threshold(
     16,
     "samples",
@@ -216,24 +170,14 @@ LEAST_SEGMENT_SAMPLES = threshold(
 
 _FLIGHTS = "judgement; held by tests.studies.independent.imperfect_study"
 RECORD_AMPLITUDE = threshold(
-    (-2.3, 2.0), "log units", "how large drifts of instruments and air may be, in their ordinary sizes", _FLIGHTS
+    (-2.3, 2.0), "log units", "size of drifts of instruments and air, in ordinary ones", _FLIGHTS
 )
-MOMENT_AMPLITUDE = threshold(
-    (-4.6, 1.5), "log units", "how large processes of the moment may be, of the static moment's rms", _FLIGHTS
-)
+MOMENT_AMPLITUDE = threshold((-4.6, 1.5), "log units", "size of moment processes, of the static moment's", _FLIGHTS)
 MECHANISM_AMPLITUDE = threshold(
-    (-2.3, 1.2), "log units", "how large a mechanism's terms may be, of the static moment's rms", _FLIGHTS
+    (-2.3, 1.2), "log units", "size of a mechanism's terms, of the static moment's", _FLIGHTS
 )
-BOUND_COSTS = threshold(
-    0.5, "1", "a mechanism is impossible: part of what it gains that values within its bounds lose", _FLIGHTS
-)
-SPECIFIC = threshold(
-    5.0, "nats", "terms that are characteristic of a mechanism are significant", "Kass and Raftery 1995: very strong"
-)
-FAMILY_SIGNIFICANT = threshold(
-    3.0, "nats", "a family of processes holds some of a residual", "Kass and Raftery 1995: strong"
-)
-ALWAYS = threshold(
-    0.1, "1", "that a mechanism acts from before the record begins, which a vehicle's own asymmetry does", _FLIGHTS
-)
+BOUND_COSTS = threshold(0.5, "1", "a mechanism is impossible: part of its gain that bounds cost", _FLIGHTS)
+SPECIFIC = threshold(5.0, "nats", "terms of a mechanism are significant", "Kass and Raftery 1995: very strong")
+FAMILY_SIGNIFICANT = threshold(3.0, "nats", "a family explains some of a residual", "Kass and Raftery 1995: strong")
+ALWAYS = threshold(0.1, "1", "prior that a mechanism acts throughout the record", _FLIGHTS)
 NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _FLIGHTS)

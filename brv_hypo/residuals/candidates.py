@@ -16,12 +16,11 @@ from brv_hypo.constants import CONFOUNDED_COSINE, CONFOUNDED_GAIN, CONFOUNDED_NE
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.ranking.intervals import intervals, within_bounds
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
+from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
-from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import nonlinear_parameters, refine
+from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.uncertainty import with_errors
 
 _SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
@@ -70,17 +69,6 @@ def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -
     return candidate_of(problem, null, likeliest(fits), mechanism.name, "mechanism") if fits else None
 
 
-def search_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate:
-    """The mechanism's best columns with knots and delays refined, as they enter one after another or as the exact
-    search finds them: what begins and ends takes two terms, neither of which may be worth much alone.
-    """
-    found = [_refined(problem, likeliest(fits), mechanism) for fits in _by_size(_on_grid(problem, mechanism))]
-    if len(problem.records) == 1:  # the exact search knows no columns of one flight of several
-        found.append(fit_hypothesis(problem, mechanism.name, (mechanism,)))
-    found = [bounded(problem, fit) for fit in found]
-    return candidate_of(problem, null, _soundest(found), mechanism.name, "mechanism")
-
-
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit with what it would lose by values that a body may have, all where they are absurd.
 
@@ -99,43 +87,12 @@ def _absurd(fit: HypothesisFit) -> bool:
     return any(max(limits[0] - value, value - limits[1]) > limits[1] - limits[0] for value, limits in values if limits)
 
 
-def refine_again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
-    """The candidate with knots and delays refined once more, if that is better."""
-    mechanism = candidate.fit.mechanisms[0]
-    rivals = [candidate.fit, _refined(problem, candidate.fit, mechanism)]
-    return candidate_of(problem, null, _soundest(rivals), candidate.name, candidate.kind)
-
-
-def _soundest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
-    """The best fit, those of absurd values left aside unless all are."""
-    return likeliest([fit for fit in fits if math.isfinite(fit.information)] or fits)
-
-
 def _on_grid(problem: Problem, mechanism: Mechanism) -> list[HypothesisFit]:
     frame = problem.frame.with_mechanisms([mechanism])
     offered = _offers(problem, frame, mechanism)
     searched = len({column for offer in offered for column in offer})
     own = mechanism.name, (mechanism,), frame
     return [fit for offer in offered for fit in forward(problem, *own, groups_of(offer), searched)]
-
-
-def _by_size(fits: Sequence[HypothesisFit]) -> list[list[HypothesisFit]]:
-    """The fits by their number of columns, the fewest first."""
-    sizes = sorted({len(fit.selected) for fit in fits})
-    return [[fit for fit in fits if len(fit.selected) == size] for size in sizes]
-
-
-def _refined(problem: Problem, fit: HypothesisFit, mechanism: Mechanism) -> HypothesisFit:
-    """Delays and knots moved to their best values, C_mw of Eq. 5.1 brought up to date where it is delayed."""
-    frame = fit.frame
-    if mechanism.parameters():
-        frame = frame.with_in_plane_moment(fit.columns, fit.values)
-    nonlinear = nonlinear_parameters(fit.columns, fit.baseline_size, frame, problem.knots)
-    fresh = frozenset(range(fit.baseline_size, len(fit.columns)))
-    found = refine(fit.columns, nonlinear, fresh, Reduced(problem, frame))
-    return replace(
-        fit, frame=frame, columns=found.columns, values=found.values, residual=found.residual, nonlinear=found.nonlinear
-    )
 
 
 @dataclass(frozen=True)

@@ -14,17 +14,9 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
-from brv_hypo.residuals.candidates import (
-    Candidate,
-    Variant,
-    fitted_again,
-    refine_again,
-    search_mechanism,
-    try_mechanism,
-    try_record_effect,
-)
+from brv_hypo.residuals.candidates import Candidate, Variant, fitted_again, try_mechanism, try_record_effect
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.discover import Dictionary, Discovery, dictionary_of, discover
+from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import problem_of, with_efficiency
 
@@ -42,7 +34,7 @@ Catalogue = Mapping[str, list[Variant]]
 class Look:
     """A fitted model and what every candidate would do beside it, on the fitted part.
 
-    `components` maps the histories of record effects to their flights and components; `dictionary` is None where no
+    `components` maps the histories of record effects to their flights and components; `discovery` is None where no
     description in generic terms was asked for.
     """
 
@@ -52,7 +44,6 @@ class Look:
     candidates: tuple[Candidate, ...]
     flights: tuple[LinearisedFlight, ...]
     components: Mapping[str, tuple[int, Component]]
-    dictionary: Dictionary | None = None
     discovery: Discovery | None = None
 
 
@@ -79,25 +70,16 @@ def look(
     catalogue, histories = _histories(seen.frame, flights, effects, model)
     problem = problem_of(seen, model, flights, config, histories)
     null = fit_hypothesis(problem, "none", ())
-    by_name = {mechanism.name: mechanism for mechanism in mechanisms}
     found = _try_all(problem, null, mechanisms, catalogue)
     if found:
         problem = with_efficiency(problem, _leader(found).fit)
         null = fit_hypothesis(problem, "none", ())
-        found = _searched(problem, null, [fitted_again(problem, null, candidate) for candidate in found], by_name)
-        problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
-        leader = _leader(found)
-        if any(column.theta or column.time_basis.kind != "constant" for column in leader.fit.selected):
-            closer = refine_again(problem, null, leader)
-            found = [closer if c is leader else c for c in found]
-        problem = with_efficiency(problem, _leader(found).fit)
-        null = fit_hypothesis(problem, "none", ())
         found = [fitted_again(problem, null, candidate) for candidate in found]
+        problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
     found = sorted(found, key=lambda candidate: candidate.fit.information)
-    dictionary = dictionary_of(problem) if config.discover else None
-    discovery = discover(problem, null, dictionary, generic_name(model), 1) if dictionary else None
+    discovery = discover(problem, null, generic_name(model)) if config.discover else None
     components = _placed([variant for variants in catalogue.values() for variant in variants])
-    return Look(seen, problem, null, tuple(found), flights, components, dictionary, discovery)
+    return Look(seen, problem, null, tuple(found), flights, components, discovery)
 
 
 def generic_name(model: Model) -> str:
@@ -108,14 +90,6 @@ def generic_name(model: Model) -> str:
 
 def _leader(found: Sequence[Candidate]) -> Candidate:
     return min(found, key=lambda candidate: candidate.fit.information)
-
-
-def _searched(
-    problem: Problem, null: HypothesisFit, found: Sequence[Candidate], mechanisms: Mapping[str, Mechanism]
-) -> list[Candidate]:
-    """The candidates, those with knots or delays searched anew: on a coarse grid any of them may look like nothing."""
-    searched = {name for name, m in mechanisms.items() if m.time_variation != ("constant",) or m.parameters()}
-    return [search_mechanism(problem, null, mechanisms[c.name]) if c.name in searched else c for c in found]
 
 
 def _closer(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from brv_hypo.constants import (
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
     LOOP_SCHEDULE,
-    LOOP_SHARED,
     LOOP_TRIES,
 )
 from brv_hypo.regression.channels import Rows
@@ -25,7 +24,6 @@ from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.judge import Agreement, Prediction, agreement, force_errors, moment_errors, ratio, residuals_of
-from brv_hypo.residuals.prediction_interval import lasting
 from brv_hypo.residuals.problem import is_carried, left_by, left_without
 from brv_hypo.thresholds import SPECIFIC
 
@@ -121,7 +119,6 @@ def choose(
     discovery: Discovery | None,
     significance: float,
     add: Callable[[Candidate], State],
-    before: Sequence[Tried] = (),
     residual_is_white: bool = False,
     scheduled: bool = True,
     gain_of: Callable[[State], float] | None = None,
@@ -130,14 +127,13 @@ def choose(
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
-    tolerance that every fit allows it. `before` holds what was tried on this look already; `scheduled` says that the
+    tolerance that every fit allows it. `scheduled` says that the
     model has a schedule by Mach number; `gain_of` is what the last effect of a model gains beside all processes.
     """
     held = {column.mechanism for column in here.problem.baseline}
     ranked = tuple(_ranked(here, discovery, held))
     ranked = ranked if scheduled else _schedules_first(ranked)
     chances = adjusted(ranked)
-    known = {tried.candidate.name: tried for tried in before if tried.candidate.kind != "discovered"}
     tried: list[Tried] = []
     for candidate in ranked:
         if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
@@ -149,8 +145,8 @@ def choose(
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             break
-        found = known.get(candidate.name) or _try(here, state, candidate, certain, add)
-        if found.agrees and found.gain is None and gain_of is not None:
+        found = _try(here, state, candidate, certain, add)
+        if found.agrees and gain_of is not None:
             found = replace(found, gain=gain_of(found.state))
         tried.append(found)
         if tried[-1].taken or len(tried) == LOOP_TRIES:
@@ -224,22 +220,7 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
 
 
 def _gives_way(candidate: Candidate, described: Candidate) -> bool:
-    """Whether a description in generic terms comes before the candidate.
-
-    Of several flights, one that all of them share comes before changes in time that are told of each anew, where it
-    explains nearly as much.
-    """
-    if told_once(described, candidate):
-        return described.gain >= LOOP_SHARED * candidate.gain
+    """Whether a description in generic terms comes before the candidate."""
     if candidate.evidence is not None and described.evidence is not None:
         return described.evidence - candidate.evidence >= SPECIFIC
     return described.gain - candidate.gain >= CONFOUNDED_NEAR
-
-
-def told_once(described: Candidate, candidate: Candidate) -> bool:
-    """Whether all flights share what is described, where the candidate changes in time on each of several anew."""
-    anew = any(column.flight is not None and column.time_basis.kind != "constant" for column in candidate.fit.selected)
-    if described.kind != "discovered" or not anew:
-        return False
-    fit = described.fit
-    return bool(np.all(lasting(fit.selected, {mechanism.name: mechanism for mechanism in fit.mechanisms})))

@@ -17,7 +17,6 @@ from brv_hypo.constants import (
     DESCRIBED_FINER,
     DESCRIBED_FREE,
     DESCRIBED_NEIGHBOURS,
-    DESCRIBED_SCREENED,
     DESCRIBED_STRETCHES,
     DESCRIBED_TIMED,
 )
@@ -28,61 +27,33 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, candidate_of, solved
 from brv_hypo.residuals.dictionary import COURSES, Entry, entries
-from brv_hypo.subset import best_subsets
 
 
 @dataclass(frozen=True)
 class Discovery:
-    """A candidate of generic terms, the file that holds them, and how many entries of the dictionary it is."""
+    """A candidate of generic terms, the file that has them, and its words."""
 
     candidate: Candidate
     file: MechanismFile
     words: str
-    pieces: int
 
 
-@dataclass(frozen=True)
-class Dictionary:
-    """The dictionary's entries with their whitened columns in one step's regression: (rows, columns) each."""
-
-    entries: tuple[Entry, ...]
-    columns: tuple[FloatArray, ...]
-
-
-def dictionary_of(problem: Problem) -> Dictionary:
-    """The entries for the problem's flights."""
-    found = entries(problem.frame.motions)
-    return Dictionary(found, tuple(_white(problem, found)))
-
-
-def discover(problem: Problem, null: HypothesisFit, dictionary: Dictionary, name: str, most: int) -> Discovery | None:
-    """The best description of at most `most` entries of the dictionary beside the model; None if there is none.
-
-    Entries are screened one after another, moved to their best places, and the best subset of each size is
-    found exactly.
-    """
-    response, model = problem.response, _left(problem)
-    basis, left = model
-    chosen: list[Entry] = []
-    for _ in range(min(most + 2, DESCRIBED_SCREENED) if most > 1 else 1):
-        gains = [_gain(_free(own, basis), left) for own in dictionary.columns]
-        if not gains or max(gains) <= 0.0:
-            break
-        best = _best(problem, dictionary.entries, gains, basis, left)
-        own = _free(_white(problem, [best])[0], basis)
-        basis = np.column_stack([basis, np.linalg.qr(own)[0]])
-        left = response - basis @ (basis.T @ response)
-        chosen.append(best)
-    count = len(dictionary.entries)
-    fits = [_constant(problem, name, subset, count) for subset in _subsets(problem, chosen, most)]
+def discover(problem: Problem, null: HypothesisFit, name: str) -> Discovery | None:
+    """The entry of the dictionary that describes best what the model does not explain; None if there is none."""
+    basis, left = _left(problem)
+    offered = entries(problem.frame.motions)
+    gains = [_gain(_free(own, basis), left) for own in _white(problem, offered)]
+    fits = []
+    if gains and max(gains) > 0.0:
+        fits = [_constant(problem, name, _best(problem, offered, gains, basis, left), len(gains))]
     if len(problem.records) == 1:
-        fits += _all_timed(problem, name, dictionary, *model)
+        fits += _all_timed(problem, name, offered, basis, left)
     if not fits:
         return None
     found = min(fits, key=lambda each: each.fit.information)
     candidate = candidate_of(problem, null, found.fit, name, "discovered")
     terms = filed(found.fit.selected, found.fit.values[found.fit.baseline_size :], found.mechanism)
-    return Discovery(candidate, found.file.model_copy(update={"terms": terms}), found.file.title, len(found.entries))
+    return Discovery(candidate, found.file.model_copy(update={"terms": terms}), found.file.title)
 
 
 def _best(
@@ -117,60 +88,37 @@ def filed(columns: Sequence[Regressor], values: FloatArray, mechanism: YamlMecha
     return tuple(found)
 
 
-def _subsets(problem: Problem, chosen: Sequence[Entry], most: int) -> list[tuple[Entry, ...]]:
-    """The best subsets of 1 to `most` of the chosen entries."""
-    if len(chosen) <= 1:
-        return [tuple(chosen)] if chosen else []
-    frame, columns = _columns(problem, chosen)
-    base = problem.design(problem.frame, problem.baseline)
-    rows = np.column_stack([base, problem.design(frame, [c for group in columns for c in group]), problem.response])
-    small = np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
-    size = base.shape[1]
-    ends = np.cumsum([size, *(len(group) for group in columns)])
-    groups = tuple(tuple(range(a, b)) for a, b in itertools.pairwise(ends))
-    widest = max(len(group) for group in groups)
-    result = best_subsets(
-        small[:, :-1],
-        small[:, -1],
-        max_terms=min(most * widest, int(ends[-1]) - size),
-        forced=tuple(range(size)),
-        groups=tuple(group for group in groups if len(group) > 1) or None,
-    )
-    found = {tuple(k for k, group in enumerate(groups) if group[0] in subset.columns) for subset in result.subsets}
-    return [tuple(chosen[k] for k in members) for members in found if 0 < len(members) <= most]
-
-
 @dataclass(frozen=True)
 class _Described:
-    """A description as fitted; `file` holds its terms without values and jumps, `entries` are the dictionary's."""
+    """A description as fitted; `file` has its terms without values and jumps, `entry` is the dictionary's."""
 
     fit: HypothesisFit
     file: MechanismFile
     mechanism: YamlMechanism
-    entries: tuple[Entry, ...]
+    entry: Entry
 
 
-def _constant(problem: Problem, name: str, chosen: tuple[Entry, ...], entries_searched: int) -> _Described:
-    """Entries that act throughout."""
-    file = _file(name, chosen, " and ".join(entry.words for entry in chosen))
+def _constant(problem: Problem, name: str, entry: Entry, entries_searched: int) -> _Described:
+    """An entry that acts throughout."""
+    file = _file(name, entry, entry.words)
     columns = tuple(_column(name, term.name, term.units) for term in file.terms)
-    return _described(problem, file, columns, math.comb(entries_searched, len(chosen)), chosen)
+    return _described(problem, file, columns, entries_searched, entry)
 
 
 def _all_timed(
-    problem: Problem, name: str, dictionary: Dictionary, basis: FloatArray, left: FloatArray
+    problem: Problem, name: str, every: Sequence[Entry], basis: FloatArray, left: FloatArray
 ) -> list[_Described]:
     """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them with
     times anew at its own place: beside a place a jump more makes up for what is off.
     """
-    offered, count = [entry for entry in dictionary.entries if entry.may_change], len(dictionary.entries)
+    offered, count = [entry for entry in every if entry.may_change], len(every)
     fits = [_timed(problem, name, entry, count, basis, left) for entry in _changing(problem, offered, basis, left)]
     if not fits:
         return fits
     best = min(fits, key=lambda each: each.fit.information)
     courses = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
     gains = [_gain(_free(_white(problem, [entry], courses)[0], basis), left) for entry in offered]
-    again = (offered[int(np.argmax(gains))], *best.entries)
+    again = (offered[int(np.argmax(gains))], best.entry)
     fits += [_timed(problem, name, entry, count, basis, left) for entry in again]
     return [*fits, _climbed(problem, min(fits, key=lambda each: each.fit.information), basis, left)]
 
@@ -181,7 +129,7 @@ def _climbed(problem: Problem, found: _Described, basis: FloatArray, left: Float
     A moment that turns too slowly explains most over a part of the time: place by given times, and times at a given
     place, both end there.
     """
-    entry, courses = found.entries[0], tuple(dict.fromkeys(column.time_basis for column in found.fit.selected))
+    entry, courses = found.entry, tuple(dict.fromkeys(column.time_basis for column in found.fit.selected))
     if entry.at is None or not any(time_basis.kind == "jump" for time_basis in courses):
         return found
     gain, spacing = _gain(_free(_white(problem, [entry], courses)[0], basis), left), entry.spacing
@@ -237,7 +185,7 @@ def _with_courses(
     times = sorted(time_basis.start for time_basis in courses if time_basis.kind == "jump")
     words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
     columns = tuple(_column(name, term.name, term.units, time_basis) for time_basis in courses for term in entry.terms)
-    return _described(problem, _file(name, (entry,), words), columns, searched, (entry,))
+    return _described(problem, _file(name, entry, words), columns, searched, entry)
 
 
 class _Changing(YamlMechanism):
@@ -285,22 +233,18 @@ def _neighbours(one: Entry, other: Entry) -> bool:
     return placed and abs(one.position - other.position) < DESCRIBED_NEIGHBOURS * max(one.spacing, other.spacing)
 
 
-def _file(name: str, chosen: Sequence[Entry], words: str) -> MechanismFile:
+def _file(name: str, entry: Entry, words: str) -> MechanismFile:
     return MechanismFile(
-        name=name,
-        title=words,
-        claims=words,
-        source="found in the residual of a flight",
-        terms=tuple(term for entry in chosen for term in entry.terms),
+        name=name, title=words, claims=words, source="found in the residual of a flight", terms=entry.terms
     )
 
 
 def _described(
-    problem: Problem, file: MechanismFile, columns: tuple[Regressor, ...], searched: int, chosen: tuple[Entry, ...]
+    problem: Problem, file: MechanismFile, columns: tuple[Regressor, ...], searched: int, entry: Entry
 ) -> _Described:
     mechanism = mechanism_of(file)
     frame = problem.frame.with_mechanisms([mechanism])
-    return _Described(solved(problem, file.name, (mechanism,), frame, columns, searched), file, mechanism, chosen)
+    return _Described(solved(problem, file.name, (mechanism,), frame, columns, searched), file, mechanism, entry)
 
 
 _ALWAYS = (TimeBasis("constant"),)

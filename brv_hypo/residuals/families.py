@@ -26,7 +26,7 @@ from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.with_processes import fitted, plainest
+from brv_hypo.ranking.with_processes import fitted, moved, plainest
 from brv_hypo.regression.channels import Part
 from brv_hypo.regression.channels import Rows as Histories
 from brv_hypo.regression.fit import HypothesisFit, solved
@@ -79,9 +79,11 @@ class Beside:
 
         As it was fitted or acting between two times, without changes that are not wanted (`compare` has it so).
         """
-        pair = self._pair(fit)
-        if fit.mechanisms and len(self.rows.frame.motions) == 1 and fit.mechanisms[0].time_variation != ("constant",):
-            pair = plainest(self.rows.problem, pair, self.null, self.rows.frame_of(pair[0]))
+        pair, problem = self._pair(fit), self.rows.problem
+        if fit.mechanisms and (fit.mechanisms[0].time_variation != ("constant",) or fit.mechanisms[0].parameters()):
+            one = len(self.rows.frame.motions) == 1
+            frame = self.rows.frame_of(pair[0])
+            pair = plainest(problem, pair, self.null, frame) if one else moved(problem, pair)
         return pair[1].level - self.null.level, pair[0].selected
 
     def gain_of(self, fit: HypothesisFit) -> float:

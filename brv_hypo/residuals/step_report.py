@@ -132,7 +132,7 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
     without_flight = None if leading is None else flight_left_out(here.problem, here.seen, leading.candidate)
     standing: Standing | None = None
     if taken is not None and choice.named_in is not None:
-        generic = taken.candidate.kind == "discovered" and (len(state.seen.records) == 1 or _in_pieces(choice))
+        generic = taken.candidate.kind == "discovered" and len(state.seen.records) == 1
         hinted = generic or rests_on_hints(earlier)
         standing = "hint" if hinted else _standing(taken, choice, choice.named_in, without_flight)
     return Step(
@@ -174,11 +174,6 @@ def _told(
         description=_words(candidate, here, discovery),
         near_equals=near,
     )
-
-
-def _in_pieces(choice: Choice) -> bool:
-    """Whether generic terms name nothing even on several flights: several that were found one after another."""
-    return choice.discovery is not None and choice.discovery.pieces > 1
 
 
 def rests_on_hints(earlier: Sequence[Step]) -> bool:

@@ -16,7 +16,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.constants import (
-    DESCRIBED_TERMS,
     HELD_OUT_SHORTEST,
     LIKELIHOOD_STEPS,
     LOOP_REPEATED_BLOCKS,
@@ -54,11 +53,11 @@ from brv_hypo.residuals.baseline import (
     without_bend,
 )
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes, with_columns
-from brv_hypo.residuals.candidates_at_step import Look, generic_name, look
+from brv_hypo.residuals.candidates_at_step import Look, look
 from brv_hypo.residuals.choice import Choice, Tried, choose, follows_mach, is_schedule
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.diagnostics import find
-from brv_hypo.residuals.discover import Discovery, discover
+from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.families import Beside, beside_processes
 from brv_hypo.residuals.fitted_model import State, first_state, refitted, settled_state, state_of, with_candidate
 from brv_hypo.residuals.judge import Prediction
@@ -102,8 +101,12 @@ def _repetitions(problem: Problem, seen: Seen, config: TraceConfig) -> Iterator[
 
 
 def with_evidence(here: Look, beside: Beside) -> Look:
-    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there."""
+    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
+
+    So are all that change in time: on a coarse grid any of them may look like nothing.
+    """
     leading = {id(each) for each in here.candidates[:LOOP_WITH_EVIDENCE] if each.gain > 0.0}
+    leading |= {id(c) for c in here.candidates if any(m.time_variation != ("constant",) for m in c.fit.mechanisms)}
     found = [_with_evidence(here, beside, each) if id(each) in leading else each for each in here.candidates]
     discovery = here.discovery
     if discovery is not None:
@@ -363,12 +366,6 @@ class _Course:
         beside = beside_processes(state, state.model, self.config, state.seen.fitted, here.problem.given)
         here = with_evidence(here, beside)
         choice = self._choice(here, state, beside, here.discovery, white=residual.white)
-        if choice.taken is None and here.dictionary is not None and not residual.white:
-            more = discover(here.problem, here.null, here.dictionary, generic_name(state.model), DESCRIBED_TERMS)
-            if more is not None:
-                more = replace(more, candidate=_with_evidence(here, beside, more.candidate))
-            described = self._choice(here, state, beside, more, choice.tried)
-            choice = described if described.taken else choice
         if choice.taken is None and bends and (named := self._naming_the_bend(number, state, bends)) is not None:
             return named
         return self._turn(number, residual, here, state, choice, before)
@@ -416,13 +413,7 @@ class _Course:
         return step.model_copy(update={"families": shares, "decomposition": found})
 
     def _choice(
-        self,
-        here: Look,
-        state: State,
-        beside: Beside,
-        discovery: Discovery | None,
-        before: Sequence[Tried] = (),
-        white: bool = False,
+        self, here: Look, state: State, beside: Beside, discovery: Discovery | None, white: bool = False
     ) -> Choice:
         def add(candidate: Candidate) -> State:
             found = with_candidate(self.flights, self.config, here, state, candidate)
@@ -436,7 +427,7 @@ class _Course:
             there = beside_processes(found, state.model, self.config, found.seen.fitted)
             return there.gain(found.model.added[-1])
 
-        choice = choose(here, state, discovery, self.config.significance, add, before, white, known, gain_of)
+        choice = choose(here, state, discovery, self.config.significance, add, white, known, gain_of)
         if choice.taken is None:
             return choice
         name, unwanted = choice.taken.candidate.name, choice.unwanted

@@ -14,7 +14,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.dictionary import entries
-from brv_hypo.residuals.discover import Discovery, _climbed, _left, _moved, _with_courses, dictionary_of, discover
+from brv_hypo.residuals.discover import Discovery, _climbed, _left, _moved, _with_courses, discover
 from tests.chains import prepared
 
 
@@ -51,7 +51,7 @@ def with_moment(given: Problem, term: YamlTerm, time_basis: TimeBasis, size: flo
 def turning_for_a_while() -> tuple[Problem, Discovery | None]:
     """A problem with a moment that turns from 2 to 4.5 s, and what is discovered."""
     given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
-    return given, discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    return given, discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
 
 
 def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
@@ -79,11 +79,10 @@ def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
 @pytest.mark.thorough
 def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
     given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
-    dictionary = dictionary_of(given)
-    found = discover(given, fit_hypothesis(given, "none", ()), dictionary, "discovered_1", 1)
+    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
     assert found is not None
     assert len({column.choice for column in found.candidate.fit.selected}) == 1
-    assert found.candidate.fit.searched == len(dictionary.entries)
+    assert found.candidate.fit.searched == len(entries(given.frame.motions))
 
 
 @pytest.mark.thorough
@@ -94,7 +93,7 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
     step = Factor(of="time", function="step", at=at, width=0.1)
     term = YamlTerm(name="later", axis="in_plane", factors=(step, Factor(of="alpha")), units="1/rad")
     given = with_moment(given, term, TimeBasis("constant"), 1500.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
     assert found is not None
     places = [factor.at for term in found.file.terms for factor in term.factors if factor.of == "mach"]
     assert places == pytest.approx([float(np.interp(at, motion.time, motion.mach))], abs=0.01)
@@ -106,7 +105,7 @@ def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float,
     """As constants throughout, entries of other rates and harmonics explain more."""
     term = TURNING.model_copy(update={"turn": Turn(of="time", rate=rate)})
     given = with_moment(prepared(), term, TimeBasis("jump", start, stop), 600.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), dictionary_of(given), "discovered_1", 1)
+    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
     assert found is not None
     rates = [term.turn.rate for term in found.file.terms if term.turn is not None and term.turn.of == "time"]
     times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
