@@ -11,7 +11,8 @@
       - {name: across, axis: body_z, turn: {of: time, rate: 5.0}}
 
 A term is a moment of unit coefficient along an axis, which may turn, times its factors: powers, jumps, ramps,
-schedules of one quantity each; it may be that of an earlier motion (`delay`).
+schedules of one quantity each; it may be that of an earlier motion (`delay`). `along_rates` is the axis of the
+transverse rates times d / 2V, which damping has, and `across_rates` a right angle from it.
 No expression is evaluated as code.
 """
 
@@ -36,7 +37,7 @@ from brv_hypo.motion.motion import Motion
 FORMAT, VERSION = "brv-mechanism", 1
 
 Quantity = Literal["time", "alpha", "windward_meridian", "p", "velocity", "dynamic_pressure", "mach", "log_reynolds"]
-Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z"]
+Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z", "along_rates", "across_rates"]
 
 
 def values_of(motion: Motion, quantity: Quantity) -> FloatArray:
@@ -138,7 +139,10 @@ class YamlTerm(_Part):
         direction = np.exp(1j * (motion.windward_meridian - before.windward_meridian))
         if self.axis in ("body_y", "body_z"):
             direction = np.exp(1j * motion.windward_meridian)
-        if self.axis in ("out_of_plane", "body_z"):
+        if self.axis in ("along_rates", "across_rates"):
+            body = np.asarray((before.q + 1j * before.r) * before.rate_factor, dtype=complex)
+            direction = direction * before.to_plane(body)
+        if self.axis in ("out_of_plane", "body_z", "across_rates"):
             direction = 1j * direction
         if self.turn is not None:
             direction = direction * np.exp(1j * self.turn.rate * of(self.turn.of))

@@ -33,9 +33,6 @@ def directions_beyond(basis: FloatArray, design: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, sizes > _SPENT], dtype=float)
 
 
-# ---- Every candidate effect, fitted beside the model on the part of the record that is fitted ----
-
-
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from brv_hypo.constants import RECORD_EFFECT_CLOSER
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem
@@ -19,9 +19,6 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
 from brv_hypo.residuals.linearisation import Model, Seen
 from brv_hypo.residuals.problem import problem_of, with_efficiency
-
-# ---- One look at the flights: the reconstruction, the model as it stands, and every candidate beside it ----
-
 
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
@@ -72,7 +69,7 @@ def look(
     null = fit_hypothesis(problem, "none", ())
     found = _try_all(problem, null, mechanisms, catalogue)
     if found:
-        problem = with_efficiency(problem, _leader(found).fit)
+        problem = with_efficiency(problem, likeliest([candidate.fit for candidate in found]))
         null = fit_hypothesis(problem, "none", ())
         found = [fitted_again(problem, null, candidate) for candidate in found]
         problem, found, catalogue = _closer(problem, null, found, flights, catalogue)
@@ -86,10 +83,6 @@ def generic_name(model: Model) -> str:
     """The name of what is described in generic terms beside the model."""
     numbers = itertools.count(len(model.added) + 1)
     return next(name for number in numbers if (name := f"{GENERIC}_{number}") not in model.mechanisms)
-
-
-def _leader(found: Sequence[Candidate]) -> Candidate:
-    return min(found, key=lambda candidate: candidate.fit.information)
 
 
 def _closer(

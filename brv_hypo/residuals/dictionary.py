@@ -164,13 +164,12 @@ WAVES: tuple[Wave, Wave] = ("cos", "sin")
 
 
 def _powers() -> list[Entry]:
-    """Powers of alpha in and out of plane that the baseline lacks."""
+    """Powers of alpha, in and out of plane and times the rates, that the baseline lacks."""
     chosen: list[tuple[Axis, int]] = [("in_plane", 2), ("in_plane", 3), *(("out_of_plane", k) for k in range(4))]
+    chosen += [("along_rates", 1), ("along_rates", 2), *(("across_rates", k) for k in range(3))]
     return [
         Entry(
-            f"a constant {axis.replace('_', '-')} moment"
-            if power == 0
-            else f"an {axis.replace('_', '-')} moment{_POWER[power].replace(' times', ' with')}",
+            f"{_SIDES[_AXES.index(axis)]} moment" + (_POWER[power].replace(" times", " with") or ", constant"),
             (
                 YamlTerm(
                     name=f"{axis}{_POWER[power]}",
@@ -221,8 +220,8 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
         where = f"around {_QUANTITY[quantity]} {at:.4g}"
         label = f"hat at {quantity} {at:.12g}"
         slopes = (
-            YamlTerm(name=f"{axis} alpha, {label}", axis=axis, factors=(hat, *_alpha(1)), units="1/rad")
-            for axis in _PLANE
+            *(YamlTerm(name=f"{a} alpha, {label}", axis=a, factors=(hat, *_alpha(1)), units="1/rad") for a in _PLANE),
+            YamlTerm(name=f"rates, {label}", axis="along_rates", factors=(hat,)),
         )
         fixed = tuple(YamlTerm(name=f"{axis}, {label}", axis=axis, factors=(hat,)) for axis in _BODY)
         for form, terms in zip(_FORMS, (*((slope,) for slope in slopes), fixed), strict=True):
@@ -230,8 +229,17 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
     return found
 
 
-_FORMS = ("a change of the stiffness", "an out-of-plane moment with alpha", "a body-fixed moment")
+_FORMS = (
+    "a change of the stiffness",
+    "an out-of-plane moment with alpha",
+    "a change of damping",
+    "a body-fixed moment",
+)
 
 
 def _alpha(power: int) -> tuple[Factor, ...]:
     return (Factor(of="alpha", power=power),) if power else ()
+
+
+_AXES = ("in_plane", "out_of_plane", "along_rates", "across_rates")
+_SIDES = ("an in-plane", "an out-of-plane", "a damping", "a cross-damping")

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -131,30 +132,38 @@ class Beside:
 
         Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
         """
-        found: list[str] = []
         residuals = [self.rows.beside_baseline(self.rows.y)]
-        order: list[str] = []
-        for k, name in enumerate(names):
-            residuals.append(_residual(self.rows, [self.terms[each] for each in names[: k + 1]]))
-            order.append(self.families[name])
-        level, best = -np.inf, None
-        while rest := [family for family in dict.fromkeys(g.family for g in self.rows.groups) if family not in found]:
-            tried = {family: self.evidence(names, [*found, family]) for family in rest}
-            family = max(tried, key=lambda each: tried[each].level)
-            if tried[family].level < level + FAMILY_SIGNIFICANT:
-                break
-            best, level = tried[family], tried[family].level
-            found.append(family)
-            residuals.append(best.residual)
-            order.append(family)
-        stretches = self.rows.time_blocks
-        squares = np.array([np.bincount(stretches, weights=each**2) for each in residuals])
-        falls = squares[:-1] - squares[1:]
-        by_family = {family: falls[[k for k, own in enumerate(order) if own == family]].sum(axis=0) for family in order}
-        shares = [_share(family, fall, squares[0]) for family, fall in by_family.items()]
-        histories = {} if best is None else self._histories(best)
-        shares = [each.model_copy(update={"history": histories.get(each.family)}) for each in shares]
+        residuals += [_residual(self.rows, [self.terms[each] for each in names[: k + 1]]) for k in range(len(names))]
+        selected = self._selected(names)
+        residuals += [each.residual for _, each in selected]
+        order: list[tuple[str, ...]] = [(self.families[name],) for name in names]
+        order += [some for some, _ in selected]
+        stretches, falls = self.rows.time_blocks, dict[str, FloatArray]()
+        squares = [np.bincount(stretches, weights=each**2).astype(float) for each in residuals]
+        for some, before, after in zip(order, squares, squares[1:], strict=False):
+            for family in some:  # what two explain together is half of either
+                falls[family] = np.asarray(falls.get(family, 0.0) + (before - after) / len(some))
+        histories = self._histories(selected[-1][1])
+        shares = [_share(family, fall, squares[0], histories.get(family)) for family, fall in falls.items()]
         return tuple(sorted(shares, key=lambda each: -each.share))
+
+    def _selected(self, names: Sequence[str]) -> list[tuple[tuple[str, ...], Evidence]]:
+        """Families one after another, each the one that raises the evidence most; two at once where no one does."""
+        every = tuple(dict.fromkeys(group.family for group in self.rows.groups))
+        whole, level, known = self.evidence(names, every).level, -np.inf, tuple[str, ...]()
+        found: list[tuple[tuple[str, ...], Evidence]] = []
+        while whole > level + FAMILY_SIGNIFICANT and len(known) < len(every):
+            for size in (1, 2):
+                offered = combinations([each for each in every if each not in known], size)
+                tried = {some: self.evidence(names, (*known, *some)) for some in offered}
+                best = max(tried, key=lambda some: tried[some].level)
+                if tried[best].level > level + FAMILY_SIGNIFICANT:
+                    break
+            else:
+                break
+            found.append((best, tried[best]))
+            known, level = (*known, *best), tried[best].level
+        return found
 
     def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
         """Of each family, the history of the process that makes most of the record, on the first flight."""
@@ -243,13 +252,13 @@ def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
 
 
-def _share(family: str, falls: FloatArray, squares: FloatArray) -> Family:
+def _share(family: str, falls: FloatArray, squares: FloatArray, history: ProcessHistory | None) -> Family:
     """What a family explains of sums of squares by stretches of time (stretches,)."""
     share, count = float(falls.sum() / squares.sum()), falls.size
     without = (falls.sum() - falls) / np.maximum(squares.sum() - squares, 1e-300)
     error = float(np.sqrt((count - 1) * np.var(without)))
     low, high = np.clip([share - _NORMAL_95 * error, share + _NORMAL_95 * error], 0.0, 1.0).tolist()
-    return Family(family=family, share=float(np.clip(share, 0.0, 1.0)), interval_95=(low, high))
+    return Family(family=family, share=float(np.clip(share, 0.0, 1.0)), interval_95=(low, high), history=history)
 
 
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:

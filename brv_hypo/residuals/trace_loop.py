@@ -405,10 +405,10 @@ class _Course:
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
     def _decomposed(self, step: Step, state: State, taken: Tried | None) -> Step:
-        """The step with what each family explains of its residual; a description in generic terms is of none."""
+        """The step with what each family explains of its residual: what was added only where it is established."""
         beside = beside_processes(state if taken is None else taken.state, state.model, self.config)
-        named = [] if taken is None or taken.candidate.kind == "discovered" else [taken.candidate.name]
-        found = beside.shares(named)
+        established = taken is not None and taken.candidate.kind != "discovered" and (taken.gain or 0.0) >= SPECIFIC
+        found = beside.shares([taken.candidate.name] if taken is not None and established else [])
         shares = {**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in found}}
         return step.model_copy(update={"families": shares, "decomposition": found})
 

@@ -124,6 +124,6 @@ def test_a_turn_too_slow_over_a_part_of_its_time_is_left_for_the_right_one(slow:
     near = _moved(given, turn.at(slow), *model, courses)
     assert abs(near.position - 3.0) > 0.3
     found = _climbed(given, _with_courses(given, "discovered_1", near, courses, 10), *model)
-    assert found.entries[0].position == pytest.approx(3.0, abs=0.1)
+    assert found.entry.position == pytest.approx(3.0, abs=0.1)
     times = sorted({column.time_basis.start for column in found.fit.selected})
     assert times == pytest.approx([1.2, 4.2], abs=0.15)
