@@ -121,11 +121,9 @@ class Beside:
 
     def is_adequate(self, names: Sequence[str]) -> bool:
         """Whether effects explain more of the residual than processes beside them; so where there is neither."""
-        residuals = [self.rows.beside_baseline(self.rows.y), self.evidence(names).residual]
-        if names:
-            residuals.insert(1, _residual(self.rows, [self.terms[name] for name in names]))
-        squares = [float(each @ each) for each in residuals]
-        return squares[0] - squares[-2] >= squares[-2] - squares[-1]
+        whole, rest = self.rows.beside_baseline(self.rows.y), self.evidence(names).residual
+        beside = _residual(self.rows, [self.terms[name] for name in names])
+        return float(whole @ whole - beside @ beside) >= float(beside @ beside - rest @ rest)
 
     def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
         """What effects and then families of processes explain of the residual, the largest first.
@@ -248,7 +246,7 @@ def _places(point: HypothesisFit, name: str) -> list[int]:
 def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
     """The residual (n,) of the baseline and some terms, without processes."""
     y = rows.beside_baseline(rows.y)
-    x = rows.beside_baseline(np.concatenate([each.x for each in terms], axis=1))
+    x = rows.beside_baseline(np.concatenate([rows.terms(None).x, *(each.x for each in terms)], axis=1))
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
 
 

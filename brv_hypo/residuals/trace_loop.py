@@ -72,13 +72,14 @@ from brv_hypo.thresholds import SPECIFIC
 
 
 def named_in(beside: Beside, offered: Sequence[Candidate], name: str, seen: Seen, config: TraceConfig) -> float:
-    """Share of the repetitions in which the effect of that name gains most beside all processes, among `offered`."""
+    """Share of the repetitions in which an effect gains most beside all processes, a generic description far more."""
     own = next(candidate for candidate in offered if candidate.name == name)
-    known = [each for each in offered if each is not own and each.evidence is not None]
+    rivals = [each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]
     best = []
     for problem in _repetitions(beside.rows.problem, seen, config):
         again = beside.under(problem)
-        gains = {each.name: again.gain_of(each.fit) for each in (own, *known[:LOOP_RIVALS])}
+        gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
+        gains[name] = again.gain_of(own.fit)
         best.append(max(gains, key=gains.__getitem__))
     return float(np.mean([each == name for each in best]))
 
