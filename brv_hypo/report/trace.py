@@ -143,7 +143,7 @@ def trace_document(result: Trace) -> Document:
         conclusion=" ".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
         blocks=blocks,
-        beside=(Picture(families_chart(result.steps[0])),),
+        beside=() if result.picture is None else (Picture(families_chart(result.steps[0])),),
     )
 
 

@@ -53,8 +53,9 @@ class Tried:
 
     @property
     def taken(self) -> bool:
-        """Whether the held-out part agrees, and processes do not explain the record far better."""
-        return self.agrees and (self.gain is None or self.gain > -SPECIFIC)
+        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all."""
+        least = -SPECIFIC if self.ratio < 1.0 and not self.carried else 0.0
+        return self.agrees and (self.gain is None or self.gain > least)
 
     @property
     def agrees(self) -> bool:

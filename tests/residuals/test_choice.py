@@ -178,6 +178,7 @@ def test_what_processes_explain_far_better_is_not_taken(gain: float | None, take
     one = replace(judged(candidate("lag", 90.0), Agreement(5.0, 5.0), 0.5, certain=True), gain=gain and SPECIFIC * gain)
     assert one.agrees
     assert one.taken is taken
+    assert replace(one, carried=True).taken is (taken and not (gain is not None and gain < 0.0))
 
 
 @pytest.mark.parametrize(

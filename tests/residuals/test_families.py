@@ -38,8 +38,10 @@ def traced(kind: str) -> Trace:
     return trace(flight(kind).flight, CONFIG)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", UNDECLARED)
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "kind", [each if each == "damping_alpha" else pytest.param(each, marks=pytest.mark.slow) for each in UNDECLARED]
+)
 def test_an_undeclared_effect_is_of_its_family_and_no_finding(kind: str) -> None:
     result = traced(kind)
     assert max(result.families, key=result.families.__getitem__) == UNDECLARED[kind][1]

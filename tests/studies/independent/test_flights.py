@@ -249,6 +249,7 @@ STUDIES = (
     "loop_study.py",
     "record_oracle.py",
     "effects.py",
+    "undeclared_study.py",
     "two_flights.py",
     "sisters.py",
     "descriptions.py",
