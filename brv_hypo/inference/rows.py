@@ -134,15 +134,14 @@ class Terms:
     prior: float = 0.0
     """Log probability of these terms before the data."""
 
-    def only(self, places: Sequence[int]) -> Terms:
+    def only(self, places: list[int]) -> Terms:
         """Some of the columns."""
-        chosen = list(places)
-        return replace(self, x=self.x[:, chosen], spread=self.spread[chosen], scaled=self.scaled[chosen])
+        return replace(self, x=self.x[:, places], spread=self.spread[places], scaled=self.scaled[places])
 
-    def beside(self, x: FloatArray, spread: FloatArray) -> Terms:
-        """With further columns (n, k) of known prior 1-sigma (k,)."""
-        sizes, scaled = np.append(self.spread, spread), np.append(self.scaled, np.zeros(spread.size, dtype=bool))
-        return replace(self, x=np.concatenate([self.x, x], axis=1), spread=sizes, scaled=scaled)
+    def beside(self, other: Terms) -> Terms:
+        """With further columns."""
+        spread, scaled = np.append(self.spread, other.spread), np.append(self.scaled, other.scaled)
+        return replace(self, x=np.concatenate([self.x, other.x], axis=1), spread=spread, scaled=scaled)
 
 
 @dataclass(frozen=True)

@@ -140,8 +140,7 @@ class YamlTerm(_Part):
         if self.axis in ("body_y", "body_z"):
             direction = np.exp(1j * motion.windward_meridian)
         if self.axis in ("along_rates", "across_rates"):
-            body = np.asarray((before.q + 1j * before.r) * before.rate_factor, dtype=complex)
-            direction = direction * before.to_plane(body)
+            direction = direction * before.plane_rates
         if self.axis in ("out_of_plane", "body_z", "across_rates"):
             direction = 1j * direction
         if self.turn is not None:

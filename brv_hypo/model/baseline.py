@@ -31,8 +31,7 @@ def static_terms(motion: Motion) -> tuple[Term, Term]:
 
 def pitch_damping_term(motion: Motion) -> Term:
     """C_mq: C_m += C_mq q d / 2V and C_n += C_mq r d / 2V, turned into the plane of alpha."""
-    transverse = (motion.q + 1j * motion.r) * motion.rate_factor.astype(complex)
-    rate = motion.to_plane(transverse)
+    rate = motion.plane_rates
     return Term("C_mq", rate.real, rate.imag, "1/rad")
 
 

@@ -129,6 +129,11 @@ class Motion:
         """d / 2V in s: makes an angular rate dimensionless."""
         return np.asarray(self.reference_length / (2.0 * self.velocity), dtype=float)
 
+    @property
+    def plane_rates(self) -> ComplexArray:
+        """The transverse rates times d / 2V, turned into the plane of alpha as a moment is."""
+        return self.to_plane(np.asarray((self.q + 1j * self.r) * self.rate_factor, dtype=complex))
+
 
 # ---- A motion's angles and rates from its crossflow, and back ----
 

@@ -35,6 +35,7 @@ from brv_hypo.regression.fit import (
     renewed,
     self_consistent,
 )
+from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import ROUGH, SETTLED, Steps
 from brv_hypo.regression.uncertainty import with_design
@@ -176,7 +177,7 @@ def explained(judged: Judged) -> Explained:
 
     share = share_of(np.ones(residual.size, dtype=bool))
     without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
-    error = float(np.sqrt((without.size - 1) * np.var(without)))
+    error = jackknife_error(without)
     low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
     return Explained(share=share, unexplained=1.0 - share, interval_95=(low, high))
 

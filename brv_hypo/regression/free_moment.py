@@ -43,12 +43,7 @@ def _harmonic(power: int, turns: int) -> Shape:
 
 def _rate(factor: complex) -> Shape:
     """In proportion to the transverse rates, or to them a quarter turn on."""
-
-    def shape(motion: Motion) -> tuple[ComplexArray, ...]:
-        body = np.asarray((motion.q + 1j * motion.r) * motion.rate_factor, dtype=complex)
-        return (np.asarray(factor * motion.to_plane(body), dtype=complex),)
-
-    return shape
+    return lambda motion: (np.asarray(factor * motion.plane_rates, dtype=complex),)
 
 
 _ORDINARY: dict[str, Shape] = {

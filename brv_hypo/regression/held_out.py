@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from brv_hypo.arrays import IntArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
@@ -16,6 +16,14 @@ from brv_hypo.regression.uncertainty import residual_moments
 
 # Share of the columns' unit length that keeps the normal equations of fewer rows regular.
 _RIDGE = 1e-10
+
+
+def jackknife_error(left_out: FloatArray) -> float:
+    """Standard error of an estimate from those without each of some blocks (blocks,).
+
+    Efron and Stein, Ann. Statist. 9, 1981.
+    """
+    return float(np.sqrt((left_out.size - 1) * np.var(left_out)))
 
 
 def block_of_row(frame: RateFrame, count: int) -> IntArray:

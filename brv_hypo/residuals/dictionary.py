@@ -229,6 +229,8 @@ def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
     return found
 
 
+_AXES = ("in_plane", "out_of_plane", "along_rates", "across_rates")
+_SIDES = ("an in-plane", "an out-of-plane", "a damping", "a cross-damping")
 _FORMS = (
     "a change of the stiffness",
     "an out-of-plane moment with alpha",
@@ -239,7 +241,3 @@ _FORMS = (
 
 def _alpha(power: int) -> tuple[Factor, ...]:
     return (Factor(of="alpha", power=power),) if power else ()
-
-
-_AXES = ("in_plane", "out_of_plane", "along_rates", "across_rates")
-_SIDES = ("an in-plane", "an out-of-plane", "a damping", "a cross-damping")

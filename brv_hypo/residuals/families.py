@@ -27,16 +27,17 @@ from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
+from brv_hypo.ranking.judgement import NORMAL_95
 from brv_hypo.ranking.with_processes import fitted, moved, plainest
 from brv_hypo.regression.channels import Part
 from brv_hypo.regression.channels import Rows as Histories
 from brv_hypo.regression.fit import HypothesisFit, solved
+from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.noise import first_noise
 from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import nonlinear_parameters
-from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.linearisation import Applied, Model
@@ -44,7 +45,6 @@ from brv_hypo.residuals.problem import problem_of
 from brv_hypo.residuals.result import Family, ProcessHistory
 from brv_hypo.thresholds import FAMILY_SIGNIFICANT, SPECIFIC
 
-_NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
 _PLACES = 9  # at which the history of a process is reported
 
 
@@ -64,16 +64,13 @@ class Beside:
         """Of some of the effects, beside all processes or those of some families."""
         terms = self.rows.terms(None)
         for name in names:
-            own = self.terms[name]
-            joined = terms.beside(own.x, own.spread)
-            terms = replace(joined, scaled=np.append(terms.scaled, own.scaled))
+            terms = terms.beside(self.terms[name])
         rows = self.rows if families is None else self.rows.only(families)
         return maximised(rows, terms, self.start if families is None else None)
 
     def gain(self, name: str) -> float:
         """By how much an effect raises the log evidence beside the others."""
-        others = [each for each in self.terms if each != name]
-        return self.evidence(list(self.terms)).level - self.evidence(others).level
+        return self.whole.level - self.evidence([each for each in self.terms if each != name]).level
 
     def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
         """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
@@ -101,6 +98,11 @@ class Beside:
     def under(self, problem: Problem) -> Beside:
         """The same on another part of the record, or with other errors."""
         return replace(self, rows=rows_of(problem, self.point))
+
+    @cached_property
+    def whole(self) -> Evidence:
+        """Of all of the effects."""
+        return self.evidence(list(self.terms))
 
     @cached_property
     def null(self) -> Evidence:
@@ -190,7 +192,8 @@ def beside_processes(
     known = {(each.effect.name, each.component, each.flight) for each in before.applied}
     applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
     histories = dict(given or {}) | {
-        _label(each): on_frame(seen.frame, each.flight, _unit(state.linear[each.flight], each)) for each in applied
+        _label(a): on_frame(seen.frame, a.flight, state.linear[a.flight].effect(a.effect, a.component, a.size))
+        for a in applied
     }
     taken = [dict(each) for each in seen.taken]
     for each in applied:
@@ -231,11 +234,6 @@ def _label(applied: Applied) -> str:
     return f"{applied.effect.name} {applied.component} [flight {applied.flight}]"
 
 
-def _unit(linear: LinearisedFlight, applied: Applied) -> Histories:
-    """The history (n,) of one typical size of a record effect."""
-    return linear.effect(applied.effect, applied.component, applied.size)
-
-
 def _places(point: HypothesisFit, name: str) -> list[int]:
     """The columns of X that belong to a mechanism: its terms, and what its knots and delays move."""
     first, count = point.baseline_size, len(point.selected)
@@ -252,30 +250,30 @@ def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
 
 def _share(family: str, falls: FloatArray, squares: FloatArray, history: ProcessHistory | None) -> Family:
     """What a family explains of sums of squares by stretches of time (stretches,)."""
-    share, count = float(falls.sum() / squares.sum()), falls.size
-    without = (falls.sum() - falls) / np.maximum(squares.sum() - squares, 1e-300)
-    error = float(np.sqrt((count - 1) * np.var(without)))
-    low, high = np.clip([share - _NORMAL_95 * error, share + _NORMAL_95 * error], 0.0, 1.0).tolist()
+    share = float(falls.sum() / squares.sum())
+    error = jackknife_error((falls.sum() - falls) / np.maximum(squares.sum() - squares, 1e-300))
+    low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
     return Family(family=family, share=float(np.clip(share, 0.0, 1.0)), interval_95=(low, high), history=history)
 
 
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
     """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
-    values, errors = own.spline_coefficients(number)
-    count, moment = process.splines, isinstance(process, MomentProcess)
-    shapes = process.shapes(motion) if isinstance(process, MomentProcess) else process.channels
-    unit = float(np.sqrt(np.mean(np.abs(np.array(shapes)) ** 2))) if moment else 1.0
+    count, unit = process.splines, 1.0
+    if isinstance(process, MomentProcess):
+        shapes = np.array(process.shapes(motion))
+        kinds, unit = len(shapes), float(np.sqrt(np.mean(np.abs(shapes) ** 2)))
+    else:
+        kinds = len(process.channels)
     own_values, own_errors = (
-        each[: count * len(shapes)].reshape(len(shapes), count) / unit for each in (values, errors)
+        each[: count * kinds].reshape(kinds, count) / unit for each in own.spline_coefficients(number)
     )
-    start, stop = float(motion.time[0]), float(motion.time[-1])
     places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
-    splines = time_splines(motion.time[places], start, stop, count)
+    splines = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), count)
     paths = splines @ own_values.T
     sigmas = np.sqrt(splines**2 @ own_errors.T**2)
     length = np.linalg.norm(paths, axis=1)
-    value = paths[:, 0] if len(shapes) == 1 else length
-    sigma = sigmas[:, 0] if len(shapes) == 1 else np.linalg.norm(paths * sigmas, axis=1) / np.maximum(length, 1e-300)
+    value = paths[:, 0] if kinds == 1 else length
+    sigma = sigmas[:, 0] if kinds == 1 else np.linalg.norm(paths * sigmas, axis=1) / np.maximum(length, 1e-300)
     return ProcessHistory(
         process=process.name,
         title=process.title,

@@ -11,6 +11,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import HELD_OUT_CLUSTER
 from brv_hypo.regression.channels import Noise, Part, Rows
 from brv_hypo.regression.frame import Piece
+from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import ResidualMoments
@@ -39,7 +40,7 @@ class Prediction:
     def std_error(self) -> float:
         """Of the mean square, by the jackknife over stretches."""
         without = (self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0)
-        return float(np.sqrt((without.size - 1) * np.var(without)))
+        return jackknife_error(without)
 
 
 @dataclass(frozen=True)
@@ -169,8 +170,7 @@ def ratio(before: Prediction, after: Prediction) -> tuple[float, float]:
             for k in keep
         ]
     )
-    n = parts.size
-    return whole, float(np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2)))
+    return whole, jackknife_error(parts)
 
 
 def noise_floor(part: Part, moments: ResidualMoments) -> float:

@@ -431,8 +431,8 @@ class _Course:
         choice = choose(here, state, discovery, self.config.significance, add, white, known, gain_of)
         if choice.taken is None:
             return choice
-        name, unwanted = choice.taken.candidate.name, choice.unwanted
-        offered = [each for each in choice.ranked if each.name not in unwanted]
+        name = choice.taken.candidate.name
+        offered = [each for each in choice.ranked if each.name not in choice.unwanted]
         if not known and is_schedule(choice.taken.candidate):  # where the model has no schedule, one comes first
             offered = [each for each in offered if is_schedule(each)]
         return replace(choice, named_in=named_in(beside, offered, name, state.seen, self.config))
