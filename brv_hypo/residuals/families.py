@@ -201,16 +201,15 @@ def beside_processes(
         taken[each.flight][key] = taken[each.flight].get(key, 0.0) + each.value
     bare = replace(model, columns=base, applied=before.applied)
     read = replace(seen, taken=tuple(taken))
-    noise = first_noise(state.linear)
-    problem = problem_of(read, bare, state.linear, config, histories, noise, record_processes())
-    problem = problem.on(part or seen.whole)
+    linear = state.linear
+    whole = problem_of(read, bare, linear, config, histories, first_noise(linear), record_processes())
+    problem = whole.on(part or seen.whole)
     mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
     frame = problem.frame.with_mechanisms(mechanisms)
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
     point = replace(point, nonlinear=nonlinear_parameters(point.columns, held, frame, problem.knots))
     rows, start = rows_under_own_noise(problem, point)
-    whole = rows.terms(point)
-    terms = {each.name: whole.only(_places(point, each.name)) for each in mechanisms}
+    terms = {each.name: rows.terms(point).only(_places(point, each.name)) for each in mechanisms}
     families = {each.name: _family_of(point, rows.frame.motions, each.name) for each in mechanisms}
     items = problem.rows.nuisances.items
     bounded = {items[k].name for k in problem.rows.nuisances.bounded.tolist()}
@@ -259,11 +258,10 @@ def _share(family: str, falls: FloatArray, squares: FloatArray, history: Process
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
     """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
     count, unit = process.splines, 1.0
+    shapes = process.shapes(motion) if isinstance(process, MomentProcess) else process.channels
     if isinstance(process, MomentProcess):
-        shapes = np.array(process.shapes(motion))
-        kinds, unit = len(shapes), float(np.sqrt(np.mean(np.abs(shapes) ** 2)))
-    else:
-        kinds = len(process.channels)
+        unit = float(np.sqrt(np.mean(np.abs(np.array(shapes)) ** 2)))
+    kinds = len(shapes)
     own_values, own_errors = (
         each[: count * kinds].reshape(kinds, count) / unit for each in own.spline_coefficients(number)
     )
