@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,7 +54,7 @@ class Tried:
     @property
     def taken(self) -> bool:
         """Whether the held-out part agrees, and processes do not explain the record far better, or better at all."""
-        least = -SPECIFIC if self.ratio < 1.0 and not self.carried else 0.0
+        least = 0.0 if self.carried else -SPECIFIC
         return self.agrees and (self.gain is None or self.gain > least)
 
     @property
@@ -200,19 +200,36 @@ def _try(here: Look, state: State, candidate: Candidate, certain: bool, add: Cal
     )
 
 
+def best_first(
+    offered: Sequence[Candidate], evidences: Mapping[str, float]
+) -> Callable[[Candidate], tuple[float, float]]:
+    """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
+
+    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`.
+    """
+    most = max((evidences[each.name] for each in offered if each.name in evidences), default=-np.inf)
+
+    def order(candidate: Candidate) -> tuple[float, float]:
+        own = evidences.get(candidate.name, -np.inf)
+        return (-np.inf if own > most - SPECIFIC else -own), -candidate.gain
+
+    return order
+
+
 def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ()) -> list[Candidate]:
-    """The candidates, best first: by their evidence beside processes, then by the fall of the extended BIC.
+    """The candidates, the leader first.
 
     The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
     description in generic terms a name.
     """
-    ranked = sorted(
-        here.candidates,
-        key=lambda candidate: (
-            np.inf if candidate.evidence is None else -candidate.evidence,
-            -candidate.gain - (CONFOUNDED_NEAR if candidate.name in held else 0.0),
-        ),
-    )
+    evidences = {each.name: each.evidence for each in here.candidates if each.evidence is not None}
+    order = best_first(here.candidates, evidences)
+
+    def key(candidate: Candidate) -> tuple[float, float]:
+        evidence, gain = order(candidate)
+        return evidence, gain - (CONFOUNDED_NEAR if candidate.name in held else 0.0)
+
+    ranked = sorted(here.candidates, key=key)
     if discovery is None:
         return ranked
     described = discovery.candidate

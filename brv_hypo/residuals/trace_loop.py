@@ -54,7 +54,7 @@ from brv_hypo.residuals.baseline import (
 )
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes, with_columns
 from brv_hypo.residuals.candidates_at_step import Look, look
-from brv_hypo.residuals.choice import Choice, Tried, choose, follows_mach, is_schedule
+from brv_hypo.residuals.choice import Choice, Tried, best_first, choose, follows_mach, is_schedule
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery
@@ -80,7 +80,7 @@ def named_in(beside: Beside, offered: Sequence[Candidate], name: str, seen: Seen
         again = beside.under(problem)
         gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
         gains[name] = again.gain_of(own.fit)
-        best.append(max(gains, key=gains.__getitem__))
+        best.append(min((own, *rivals), key=best_first((own, *rivals), gains)).name)
     return float(np.mean([each == name for each in best]))
 
 
