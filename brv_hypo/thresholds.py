@@ -181,3 +181,4 @@ SPECIFIC = threshold(5.0, "nats", "terms of a mechanism are significant", "Kass 
 FAMILY_SIGNIFICANT = threshold(3.0, "nats", "a family explains some of a residual", "Kass and Raftery 1995: strong")
 ALWAYS = threshold(0.1, "1", "prior that a mechanism acts throughout the record", _FLIGHTS)
 NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _FLIGHTS)
+REFUSED = threshold(0.05, "1", "chance of a difference, below which a flight contradicts a frozen model", "Fisher 1925")

@@ -1,4 +1,8 @@
-"""Where a flight's static moment or damping differs from a frozen model's: a change between two times of it.
+"""Whether a flight contradicts a frozen model, and where its static moment or damping differs between two times of it.
+
+The coefficients that this flight asks for, errors of record and vehicle within their tolerances, are held against the
+frozen ones, both with their covariances: an error of pressure or inertia changes all of them alike, one of a
+coefficient that one alone (`find_difference`).
 
 Moments show little of a change of a few percent, sample by sample. Fitted to the rates as a jump that ends, beside all
 that is fitted along and the frozen coefficients within their covariance, it stands out where it is. Slope and damping
@@ -9,24 +13,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
+from brv_hypo.inference.evidence import maximised, rows_under_own_noise
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.fit import solved
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
-from brv_hypo.residuals.prediction import LocalChange
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.residuals.prediction import Difference, LocalChange
 
 # A change that is no longer told from what is fitted along, of its own length.
 _SPENT = 1e-6
+# Eigenvalues of a covariance, its diagonal 1, that count: less is rounding.
+_KNOWN = 1e-9
 
 
 class ChangedSchedule(Mechanism):
@@ -97,6 +106,41 @@ def find_local_change(rest: Rest) -> LocalChange | None:
         change = rest.best(change.term, around, slice(near.size), slice(near.size, None))
         spacing /= CHANGE_FINER
     return _told(rest, change, len(terms) * math.comb(CHANGE_EDGES, 2))
+
+
+def find_difference(
+    problem: Problem, columns: tuple[Regressor, ...], held: FloatArray, covariance: FloatArray
+) -> Difference | None:
+    """The frozen coefficient whose release improves the agreement most.
+
+    `held` (columns,) are frozen values, NaN where there is none, `covariance` (held columns, held columns) theirs. The
+    problem may have processes, which are used where the evidence wants them.
+    """
+    known = np.flatnonzero(~np.isnan(held))
+    if not known.size:
+        return None
+    point = solved(Reduced(problem, problem.frame), "model", (), columns, 1)
+    rows, start = rows_under_own_noise(problem, point)
+    bare = replace(rows, blocks=(), groups=())
+    without, beside = maximised(bare, bare.terms(None), start[:1]), maximised(rows, rows.terms(None), start)
+    own = max(without, beside, key=lambda each: each.level)
+    difference = own.values[known] - held[known]
+    whole = own.covariance[np.ix_(known, known)] + covariance
+    sigmas = np.sqrt(np.diag(whole))
+    inverse = np.linalg.pinv(whole / np.outer(sigmas, sigmas), rcond=_KNOWN, hermitian=True)
+    weights = np.sqrt(np.diag(inverse))
+    beyond = inverse @ (difference / sigmas) / weights
+    most = int(np.argmax(np.abs(beyond)))
+    error = float(sigmas[most] / weights[most])
+    return Difference(
+        term=columns[known[most]].term,
+        units=columns[known[most]].units,
+        frozen=float(held[known[most]]),
+        value=float(beyond[most]) * error,
+        std_error=error,
+        p_value=min(1.0, float(known.size * 2.0 * stats.norm.sf(abs(beyond[most])))),
+        beside_processes=own is beside,
+    )
 
 
 def rest_of(

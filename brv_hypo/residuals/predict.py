@@ -28,12 +28,13 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, current_name
-from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
+from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
 from brv_hypo.ranking.summary import flight_summary, record_summary
+from brv_hypo.regression.noise import first_noise
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
@@ -41,7 +42,7 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
-from brv_hypo.residuals.local_change import find_local_change, rest_of
+from brv_hypo.residuals.local_change import find_difference, find_local_change, rest_of
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.prediction_in_words import Shares, reason
 from brv_hypo.residuals.prediction_interval import band_of, error_at, lasting, predictive_sigma
@@ -52,6 +53,7 @@ from brv_hypo.residuals.saved import ModelError, SavedModel, read_model
 from brv_hypo.residuals.static_slope import slopes_at
 from brv_hypo.residuals.summary import term_estimates
 from brv_hypo.settings import settings_of
+from brv_hypo.thresholds import REFUSED
 
 
 def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:
@@ -124,12 +126,15 @@ def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
 class _Task:
     """The model's columns on this flight; `held` (columns,) their frozen values, NaN where they are refitted.
 
+    The `open` problem has the processes of the record too.
+
     `left_out` are the mechanisms of columns that belong to the times of the model's own flights; `elsewhere` says that
     this is none of them.
     """
 
     seen: Seen
     problem: Problem
+    open: Problem
     columns: tuple[Regressor, ...]
     held: FloatArray
     others: FloatArray
@@ -178,6 +183,9 @@ def _predict(
     own = task.moments(task.solved(np.full(len(task.columns), np.nan)))
     measured = residual_moments(task.seen.frame, task.problem.records, task.seen.frame.observed)
     left = task.moments(frozen)
+    carried = _carried(flight)
+    eased = task.eased(carried)
+    within = eased.solved(eased.held)
     errors = ErrorsOfPrediction(
         without=_mean_square(measured),
         frozen=_mean_square(left),
@@ -190,16 +198,15 @@ def _predict(
     flown = _flown(content.flown, task.seen)
     beyond = task.left_before(content.error)
     known_by = covariance[np.ix_(known, known)]
-    sigma = task.sigma(known_by, task.noise(measured, frozen.values), beyond)
     rest = rest_of(task.problem, task.seen.frame, task.columns, task.held, task.others, known_by)
-    change = find_local_change(rest)
-    band = band_of(task.seen.frame.time, measured, left, sigma, beyond, flown)
-    carried = _carried(flight)
-    eased = task.eased(carried)
+    change, difference = find_local_change(rest), find_difference(task.open, task.columns, task.held, known_by)
+    remain = np.flatnonzero(np.isfinite(eased.held))
+    sigma = eased.sigma(covariance[np.ix_(remain, remain)], task.noise(measured, within.values), beyond)
+    band = band_of(task.seen.frame.time, measured, eased.moments(within), sigma, beyond, flown)
     remedy = _remedy(task, refit, carried)
     shares = Shares(
         left=_beyond(errors.frozen, errors.without, errors.noise),
-        eased=_beyond(_mean_square(eased.moments(eased.solved(eased.held))), errors.without, errors.noise),
+        eased=_beyond(_mean_square(eased.moments(within)), errors.without, errors.noise),
         frozen=_explained(measured, left, errors.noise, flown),
         own=_explained(measured, own, errors.noise, flown),
         flown=float(flown.mean()),
@@ -217,8 +224,10 @@ def _predict(
         band=band,
         regions=_regions(task.seen, measured, left),
         local_change=change,
+        difference=difference,
+        refused=difference is not None and difference.p_value < REFUSED,
         left_out=task.left_out,
-        reason=reason(shares, band, errors.noise, remedy, task.left_out, change),
+        reason=reason(shares, band, errors.noise, remedy, task.left_out, (change, difference)),
     )
 
 
@@ -292,12 +301,14 @@ def _seen_with(
     start = np.where(np.isnan(held), seen.values(seen.whole, model.columns), held)
     there = _flown(flown, seen)
     part = seen.part_where(there) if there.sum() >= TRACED_SMALLEST else seen.whole
-    problem = problem_of(seen, model, linearised_at(seen, model, start), config).on(part)
+    linear = linearised_at(seen, model, start)
+    problem = problem_of(seen, model, linear, config).on(part)
+    processes = problem_of(seen, model, linear, config, noise=first_noise(linear), processes=record_processes())
     items = problem.rows.nuisances.items
     # What has no prior was found on this very record, and is taken out of it.
     known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in items)
     others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
-    return _Task(seen, problem, model.columns, held, others)
+    return _Task(seen, problem, processes.on(part), model.columns, held, others)
 
 
 def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:

@@ -58,13 +58,30 @@ class LocalChange(NullIsNaN):
     p_value: float
 
 
+class Difference(NullIsNaN):
+    """The frozen coefficient that differs most from what this flight asks for, the others within their errors.
+
+    `value` is what it is more here; `p_value` is paid for all frozen coefficients. `beside_processes` says that this
+    flight has more than the model explains, so that processes were fitted beside it.
+    """
+
+    term: str
+    units: str
+    frozen: float
+    value: float
+    std_error: float
+    p_value: float
+    beside_processes: bool
+
+
 Series = tuple[float, ...]
 
 
 class Band(NullIsNaN):
     """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
 
-    Counted where the model's flights flew. `model_error` is the rms of the part of it that the model left beyond the
+    Record and vehicle err within their tolerances, by what this flight shows: that is no error of the model. Counted
+    where the model's flights flew. `model_error` is the rms of the part of it that the model left beyond the
     noise where it was found. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
     """
 
@@ -83,6 +100,7 @@ class Prediction(HasCharts, Result):
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
     that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
     `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
+    `refused` says that `difference`, None where no coefficient is frozen, is more than chance makes it.
     `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
     the flight's record found.
     """
@@ -99,6 +117,8 @@ class Prediction(HasCharts, Result):
     band: Band
     regions: tuple[Region, ...]
     local_change: LocalChange | None = None
+    difference: Difference | None = None
+    refused: bool = False
     left_out: tuple[str, ...] = ()
     reason: str
     record: RecordSummary = RecordSummary()

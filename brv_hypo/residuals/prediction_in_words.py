@@ -14,7 +14,8 @@ from brv_hypo.constants import (
     PREDICTED_NEARLY_ALL,
     PREDICTED_SMALL,
 )
-from brv_hypo.residuals.prediction import Band, LocalChange
+from brv_hypo.residuals.prediction import Band, Difference, LocalChange
+from brv_hypo.thresholds import REFUSED
 
 _NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
 
@@ -35,12 +36,17 @@ class Shares:
 
 
 def reason(
-    shares: Shares, band: Band, noise: float, remedy: str, left_out: Sequence[str], change: LocalChange | None
+    shares: Shares,
+    band: Band,
+    noise: float,
+    remedy: str,
+    left_out: Sequence[str],
+    differs: tuple[LocalChange | None, Difference | None],
 ) -> str:
     """The outcome in a few sentences.
 
     `noise` is its mean square, `remedy` what `--refit` would name as well; `left_out` are mechanisms of the model that
-    belong to its own flights; `change` is where this flight differs.
+    belong to its own flights; `differs` is where and in what this flight differs.
     """
     if shares.flown == 0.0:
         nowhere = (
@@ -59,7 +65,8 @@ def reason(
         + (_NARROW if band.inside < PREDICTED_HOLDS else "")
         + _of_the_model(band, noise)
         + (beyond if shares.flown < PREDICTED_NEARLY_ALL else "")
-        + _of_a_change(change)
+        + _of_a_difference(differs[1])
+        + _of_a_change(differs[0])
         + _held_too_much(shares, remedy)
         + _of_other_times(left_out)
     )
@@ -72,6 +79,18 @@ def _explains(share: float) -> str:
     if share >= 0.0:
         return f"explains {100.0 * share:.1f} % of"
     return f"does not hold here: its error is {1.0 - share:.3g} times"
+
+
+def _of_a_difference(found: Difference | None) -> str:
+    """The coefficient that contradicts the model."""
+    if found is None or found.p_value >= REFUSED:
+        return ""
+    units = "" if found.units == "1" else f" {found.units}"
+    beside = ", processes fitted beside the model" if found.beside_processes else ""
+    return (
+        f" This flight contradicts the model (p {found.p_value:.2g}): {found.term} is {found.frozen:.4g}{units} there, "
+        f"and {found.value:+.2g} ± {found.std_error:.2g} more here{beside}."
+    )
 
 
 def _of_a_change(change: LocalChange | None) -> str:

@@ -1,10 +1,11 @@
 """Pairs of sister vehicles: the model found on one, frozen, against the moments and samples of the other.
 
-By hand: python -m tests.studies.independent.sisters --seed 1000 --pairs 6 [--changed]
+By hand: python -m tests.studies.independent.sisters --seed 1000 --pairs 6 [--changed | --damped]
 
 Pair k has seed SEED + k, and is of the vehicles in turn. Sisters share their aerodynamics; mass, inertia, trim,
 instruments, speed at entry and start differ. Trim and instruments of the second are fitted to it (`--refit`).
 `--changed`: the second's slope is another between two Mach numbers, 3 to 10 times what shows in its record (F of 25).
+`--damped`: the second's pitch damping is 3 % more.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ SMALLEST = 0.1
 # A planted local change: how much of the record it takes, and its edges' width, of that; detection limits between which
 # its size is drawn, and the relative change of the slope at which the limit is asked for.
 WIDE, EDGE, TIMES, FIRST = (0.15, 0.35), 0.05, (3.0, 10.0), 0.02
+DAMPED = 0.03  # how much more damping a sister has
 NAMED = 0.5  # share that planted and named Mach numbers have in common of both together
 _CHANGE = 22  # the stream that draws it
 
@@ -47,7 +49,8 @@ class Outcome:
     `inside` is the share of samples in the band; `frozen` and `own` are errors over that of the noise. `flown` is the
     share of the samples at Mach numbers and angles of attack that both flew, which the first two are told of.
     `change` is what is said to differ; `planted` are the Mach numbers between which the slope does, and `times` how
-    many limits that is.
+    many limits that is. `refused` is the coefficient that is said to contradict the model, of a sister whose damping is
+    another (`damped`) or the same.
     """
 
     seed: int
@@ -61,6 +64,8 @@ class Outcome:
     change: LocalChange | None = None
     planted: tuple[float, float] | None = None
     times: float = 0.0
+    refused: str = ""
+    damped: bool = False
 
     @property
     def common(self) -> float:
@@ -71,13 +76,15 @@ class Outcome:
         return max(min(high, highest) - max(low, lowest), 0.0) / (max(high, highest) - min(low, lowest))
 
 
-def fly(seed: int, vehicle: str, *, changed: bool = False) -> Outcome | str:
+def fly(seed: int, vehicle: str, *, changed: bool = False, damped: bool = False) -> Outcome | str:
     """Trace one vehicle, predict its sister; the reason in words where none came of it."""
     craft = CRAFTS[vehicle]
     times = 0.0
     try:
         first = make_flight(craft, seed=seed).flight
-        made = make_flight(sister(craft, seed), seed=seed + SECOND)
+        other = sister(craft, seed)
+        other = replace(other, damping=(1.0 + DAMPED * damped) * other.damping)
+        made = make_flight(other, seed=seed + SECOND)
         if changed:
             made, times = with_change(made)
     except (RuntimeError, ValueError) as error:
@@ -97,6 +104,8 @@ def fly(seed: int, vehicle: str, *, changed: bool = False) -> Outcome | str:
         predicted.local_change,
         (made.true.planted.values["low"], made.true.planted.values["high"]) if changed else None,
         times,
+        predicted.difference.term if predicted.refused and predicted.difference is not None else "",
+        damped,
     )
 
 
@@ -149,15 +158,19 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     changed = [o for o in outcomes if o.planted is not None]
     alike = [o for o in outcomes if o.planted is None]
     yield _count("the slope is another between two Mach numbers: they are named", [o.common > NAMED for o in changed])
+    yield _count("the damping is another: the model is refused", [bool(o.refused) for o in outcomes if o.damped])
+    same = [o for o in alike if not o.damped]
+    yield _count("the aerodynamics are the same: the model is refused", [bool(o.refused) for o in same])
     yield _count("the schedule is the same: a change is named", [o.change is not None for o in alike])
 
 
 def line(outcome: Outcome) -> str:
     """One pair in words."""
+    refused = f"; refused for {outcome.refused}" if outcome.refused else ""
     return (
         f"{outcome.seed} {outcome.vehicle}: explained {outcome.explained:.4f}, in the band {outcome.inside:.3f}, "
         f"where both flew {outcome.flown:.2f}, error over noise {outcome.frozen:.2f} frozen, {outcome.own:.2f} fitted "
-        f"there; added {', '.join(outcome.added) or 'nothing'}; {_difference(outcome)}"
+        f"there; added {', '.join(outcome.added) or 'nothing'}; {_difference(outcome)}{refused}"
     )
 
 
@@ -186,11 +199,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--pairs", type=int, default=6)
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--changed", action="store_true", help="the second's slope is another between two Mach numbers")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--changed", action="store_true", help="the second's slope is another between two Mach numbers")
+    how.add_argument("--damped", action="store_true", help="the second's pitch damping is 3 % more")
     given = parser.parse_args(arguments)
     names = sorted(CRAFTS)
     each = ((given.seed + k, names[k % len(names)]) for k in range(given.pairs))
-    runs = (delayed(fly)(*pair, changed=given.changed) for pair in each)
+    runs = (delayed(fly)(*pair, changed=given.changed, damped=given.damped) for pair in each)
     fly_and_report(runs, given.jobs, line, report)
 
 
