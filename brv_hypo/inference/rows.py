@@ -141,7 +141,8 @@ class Terms:
     def beside(self, other: Terms) -> Terms:
         """With further columns."""
         spread, scaled = np.append(self.spread, other.spread), np.append(self.scaled, other.scaled)
-        return replace(self, x=np.concatenate([self.x, other.x], axis=1), spread=spread, scaled=scaled)
+        prior = self.prior + other.prior
+        return Terms(np.concatenate([self.x, other.x], axis=1), spread, scaled, prior)
 
 
 @dataclass(frozen=True)

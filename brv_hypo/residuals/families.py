@@ -11,6 +11,7 @@ raises the evidence most (forward selection). Entrance: `beside_processes`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -90,7 +91,7 @@ class Beside:
 
     def _pair(self, fit: HypothesisFit) -> tuple[HypothesisFit, Evidence]:
         if not fit.mechanisms:
-            terms = _of_record(self.rows.of_moments(self.rows.frame, fit.selected))
+            terms = _of_record(self.rows.of_moments(self.rows.frame, fit.selected), fit.searched)
             return fit, maximised(self.rows, terms, self.start)
         like = replace(fit, frame=self.rows.problem.frame.with_mechanisms(fit.mechanisms))
         return fitted(self.rows.problem, like, fit.selected, self.null)
@@ -217,16 +218,18 @@ def beside_processes(
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]
         x = rows.of_moments(rows.frame, [given_column(_label(each)) for each in own])
-        terms[name] = _of_record(x)
+        flight = seen.flights[own[0].flight]
+        terms[name] = _of_record(x, sum(len(each.components(flight)) for each in own[0].effect.variants(flight)))
         families[name] = own[0].effect.family
         if name not in bounded:
             shift += x @ np.array([each.value / each.size for each in own])
     return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
 
 
-def _of_record(x: FloatArray) -> Terms:
-    """Histories (n, k) of one typical size of components of a record effect."""
-    return Terms(x, np.full(x.shape[1], RECORD_EFFECT_LARGEST), np.zeros(x.shape[1], dtype=bool))
+def _of_record(x: FloatArray, searched: int) -> Terms:
+    """Histories (n, k) of one typical size of components of a record effect, chosen of so many."""
+    paid = math.log(math.comb(max(searched, x.shape[1]), x.shape[1]))
+    return Terms(x, np.full(x.shape[1], RECORD_EFFECT_LARGEST), np.zeros(x.shape[1], dtype=bool), -paid)
 
 
 def _label(applied: Applied) -> str:
