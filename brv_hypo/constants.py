@@ -179,7 +179,6 @@ RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
 CONFOUNDED_NEAR = 10.0  # information that a look-alike may lack against the leader
 CONFOUNDED_COSINE = 0.95  # between the predicted rates: 10 % of the square is left to tell them apart by
 CONFOUNDED_GAIN = 0.8  # of the leader's gain, that such a one has to have
-NEAR_EQUAL_COSINE = 0.95  # of an effect's prediction and the columns of another, from which that can take its place
 
 # ---- Loop: description in generic terms ----
 

@@ -281,7 +281,7 @@ def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray, with_m
     modes, inverses, falls = [], [], []
     for factor, made, own in parts if with_modes else ():
         both = solve_triangular(factor, np.column_stack([made, own]), lower=True, trans="T", check_finite=False)
-        lower, _ = dpotri(factor, lower=1)
+        lower = dpotri(factor, lower=1)[0] if factor.size else factor
         inverses.append(np.tril(lower) + np.tril(lower, -1).T)
         falls.append(both[:, :-1])
         modes.append(both[:, -1] - both[:, :-1] @ border)

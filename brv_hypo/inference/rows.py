@@ -193,7 +193,7 @@ class Rows:
             places = [np.arange(block.columns[k].start, block.columns[k].stop) for k in kept]
             ends = np.cumsum([each.size for each in places]).tolist()
             columns = tuple(slice(end - each.size, end) for end, each in zip(ends, places, strict=True))
-            chosen = np.concatenate(places)
+            chosen = np.concatenate([np.zeros(0, dtype=int), *places])
             blocks.append(replace(block, raw=block.raw[:, chosen], z=block.z[:, chosen], columns=columns))
         return replace(self, blocks=tuple(blocks), groups=tuple(self.groups[k] for k in kept))
 
@@ -223,7 +223,8 @@ class Rows:
             whole = float(time.max() - time.min())
             ranges = [whole if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
             spread = np.concatenate([spread, _UNIFORM * np.array(ranges)])
-        always = all(column.time_basis.kind == "constant" for column in fit.selected)
+        may_end = any(mechanism.time_variation != ("constant",) for mechanism in fit.mechanisms)
+        always = may_end and all(column.time_basis.kind == "constant" for column in fit.selected)
         return Terms(x, spread, np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0)
 
     def frame_of(self, fit: HypothesisFit) -> RateFrame:

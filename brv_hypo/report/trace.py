@@ -115,6 +115,7 @@ def trace_document(result: Trace) -> Document:
     """The steps, the model, and the residual that stays unexplained."""
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
     sound, found = result.record.sound, ", ".join(result.findings)
+    most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
     conclusion = (
         "" if sound else CONTRADICTED,
         f"Found: {found}." if found else "Nothing was found.",
@@ -139,7 +140,7 @@ def trace_document(result: Trace) -> Document:
     return Document(
         title=f"Residual traced: {name}",
         subtitle=tuple(flight_line(flight) for flight in result.flights),
-        conclusion_title=f"Found: {found or 'nothing'}" if sound else IN_DOUBT,
+        conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
         conclusion=" ".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
         blocks=blocks,
@@ -181,8 +182,6 @@ def _step(step: Step) -> list[Block]:
         for row in step.candidates
     ]
     sentences = list(filter(None, (families_text(step), outcome_text(step))))
-    if step.look_alikes:
-        sentences.insert(0, f"fit this flight equally well: {', '.join(step.look_alikes)}")
     if step.taken_out:
         sentences.append(f"removed, as the model no longer needs it: {', '.join(step.taken_out)}")
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]

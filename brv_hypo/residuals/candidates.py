@@ -22,16 +22,7 @@ from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.regression.uncertainty import with_errors
-
-_SPENT = 1e-6  # singular values of unit columns below which a direction is rounding
-
-
-def directions_beyond(basis: FloatArray, design: FloatArray) -> FloatArray:
-    """Orthonormal directions (rows, rank) of columns beyond a basis; what is mere rounding of unit columns is none."""
-    free = design - basis @ (basis.T @ design)
-    vectors, sizes, _ = np.linalg.svd(free / lengths(design), full_matrices=False)
-    return np.asarray(vectors[:, sizes > _SPENT], dtype=float)
-
+from brv_hypo.thresholds import SPECIFIC
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
 
@@ -302,17 +293,15 @@ def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
 
 
 def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
-    """Those that this flight cannot tell from the leader: as good a fit, or nearly the same prediction."""
-    return tuple(
-        other.name
-        for other in others
-        if other.name != leader.name
-        and other.gain > 0.0
-        and (
-            abs(leader.gain - other.gain) < CONFOUNDED_NEAR
-            or (alike(leader, other) and other.gain > CONFOUNDED_GAIN * leader.gain)
-        )
-    )
+    """Those that this flight cannot tell from the leader: nearly as good a fit, and as likely beside processes."""
+    return tuple(o.name for o in others if o.name != leader.name and o.gain > 0.0 and _is_equal(leader, o))
+
+
+def _is_equal(leader: Candidate, other: Candidate) -> bool:
+    explains = other.gain > CONFOUNDED_GAIN * leader.gain
+    if leader.evidence is not None and other.evidence is not None:
+        return explains and abs(leader.evidence - other.evidence) < SPECIFIC
+    return abs(leader.gain - other.gain) < CONFOUNDED_NEAR or (explains and alike(leader, other))
 
 
 def alike(one: Candidate, other: Candidate) -> bool:

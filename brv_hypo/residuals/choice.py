@@ -208,12 +208,8 @@ def best_first(
     Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`.
     """
     most = max((evidences[each.name] for each in offered if each.name in evidences), default=-np.inf)
-
-    def order(candidate: Candidate) -> tuple[float, float]:
-        own = evidences.get(candidate.name, -np.inf)
-        return (-np.inf if own > most - SPECIFIC else -own), -candidate.gain
-
-    return order
+    equal = {name for name, own in evidences.items() if own > most - SPECIFIC}
+    return lambda each: (-np.inf if each.name in equal else -evidences.get(each.name, -np.inf), -each.gain)
 
 
 def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ()) -> list[Candidate]:
@@ -224,12 +220,8 @@ def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ())
     """
     evidences = {each.name: each.evidence for each in here.candidates if each.evidence is not None}
     order = best_first(here.candidates, evidences)
-
-    def key(candidate: Candidate) -> tuple[float, float]:
-        evidence, gain = order(candidate)
-        return evidence, gain - (CONFOUNDED_NEAR if candidate.name in held else 0.0)
-
-    ranked = sorted(here.candidates, key=key)
+    better = dict.fromkeys(held, CONFOUNDED_NEAR)
+    ranked = sorted(here.candidates, key=lambda each: (order(each)[0], order(each)[1] - better.get(each.name, 0.0)))
     if discovery is None:
         return ranked
     described = discovery.candidate

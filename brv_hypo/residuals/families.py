@@ -228,8 +228,8 @@ def beside_processes(
 
 def _of_record(x: FloatArray, searched: int) -> Terms:
     """Histories (n, k) of one typical size of components of a record effect, chosen of so many."""
-    paid = math.log(math.comb(max(searched, x.shape[1]), x.shape[1]))
-    return Terms(x, np.full(x.shape[1], RECORD_EFFECT_LARGEST), np.zeros(x.shape[1], dtype=bool), -paid)
+    spread, choices = np.full(x.shape[1], RECORD_EFFECT_LARGEST), math.comb(max(searched, x.shape[1]), x.shape[1])
+    return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
 
 
 def _label(applied: Applied) -> str:

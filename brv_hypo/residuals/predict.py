@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.constants import (
     BAND_FREQUENCIES,
     HELD_OUT_SHORTEST,
@@ -42,14 +42,14 @@ from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
-from brv_hypo.residuals.local_change import find_difference, find_local_change, rest_of
+from brv_hypo.residuals.local_change import evidence_here, find_difference, find_local_change, held_within
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.prediction_in_words import Shares, reason
 from brv_hypo.residuals.prediction_interval import band_of, error_at, lasting, predictive_sigma
 from brv_hypo.residuals.problem import Constrained, constrained, linearised_at, problem_of
 from brv_hypo.residuals.restore import column_of, of_as_many, restored
 from brv_hypo.residuals.result import Trace
-from brv_hypo.residuals.saved import ModelError, SavedModel, read_model
+from brv_hypo.residuals.saved import SavedModel, read_model
 from brv_hypo.residuals.static_slope import slopes_at
 from brv_hypo.residuals.summary import term_estimates
 from brv_hypo.settings import settings_of
@@ -153,14 +153,6 @@ class _Task:
     def moments(self, solved: Constrained) -> ResidualMoments:
         return residual_moments(self.seen.frame, self.problem.records, solved.left.rates)
 
-    def sigma(self, covariance: FloatArray, noise: FloatArray, beyond: FloatArray) -> ComplexArray:
-        """Standard deviation of the residual moments (rows,), the held coefficients known to their covariance.
-
-        `noise` (rows,) is that of the moments' noise, `beyond` (rows,) of what the model leaves besides.
-        """
-        fitted = np.isnan(np.concatenate([self.held, self.others]))
-        return predictive_sigma(self.problem, self.seen.frame, self.columns, covariance, fitted, noise, beyond)
-
     def noise(self, measured: ResidualMoments, values: FloatArray) -> FloatArray:
         """1-sigma (rows,) of the gyros' noise in the residual moments, the coefficients being `values` (columns,)."""
         record, motion = self.problem.records[0], self.seen.reconstructions[0].motion
@@ -168,11 +160,6 @@ class _Task:
         stiffness = (slopes * record.moment_scale)[self.seen.samples_of(0)]
         modes = self.problem.rows.nuisances.tied.size // 2
         return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
-
-    def left_before(self, error: ModelError | None) -> FloatArray:
-        """What the model left on stretches held out where it was found, 1-sigma at each row (rows,)."""
-        mach = self.seen.reconstructions[0].motion.mach[self.seen.samples_of(0)]
-        return error_at(error, mach, elsewhere=self.elsewhere)
 
 
 def _predict(
@@ -196,12 +183,17 @@ def _predict(
     known = np.flatnonzero(np.isfinite(task.held))
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
     flown = _flown(content.flown, task.seen)
-    beyond = task.left_before(content.error)
+    mach = task.seen.reconstructions[0].motion.mach[task.seen.samples_of(0)]
+    beyond = error_at(content.error, mach, elsewhere=task.elsewhere)
     known_by = covariance[np.ix_(known, known)]
-    rest = rest_of(task.problem, task.seen.frame, task.columns, task.held, task.others, known_by)
-    change, difference = find_local_change(rest), find_difference(task.open, task.columns, task.held, known_by)
+    alone, beside = evidence_here(task.open, task.columns)
+    better = max(alone, beside, key=lambda each: each.level)
+    change = find_local_change(held_within(alone, task.columns, task.held, known_by))
+    difference = find_difference(better, task.columns, task.held, known_by)
     remain = np.flatnonzero(np.isfinite(eased.held))
-    sigma = eased.sigma(covariance[np.ix_(remain, remain)], task.noise(measured, within.values), beyond)
+    noise, fitted = task.noise(measured, within.values), np.isnan(np.concatenate([eased.held, eased.others]))
+    known_by = covariance[np.ix_(remain, remain)]
+    sigma = predictive_sigma(eased.problem, eased.seen.frame, eased.columns, known_by, fitted, noise, beyond)
     band = band_of(task.seen.frame.time, measured, eased.moments(within), sigma, beyond, flown)
     remedy = _remedy(task, refit, carried)
     shares = Shares(
@@ -225,7 +217,7 @@ def _predict(
         regions=_regions(task.seen, measured, left),
         local_change=change,
         difference=difference,
-        refused=difference is not None and difference.p_value < REFUSED,
+        refused=change is not None or (difference is not None and difference.p_value < REFUSED),
         left_out=task.left_out,
         reason=reason(shares, band, errors.noise, remedy, task.left_out, (change, difference)),
     )

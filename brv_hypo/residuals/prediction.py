@@ -61,8 +61,7 @@ class LocalChange(NullIsNaN):
 class Difference(NullIsNaN):
     """The frozen coefficient that differs most from what this flight asks for, the others within their errors.
 
-    `value` is what it is more here; `p_value` is paid for all frozen coefficients. `beside_processes` says that this
-    flight has more than the model explains, so that processes were fitted beside it.
+    `value` is what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
     """
 
     term: str
@@ -100,7 +99,8 @@ class Prediction(HasCharts, Result):
     `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
     that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
     `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
-    `refused` says that `difference`, None where no coefficient is frozen, is more than chance makes it.
+    `refused` says that this flight contradicts the model: there is a local change, or `difference`, None where no
+    coefficient is frozen, is more than chance makes it.
     `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
     the flight's record found.
     """

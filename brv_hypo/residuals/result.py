@@ -66,7 +66,7 @@ class Family(NullIsNaN):
 
 class TriedCandidate(NullIsNaN):
     """One effect as tried: `explains` is the share of the weighed squares that it saves; `near_equals` are effects
-    whose columns hold nearly all that it predicts.
+    that this flight cannot tell from it.
     """
 
     effect: str
@@ -100,8 +100,8 @@ class FlightLeftOut(NullIsNaN):
 class Step(NullIsNaN):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
-    `look_alikes` are what this flight cannot tell from the first candidate that counts; `refused` is what counts in the
-    fitted part and does not lower the held-out error, or, the last where `named_in` is 0, what no repetition names.
+    `refused` is what counts in the fitted part and does not lower the held-out error, or, the last where `named_in` is
+    0, what no repetition names.
     `error_before`, `error_after` are those of the moment coefficients; `force_error_before`, `force_error_after` those
     of the specific force across the axis, (m/s^2)^2, in which an error of the record may show alone.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
@@ -120,7 +120,6 @@ class Step(NullIsNaN):
     families: dict[str, float] = Field(default={})
     decomposition: tuple[Family, ...] = ()
     candidates: tuple[TriedCandidate, ...]
-    look_alikes: tuple[str, ...] = ()
     refused: tuple[str, ...] = ()
     unwanted: tuple[str, ...] = ()
     evidence_gain: float | None = None

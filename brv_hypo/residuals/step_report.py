@@ -1,25 +1,22 @@
 """One step of a trace as its result holds it. Entrance: `step_of`.
 
-Beside the candidates stand the effects that one flight cannot tell apart from them (`near_equals`, from the angles
-between their projected columns), and whether each flight needs what was added without having had a part in choosing it
-(`flight_left_out`).
+Beside the candidates stand the effects that this flight cannot tell apart from them (`look_alikes`), and whether each
+flight needs what was added without having had a part in choosing it (`flight_left_out`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.constants import FINDING_REPEATED, FINDING_SHOWN, FINDING_SIGMAS, NEAR_EQUAL_COSINE
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.constants import FINDING_REPEATED, FINDING_SHOWN, FINDING_SIGMAS
 from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import GIVEN, Problem
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.residuals.candidates import Candidate, adjusted, directions_beyond, look_alikes
+from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
 from brv_hypo.residuals.candidates_at_step import Look
 from brv_hypo.residuals.choice import Choice, Tried
 from brv_hypo.residuals.discover import Discovery
@@ -29,51 +26,6 @@ from brv_hypo.residuals.linearisation import Seen
 from brv_hypo.residuals.problem import constrained, left_by
 from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate, lasting_steps
 from brv_hypo.thresholds import SPECIFIC
-
-
-def near_equals(
-    problem: Problem, candidates: Sequence[Candidate], tried: Sequence[Candidate] = ()
-) -> dict[str, tuple[str, ...]]:
-    """For each candidate the others whose columns hold nearly all that it predicts, the nearest first.
-
-    An effect that is constant where it is tried may act at the times of another as well: `tried` are all that were.
-    """
-    design = problem.design(problem.frame, problem.baseline)
-    base = directions_beyond(np.zeros((design.shape[0], 0)), design)
-    spans = {c.name: _span(problem, base, c, c.fit.selected) for c in candidates}
-    found = {}
-    for candidate in candidates:
-        size = float(np.linalg.norm(candidate.contribution))
-        timed = {each.name: columns for each in tried if (columns := _at_the_times_of(candidate, each))}
-        own = {each.name: _span(problem, base, each, timed[each.name]) for each in tried if each.name in timed}
-        cosines = {
-            name: float(np.linalg.norm(span.T @ candidate.contribution)) / size
-            for name, span in {**spans, **own}.items()
-            if name != candidate.name and size > 0.0
-        }
-        near = sorted((name for name in cosines if cosines[name] > NEAR_EQUAL_COSINE), key=lambda name: -cosines[name])
-        found[candidate.name] = tuple(near)
-    return found
-
-
-def _at_the_times_of(candidate: Candidate, other: Candidate) -> tuple[Regressor, ...]:
-    """The other's columns where the candidate's begin, end and change; none where either cannot."""
-    if not other.fit.mechanisms or not all(_may_come_and_go(m, other) for m in other.fit.mechanisms):
-        return ()
-    courses = dict.fromkeys(c.time_basis for c in candidate.fit.selected if c.time_basis.kind != "constant")
-    return tuple(replace(column, time_basis=time_basis) for time_basis in courses for column in other.fit.selected)
-
-
-def _may_come_and_go(mechanism: Mechanism, candidate: Candidate) -> bool:
-    """Whether it was tried as constant alone, but is no part of the vehicle and no schedule."""
-    flight = candidate.fit.frame.reconstructions[0].flight
-    constant = mechanism.time_variation == ("constant",) and mechanism.follows != "mach"
-    return constant and not mechanism.of_each_flight(flight)
-
-
-def _span(problem: Problem, base: FloatArray, candidate: Candidate, columns: Sequence[Regressor]) -> FloatArray:
-    """Orthonormal directions (rows, columns) of columns of a candidate's beyond the baseline and the nuisances."""
-    return directions_beyond(base, problem.design(candidate.fit.frame, columns))
 
 
 def flight_left_out(problem: Problem, seen: Seen, candidate: Candidate) -> FlightLeftOut | None:
@@ -122,7 +74,6 @@ _TOLD = 8  # candidates in a step's table
 def step_of(number: int, residual: Residual, here: Look, state: State, choice: Choice, earlier: Sequence[Step]) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     told, taken = choice.told[:_TOLD], choice.taken
-    near = near_equals(here.problem, told, here.candidates)
     leading = choice.leading
     held_out = state.seen.held_out
     left = leading.before if leading else left_by(here.problem, here.null)
@@ -138,8 +89,7 @@ def step_of(number: int, residual: Residual, here: Look, state: State, choice: C
     return Step(
         step=number,
         residual=residual,
-        candidates=tuple(_told(c, chances, here, choice.discovery, near[c.name]) for c in told),
-        look_alikes=look_alikes(leading.candidate, choice.ranked) if leading else (),
+        candidates=tuple(_told(c, chances, here, choice) for c in told),
         refused=tuple(tried.candidate.name for tried in choice.tried if tried is not taken),
         unwanted=choice.unwanted,
         evidence_gain=None if taken is None else taken.gain,
@@ -162,17 +112,15 @@ def _errors(fitted: Prediction, held_out: Prediction) -> Errors:
     return Errors(fit=fitted.mean_square, held_out=held_out.mean_square)
 
 
-def _told(
-    candidate: Candidate, chances: dict[str, float], here: Look, discovery: Discovery | None, near: tuple[str, ...]
-) -> TriedCandidate:
+def _told(candidate: Candidate, chances: dict[str, float], here: Look, choice: Choice) -> TriedCandidate:
     return TriedCandidate(
         effect=candidate.name,
         kind=candidate.kind,
         f_ratio=candidate.f_ratio,
         p_value_adjusted=chances[candidate.name],
         explains=candidate.explains,
-        description=_words(candidate, here, discovery),
-        near_equals=near,
+        description=_words(candidate, here, choice.discovery),
+        near_equals=look_alikes(candidate, choice.told[:_TOLD]),
     )
 
 

@@ -71,6 +71,20 @@ def test_a_sister_with_the_same_schedule_differs_nowhere(predicted: Prediction) 
     assert "differs" not in predicted.reason
 
 
+def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced: Trace, predicted: Prediction) -> None:
+    config = another_flight(trimmed_cone(SISTERS_TRIM), 4)
+    own = config.aerodynamics
+    damped = config.model_copy(update={"aerodynamics": own.model_copy(update={"C_mq": 1.1 * own.C_mq})})
+    found = predict(simulate(damped, seed=5).flight, traced.model.definition, ("trim",))
+    assert found.refused
+    assert found.difference is not None
+    assert found.difference.term == "C_mq"
+    assert found.difference.value == pytest.approx(0.1 * own.C_mq, abs=3.0 * found.difference.std_error)
+    assert "contradicts the model" in found.reason
+    assert not predicted.refused
+    assert "contradicts" not in predicted.reason
+
+
 @pytest.fixture(scope="module")
 def changed(traced: Trace) -> Prediction:
     """A sister whose slope is another for a while."""

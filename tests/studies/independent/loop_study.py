@@ -127,7 +127,7 @@ def added_by(found: Trace) -> tuple[Added, ...]:
         Added(
             step.added,
             step.standing or "hint",
-            tuple(dict.fromkeys((*step.candidates[0].near_equals, *step.look_alikes))),
+            step.candidates[0].near_equals,
             step.named_in or 0.0,
             step.error_ratio_held_out or 1.0,
             step.error_ratio_std_error or 0.0,

@@ -61,7 +61,7 @@ def test_a_bend_drifts_with_the_speed_where_the_slope_does() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("truth", ["lag", "sticking"])
 def test_what_is_late_of_a_bent_moment_is_bent_too(truth: str, seed: int) -> None:
     """Taken as late of a straight moment, what it left was larger than the noise."""

@@ -20,7 +20,12 @@ EDGE_SIGMA = 0.0245
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("vehicle", "truth", "seed"), [("cone", "bodyfixed", 1), ("slender", "inplane", 2), ("capsule", "damping", 3)]
+    ("vehicle", "truth", "seed"),
+    [
+        ("cone", "bodyfixed", 1),
+        pytest.param("slender", "inplane", 2, marks=pytest.mark.slow),
+        pytest.param("capsule", "damping", 3, marks=pytest.mark.slow),
+    ],
 )
 def test_a_mechanism_at_mach_numbers_is_named_and_placed(vehicle: str, truth: str, seed: int) -> None:
     """The flights come by them 0.3 to 2.3 s apart: at the same times on both, nothing was adequate."""

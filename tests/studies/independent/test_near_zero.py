@@ -12,7 +12,7 @@ from tests.studies.independent.near_zero import make_through_zero
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("truth", ["damping", "none"])
+@pytest.mark.parametrize("truth", ["damping", pytest.param("none", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("vehicle", ["cone", pytest.param("slender", marks=pytest.mark.slow)])
 def test_through_zero(vehicle: str, truth: str) -> None:
     """Strong damping is named, and nothing is where nothing is: there none may be as large as the moment."""

@@ -146,6 +146,7 @@ def test_a_delay_that_is_short_because_the_motion_is_fast_is_found() -> None:
     assert said(drawn_flight(134005, 5, "mixed", 1.0, 5, True, True)).winner == "sticking"
 
 
+@pytest.mark.slow
 def test_a_bend_of_large_angles_that_changes_with_the_speed_is_no_mechanism() -> None:
     """Alpha reaches 30 deg, and the slope falls by a seventh with the speed."""
     assert said(drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)).winner in (None, "none")

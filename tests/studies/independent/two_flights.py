@@ -65,7 +65,7 @@ def fly(seed: int, truth: str) -> Outcome | str:
     alone = trace(first.flight, settings)
     both = trace((first.flight, second.flight), settings)
     step = alone.steps[0]
-    near = tuple(dict.fromkeys((*step.candidates[0].near_equals, *step.look_alikes))) if step.added else ()
+    near = step.candidates[0].near_equals if step.added else ()
     return Outcome(seed, first.vehicle, truth, times, first_of(alone), near, first_of(both), both.seconds)
 
 

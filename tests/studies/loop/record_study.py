@@ -188,7 +188,7 @@ def line(effect: str, size: str, result: Trace) -> str:
         if step.added is not None and step.error_after is not None
     ]
     named = effect in result.added or any(
-        effect in (*step.candidates[0].near_equals, *step.look_alikes) for step in result.steps if step.added
+        effect in step.candidates[0].near_equals for step in result.steps if step.added
     )
     return f"{effect} ({size}) {'found' if named else 'not found'}: {'; '.join(told) or 'nothing is added'}"
 
