@@ -79,7 +79,8 @@ def held_within(own: Evidence, columns: tuple[Regressor, ...], held: FloatArray,
     """
     rows, known = own.rows, np.flatnonzero(~np.isnan(held))
     x = rows.of_moments(rows.frame, columns)
-    throughout = [_column(term, TimeBasis("constant")) for term in ChangedSchedule().terms(rows.frame.motions[0], {})]
+    changed, always = ChangedSchedule(), TimeBasis("constant")
+    throughout = [term_column(changed, term, (), always) for term in changed.terms(rows.frame.motions[0], {})]
     free = orth(np.column_stack([np.delete(x, known, axis=1), rows.of_moments(rows.frame, throughout)]))
     variances, directions = np.linalg.eigh(covariance)
     erring = x[:, known] @ (directions * np.sqrt(np.maximum(variances, 0.0)))
@@ -112,7 +113,7 @@ def find_local_change(own: Evidence) -> LocalChange | None:
 
 def _best(own: Evidence, term: Term, edges: FloatArray, first: slice, last: slice) -> _Change:
     """The change from an edge of `first` to one of `last` that explains most beside all else."""
-    changes = [_column(term, TimeBasis("jump", float(edge))) for edge in edges]
+    changes = [term_column(ChangedSchedule(), term, (), TimeBasis("jump", float(edge))) for edge in edges]
     square, shared = own.projected_products(own.rows.of_moments(own.rows.frame, changes))
     diagonal = np.diag(square)
     length = (diagonal[:, np.newaxis] + diagonal - 2.0 * square)[first, last]
@@ -133,6 +134,8 @@ def find_difference(
     `held` (columns,) are frozen values, NaN where there is none, `covariance` (held columns, held columns) theirs.
     """
     known = np.flatnonzero(~np.isnan(held))
+    lasting = [k for k, j in enumerate(known) if " drift " not in columns[j].term]  # by one flight's time or speed
+    known, covariance = known[lasting], covariance[np.ix_(lasting, lasting)]
     if not known.size:
         return None
     difference = own.values[known] - held[known]
@@ -152,10 +155,6 @@ def find_difference(
         p_value=min(1.0, float(known.size * 2.0 * stats.norm.sf(abs(beyond[most])))),
         beside_processes=bool(own.rows.groups),
     )
-
-
-def _column(term: Term, time_basis: TimeBasis) -> Regressor:
-    return term_column(ChangedSchedule(), term, (), time_basis)
 
 
 def _reported(own: Evidence, change: _Change, searched: int) -> LocalChange | None:
