@@ -8,8 +8,9 @@ at a frequency f, the difference of measured and modelled moment has 1 - (f_n / 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -126,15 +127,14 @@ def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
 class _Task:
     """The model's columns on this flight; `held` (columns,) their frozen values, NaN where they are refitted.
 
-    The `open` problem has the processes of the record too.
-
+    `open` makes the problem that has the processes of the record too.
     `left_out` are the mechanisms of columns that belong to the times of the model's own flights; `elsewhere` says that
     this is none of them.
     """
 
     seen: Seen
     problem: Problem
-    open: Problem
+    open: Callable[[], Problem]
     columns: tuple[Regressor, ...]
     held: FloatArray
     others: FloatArray
@@ -173,6 +173,7 @@ def _predict(
     carried = _carried(flight)
     eased = task.eased(carried)
     within = eased.solved(eased.held)
+    left_within = eased.moments(within)
     errors = ErrorsOfPrediction(
         without=_mean_square(measured),
         frozen=_mean_square(left),
@@ -186,7 +187,7 @@ def _predict(
     mach = task.seen.reconstructions[0].motion.mach[task.seen.samples_of(0)]
     beyond = error_at(content.error, mach, elsewhere=task.elsewhere)
     known_by = covariance[np.ix_(known, known)]
-    alone, beside = evidence_here(task.open, task.columns)
+    alone, beside = evidence_here(task.open().on(task.problem.rows.part), task.columns)
     better = max(alone, beside, key=lambda each: each.level)
     change = find_local_change(held_within(alone, task.columns, task.held, known_by))
     difference = find_difference(better, task.columns, task.held, known_by)
@@ -194,11 +195,11 @@ def _predict(
     noise, fitted = task.noise(measured, within.values), np.isnan(np.concatenate([eased.held, eased.others]))
     known_by = covariance[np.ix_(remain, remain)]
     sigma = predictive_sigma(eased.problem, eased.seen.frame, eased.columns, known_by, fitted, noise, beyond)
-    band = band_of(task.seen.frame.time, measured, eased.moments(within), sigma, beyond, flown)
+    band = band_of(task.seen.frame.time, measured, left_within, sigma, beyond, flown)
     remedy = _remedy(task, refit, carried)
     shares = Shares(
         left=_beyond(errors.frozen, errors.without, errors.noise),
-        eased=_beyond(_mean_square(eased.moments(within)), errors.without, errors.noise),
+        eased=_beyond(_mean_square(left_within), errors.without, errors.noise),
         frozen=_explained(measured, left, errors.noise, flown),
         own=_explained(measured, own, errors.noise, flown),
         flown=float(flown.mean()),
@@ -295,12 +296,12 @@ def _seen_with(
     part = seen.part_where(there) if there.sum() >= TRACED_SMALLEST else seen.whole
     linear = linearised_at(seen, model, start)
     problem = problem_of(seen, model, linear, config).on(part)
-    processes = problem_of(seen, model, linear, config, noise=first_noise(linear), processes=record_processes())
     items = problem.rows.nuisances.items
     # What has no prior was found on this very record, and is taken out of it.
     known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in items)
     others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
-    return _Task(seen, problem, processes.on(part), model.columns, held, others)
+    processes = partial(problem_of, seen, model, linear, config, None, first_noise(linear), record_processes())
+    return _Task(seen, problem, processes, model.columns, held, others)
 
 
 def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:
