@@ -189,7 +189,6 @@ DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
 # others come before it (tests.studies.independent.descriptions).
 DESCRIBED_TIMED = 3
 DESCRIBED_STRETCHES = 8
-DESCRIBED_CLIMB = 1.0  # fall of the sum of squares by which a neighbour has to explain more: as much as noise gives one
 DESCRIBED_NEIGHBOURS = 1.5  # spacings within which two entries are one
 DESCRIBED_FREE = 1e-4  # of a column's length, that the model has to leave of it
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
@@ -226,6 +225,7 @@ LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so tha
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
 FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
 FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
+HINT_REPEATED = 0.5  # below which another effect explains the record as well: no name then
 FINDING_SHOWN = 12.0  # fall of the squared whitened rates above which an effect shows in the moments
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
 WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention

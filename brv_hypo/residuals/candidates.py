@@ -16,7 +16,7 @@ from brv_hypo.constants import CONFOUNDED_COSINE, CONFOUNDED_GAIN, CONFOUNDED_NE
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.ranking.intervals import intervals, within_bounds
-from brv_hypo.regression.fit import HypothesisFit, likeliest
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem, given_column
@@ -51,9 +51,16 @@ class Candidate:
     evidence: float | None = None
 
 
-def try_mechanism(problem: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
-    """A mechanism's best columns beside the model, knots and delays on their grids; None if it adds none."""
-    fits = _on_grid(problem, mechanism)
+def try_mechanism(problem: Problem, sharp: Problem, null: HypothesisFit, mechanism: Mechanism) -> Candidate | None:
+    """A mechanism's columns beside the model; None if it adds none.
+
+    On one flight as `compare` searches them, under the record's own noise (`sharp`): where much of the residual is the
+    effect, a noise raised to it hides delays and knots. On several flights the best ones on the grids.
+    """
+    if len(problem.records) == 1:
+        fits = [_solved_again(problem, fit_hypothesis(sharp, mechanism.name, (mechanism,)))]
+    else:
+        fits = _on_grid(problem, mechanism)
     return candidate_of(problem, null, likeliest(fits), mechanism.name, "mechanism") if fits else None
 
 
@@ -108,11 +115,13 @@ def try_record_effect(problem: Problem, null: HypothesisFit, variants: Sequence[
 
 def fitted_again(problem: Problem, null: HypothesisFit, candidate: Candidate) -> Candidate:
     """A candidate with its columns as they are, under the problem's noise."""
-    fit = candidate.fit
-    renewed = replace(
-        solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched), nonlinear=fit.nonlinear
-    )
-    return replace(candidate_of(problem, null, renewed, candidate.name, candidate.kind), effect=candidate.effect)
+    again = candidate_of(problem, null, _solved_again(problem, candidate.fit), candidate.name, candidate.kind)
+    return replace(again, effect=candidate.effect)
+
+
+def _solved_again(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    found = solved(problem, fit.name, fit.mechanisms, fit.frame, fit.selected, fit.searched)
+    return replace(found, nonlinear=fit.nonlinear)
 
 
 def with_columns(

@@ -11,6 +11,7 @@ from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.noise import first_noise, raised_noise, settled_noise
 from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
@@ -65,9 +66,13 @@ def look(
     Where the dictionary is searched too, `discovery` is the one entry of it that describes best what is left.
     """
     catalogue, histories = _histories(seen.frame, flights, effects, model)
-    problem = problem_of(seen, model, flights, config, histories)
+    plain = problem_of(seen, model, flights, config, histories, first_noise(flights))
+    sharp = plain.under(settled_noise(plain))
+    problem = sharp.under(raised_noise(sharp))
     null = fit_hypothesis(problem, "none", ())
-    found = _try_all(problem, null, mechanisms, catalogue)
+    tried = [try_mechanism(problem, sharp, null, mechanism) for mechanism in mechanisms]
+    tried += [try_record_effect(problem, null, variants) for variants in catalogue.values()]
+    found = [candidate for candidate in tried if candidate is not None]
     if found:
         problem = with_efficiency(problem, likeliest([candidate.fit for candidate in found]))
         null = fit_hypothesis(problem, "none", ())
@@ -111,14 +116,6 @@ def _closer(
                     effect = nearer.effect
         closer.append(candidate)
     return problem, closer, catalogue
-
-
-def _try_all(
-    problem: Problem, null: HypothesisFit, mechanisms: Sequence[Mechanism], catalogue: Catalogue
-) -> list[Candidate]:
-    tried = [try_mechanism(problem, null, mechanism) for mechanism in mechanisms]
-    tried += [try_record_effect(problem, null, variants) for variants in catalogue.values()]
-    return [candidate for candidate in tried if candidate is not None]
 
 
 def _histories(

@@ -11,6 +11,7 @@ from brv_hypo.constants import (
     CONFOUNDED_NEAR,
     HELD_OUT_SIGMAS,
     HELD_OUT_WORSE,
+    HINT_REPEATED,
     LOOP_BEYOND_DOUBT,
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
@@ -90,8 +91,9 @@ class Choice:
 
     @property
     def taken(self) -> Tried | None:
-        """The last that was tried, where the held-out part agrees with it; None where no repetition names it."""
-        return self.tried[-1] if self.named_in != 0.0 and self.tried and self.tried[-1].taken else None
+        """The last that was tried, where the held-out part agrees with it; None where few repetitions name it."""
+        often = self.named_in is None or self.named_in >= HINT_REPEATED
+        return self.tried[-1] if often and self.tried and self.tried[-1].taken else None
 
     @property
     def unwanted(self) -> tuple[str, ...]:
@@ -133,7 +135,8 @@ def choose(
     """
     held = {column.mechanism for column in here.problem.baseline}
     ranked = tuple(_ranked(here, discovery, held))
-    ranked = ranked if scheduled else _schedules_first(ranked)
+    first = () if scheduled else schedules_first(ranked)
+    ranked = (*first, *(candidate for candidate in ranked if candidate not in first))
     chances = adjusted(ranked)
     tried: list[Tried] = []
     for candidate in ranked:
@@ -155,16 +158,10 @@ def choose(
     return Choice(ranked, discovery, tuple(tried))
 
 
-def _schedules_first(ranked: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
-    """The candidates with schedules before all else, where they explain not much less."""
+def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The schedules that explain not much less than the best candidate, in their order; see `is_schedule`."""
     most = max((candidate.gain for candidate in ranked), default=0.0)
-    first = [c for c in ranked if is_schedule(c) and comes_first(c.gain, most)]
-    return (*first, *(c for c in ranked if c not in first))
-
-
-def comes_first(gain: float, most: float) -> bool:
-    """Whether a schedule of this gain comes before what has the largest."""
-    return gain >= LOOP_SCHEDULE * most
+    return tuple(c for c in ranked if is_schedule(c) and c.gain >= LOOP_SCHEDULE * most)
 
 
 def is_schedule(candidate: Candidate) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import (
     CONFOUNDED_NEAR,
-    DESCRIBED_CLIMB,
     DESCRIBED_CLOSEST,
     DESCRIBED_FINER,
     DESCRIBED_FREE,
@@ -119,51 +118,7 @@ def _all_timed(
     courses = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
     gains = [_gain(_free(_white(problem, [entry], courses)[0], basis), left) for entry in offered]
     again = (offered[int(np.argmax(gains))], best.entry)
-    fits += [_timed(problem, name, entry, count, basis, left) for entry in again]
-    return [*fits, _climbed(problem, min(fits, key=lambda each: each.fit.information), basis, left)]
-
-
-def _climbed(problem: Problem, found: _Described, basis: FloatArray, left: FloatArray) -> _Described:
-    """The description from neighbour to neighbour of its place, with times of its own at each, while that gains.
-
-    A moment that turns too slowly explains most over a part of the time: place by given times, and times at a given
-    place, both end there.
-    """
-    entry, courses = found.entry, tuple(dict.fromkeys(column.time_basis for column in found.fit.selected))
-    if entry.at is None or not any(time_basis.kind == "jump" for time_basis in courses):
-        return found
-    gain, spacing = _gain(_free(_white(problem, [entry], courses)[0], basis), left), entry.spacing
-    while entry.at is not None:
-        near = [entry.at(entry.position + side * spacing) for side in (-1.0, 0.0, 1.0)]
-        tried = [_placed_near(problem, each, courses, basis, left) for each in near]
-        best = max(tried, key=lambda each: each[2])
-        if best[2] <= gain + DESCRIBED_CLIMB:
-            break
-        entry, courses, gain = best
-    return _with_courses(problem, found.file.name, entry, courses, found.fit.searched)
-
-
-def _placed_near(
-    problem: Problem, entry: Entry, courses: tuple[TimeBasis, ...], basis: FloatArray, left: FloatArray
-) -> tuple[Entry, tuple[TimeBasis, ...], float]:
-    """An entry with its jumps moved, one after another, to where it explains most, and then at its best place.
-
-    With it how much that is.
-    """
-    start, stop = float(problem.frame.time.min()), float(problem.frame.time.max())
-    gain = _gain(_free(_white(problem, [entry], courses)[0], basis), left)
-    spacing = (stop - start) / DESCRIBED_STRETCHES
-    for _ in range(2):
-        for k in [k for k, time_basis in enumerate(courses) if time_basis.kind == "jump"]:
-            shifts = spacing * np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
-            places = [float(time) for time in courses[k].start + shifts if start < time < stop]
-            moved = [(*courses[:k], replace(courses[k], start=time), *courses[k + 1 :]) for time in places]
-            gains = [_gain(_free(_white(problem, [entry], each)[0], basis), left) for each in moved]
-            if gains and max(gains) > gain:
-                courses, gain = moved[int(np.argmax(gains))], max(gains)
-        spacing /= DESCRIBED_FINER
-    entry = _moved(problem, entry, basis, left, courses)
-    return entry, courses, _gain(_free(_white(problem, [entry], courses)[0], basis), left)
+    return fits + [_timed(problem, name, entry, count, basis, left) for entry in again]
 
 
 def _timed(

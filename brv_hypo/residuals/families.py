@@ -25,7 +25,8 @@ from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_nois
 from brv_hypo.inference.rows import Rows, Terms, rows_of
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.model.term import Regressor
+from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.judgement import NORMAL_95
@@ -200,7 +201,7 @@ def beside_processes(
     for each in applied:
         key = (each.effect.name, each.component)
         taken[each.flight][key] = taken[each.flight].get(key, 0.0) + each.value
-    bare = replace(model, columns=base, applied=before.applied)
+    bare = replace(model, columns=base, applied=before.applied, mechanisms=before.mechanisms)
     read = replace(seen, taken=tuple(taken))
     linear = state.linear
     whole = problem_of(read, bare, linear, config, histories, first_noise(linear), record_processes())
@@ -212,6 +213,9 @@ def beside_processes(
     rows, start = rows_under_own_noise(problem, point)
     terms = {each.name: rows.terms(point).only(_places(point, each.name)) for each in mechanisms}
     families = {each.name: _family_of(point, rows.frame.motions, each.name) for each in mechanisms}
+    if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
+        effect = next(each.name for each in mechanisms if each.follows == "mach")
+        terms[effect] = terms[effect].beside(_of_schedule(rows, model.mechanisms[SlopeSchedule.name]))
     items = problem.rows.nuisances.items
     bounded = {items[k].name for k in problem.rows.nuisances.bounded.tolist()}
     shift = np.zeros(rows.y.size)
@@ -230,6 +234,15 @@ def _of_record(x: FloatArray, searched: int) -> Terms:
     """Histories (n, k) of one typical size of components of a record effect, chosen of so many."""
     spread, choices = np.full(x.shape[1], RECORD_EFFECT_LARGEST), math.comb(max(searched, x.shape[1]), x.shape[1])
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
+
+
+def _of_schedule(rows: Rows, schedule: Mechanism) -> Terms:
+    """A smooth schedule of the slope within its prior."""
+    frame, motion, always = rows.frame.with_mechanisms([schedule]), rows.frame.motions[0], TimeBasis("constant")
+    columns = [term_column(schedule, term, (), always) for term in schedule.terms(motion, {})]
+    x = rows.of_moments(frame, columns)
+    spread = np.array(schedule.tolerance(rows.frame.reconstructions[0].flight))
+    return Terms(x, spread, np.zeros(spread.size, dtype=bool))
 
 
 def _label(applied: Applied) -> str:

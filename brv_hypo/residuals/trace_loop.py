@@ -54,7 +54,7 @@ from brv_hypo.residuals.baseline import (
 )
 from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes, with_columns
 from brv_hypo.residuals.candidates_at_step import Look, look
-from brv_hypo.residuals.choice import Choice, Tried, best_first, choose, follows_mach, is_schedule
+from brv_hypo.residuals.choice import Choice, Tried, best_first, choose, follows_mach, is_schedule, schedules_first
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery
@@ -434,7 +434,7 @@ class _Course:
         name = choice.taken.candidate.name
         offered = [each for each in choice.ranked if each.name not in choice.unwanted]
         if not known and is_schedule(choice.taken.candidate):  # where the model has no schedule, one comes first
-            offered = [each for each in offered if is_schedule(each)]
+            offered = list(schedules_first(offered))
         return replace(choice, named_in=named_in(beside, offered, name, state.seen, self.config))
 
 

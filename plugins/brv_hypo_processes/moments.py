@@ -3,9 +3,10 @@
 static moment   alpha                              stiffness that changes along the flight
 bend            alpha^2, alpha^3                   stiffness by angle of attack
 side moment     i alpha                            asymmetry across the plane of alpha
+side bend       i alpha^2, i alpha^3               side moment by angle of attack
 damping         the transverse rates               damping that changes along the flight
 cross damping   i times these                      Magnus-like moments
-damping bend    alpha^2 times the rates            damping by angle of attack
+damping bends   alpha^2 times either               these by angle of attack
 body            fixed in the body                  c.g. drift, nose tip; and, faster, a random moment of the flow
 harmonics       alpha turning two and three times  lobes of the cross-section
 """
@@ -33,10 +34,11 @@ class Static(MomentProcess):
 
     name, family, splines = "static_change", "stiffness", 16
     title = "static moment that changes along the flight"
+    turn: ClassVar[complex] = 1.0
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """One, in the plane of alpha."""
-        return (np.asarray(motion.alpha, dtype=complex),)
+        """One, in the plane of alpha, or across it by `turn`."""
+        return (np.asarray(self.turn * motion.alpha),)
 
 
 class Bend(MomentProcess):
@@ -44,54 +46,59 @@ class Bend(MomentProcess):
 
     name, family, splines = "static_bend", "stiffness", 5
     title = "static moment that bends with the angle of attack"
+    turn: ClassVar[complex] = 1.0
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """Square and cube."""
-        return np.asarray(motion.alpha**2, dtype=complex), np.asarray(motion.alpha**3, dtype=complex)
+        return np.asarray(self.turn * motion.alpha**2), np.asarray(self.turn * motion.alpha**3)
 
 
-class Side(MomentProcess):
+class Side(Static):
     """C_n,side proportional to alpha."""
 
-    name, family, splines = "side_change", "side", 16
+    name, family, turn = "side_change", "side", 1j
     title = "side moment that changes along the flight"
 
-    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """One, across the plane of alpha."""
-        return (np.asarray(1j * motion.alpha),)
+
+class SideBend(Bend):
+    """C_n,side that is not linear in alpha."""
+
+    name, family, turn = "side_bend", "side", 1j
+    title = "side moment that bends with the angle of attack"
 
 
 class Damping(MomentProcess):
-    """C_mq(t) times the transverse rates."""
+    """C_mq(t) times the transverse rates, or these turned by a right angle."""
 
     name, family, splines = "damping_change", "rate", 12
     title = "damping that changes along the flight"
+    turn: ClassVar[complex] = 1.0
+    power: ClassVar[int] = 0
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """The rates."""
-        return (_rates(motion),)
+        """The rates, by a power of alpha."""
+        return (np.asarray(self.turn * _rates(motion) * motion.alpha**self.power),)
 
 
-class CrossDamping(MomentProcess):
+class CrossDamping(Damping):
     """The rates turned by a right angle."""
 
-    name, family, splines = "cross_damping_change", "rate", 12
+    name, turn = "cross_damping_change", 1j
     title = "cross-damping moment that changes along the flight"
 
-    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """The rates, a quarter turn on."""
-        return (1j * _rates(motion),)
 
-
-class DampingBend(MomentProcess):
+class DampingBend(Damping):
     """Damping by angle of attack."""
 
-    name, family, splines = "damping_bend", "rate", 1
+    name, splines, power = "damping_bend", 5, 2
     title = "damping that changes with the angle of attack"
 
-    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """Square of alpha times the rates."""
-        return (_rates(motion) * motion.alpha**2,)
+
+class CrossDampingBend(DampingBend):
+    """Cross-damping moment by angle of attack."""
+
+    name, turn = "cross_damping_bend", 1j
+    title = "cross-damping moment that changes with the angle of attack"
 
 
 class Body(MomentProcess):
@@ -137,6 +144,6 @@ class ThreeLobes(TwoLobes):
 def brv_hypo_mechanisms() -> Sequence[MomentProcess]:
     """Every process of the moment."""
     return [
-        *(Static(), Bend(), Side(), Damping(), CrossDamping()),
-        *(DampingBend(), Body(), Flow(), TwoLobes(), ThreeLobes()),
+        *(Static(), Bend(), Side(), SideBend(), Damping(), CrossDamping()),
+        *(DampingBend(), CrossDampingBend(), Body(), Flow(), TwoLobes(), ThreeLobes()),
     ]

@@ -200,11 +200,12 @@ def test_what_is_found_beside_hints_rests_on_them(
     assert rests_on_hints(steps) is told
 
 
-def test_what_no_repetition_names_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_few_repetitions_name_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     """It predicts more with these blocks and knots alone: so one of 251 flights with one effect was told a second."""
     result = chosen([candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)], "trim", monkeypatch)
-    unnamed = replace(result, named_in=0.0)
-    assert unnamed.taken is None
-    assert unnamed.leading is result.tried[0]
-    for share in (None, 0.1, 1.0):
+    for share in (0.0, 0.4):
+        unnamed = replace(result, named_in=share)
+        assert unnamed.taken is None
+        assert unnamed.leading is result.tried[0]
+    for share in (None, 0.5, 1.0):
         assert replace(result, named_in=share).taken is result.tried[-1]

@@ -14,7 +14,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.dictionary import entries
-from brv_hypo.residuals.discover import Discovery, _climbed, _left, _moved, _with_courses, discover
+from brv_hypo.residuals.discover import Discovery, discover
 from tests.chains import prepared
 
 
@@ -111,19 +111,3 @@ def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float,
     times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
     assert rates == pytest.approx([rate] * 4, abs=0.05)
     assert times == pytest.approx([start, stop], abs=0.05)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("slow", "late"), [(2.0, 2.6), (2.2, 2.4)])
-def test_a_turn_too_slow_over_a_part_of_its_time_is_left_for_the_right_one(slow: float, late: float) -> None:
-    """The rate at these times, and the times at that rate, stay away from what was planted."""
-    given = with_moment(prepared(), TURNING, TimeBasis("jump", 1.2, 4.2), 300.0)
-    turn = next(each for each in entries(given.frame.motions) if each.terms[0].turn is not None)
-    assert turn.at is not None
-    courses, model = (TimeBasis("jump", late), TimeBasis("jump", 4.2)), _left(given)
-    near = _moved(given, turn.at(slow), *model, courses)
-    assert abs(near.position - 3.0) > 0.3
-    found = _climbed(given, _with_courses(given, "discovered_1", near, courses, 10), *model)
-    assert found.entry.position == pytest.approx(3.0, abs=0.1)
-    times = sorted({column.time_basis.start for column in found.fit.selected})
-    assert times == pytest.approx([1.2, 4.2], abs=0.15)

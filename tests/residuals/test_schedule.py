@@ -17,7 +17,7 @@ from brv_hypo.model.slope_schedule import SlopeSchedule
 from brv_hypo.motion.measurement import BENT
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns, static_moment, tolerated
-from brv_hypo.residuals.choice import comes_first, follows_mach, is_schedule
+from brv_hypo.residuals.choice import follows_mach, is_schedule, schedules_first
 from brv_hypo.residuals.fitted_model import taken_out
 from brv_hypo.residuals.linearisation import see
 from tests.flights import nominal
@@ -114,7 +114,12 @@ def test_what_is_taken_out_of_a_record_is_plausible() -> None:
 
 @pytest.mark.parametrize(("gain", "expected"), [(100.0, True), (60.0, True), (40.0, False)])
 def test_a_schedule_that_explains_not_much_less_comes_first(gain: float, expected: bool) -> None:
-    assert comes_first(gain, 100.0) is expected
+    schedule, best = (
+        SimpleNamespace(gain=size, fit=SimpleNamespace(mechanisms=(find(name),)))
+        for size, name in ((gain, "mach_stiffness"), (100.0, "inplane"))
+    )
+    candidates: Any = (best, schedule)
+    assert (schedules_first(candidates) == (schedule,)) is expected
 
 
 @pytest.mark.parametrize(

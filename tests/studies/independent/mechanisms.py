@@ -26,6 +26,7 @@ THROUGHOUT = (
     "reynolds_damping",
 )
 WIND_STEP = "wind_step"
+GRAMMAR = "grammar"
 
 ROTATION = 3.0  # rad/s at which the moment of `rotating` goes round the body
 
@@ -205,6 +206,25 @@ def _wind_step(planted: Planted, now: Running) -> complex:
     return 0j
 
 
+def _grammar(planted: Planted, now: Running) -> complex:
+    """A sentence of `grammar`: every shape is 1 at its scale of alpha."""
+    value = planted.values
+    alpha, power, direction = now.alpha / value["scale"], value["power"], value["direction"]
+    powers = 1.0 if direction in ("along", "across", "body") else alpha
+    powers *= 1.0 - (now.alpha / value["at"]) ** 2 if power < 0 else alpha ** (power - 1)
+    if value["mach"] is not None:
+        powers *= math.exp(-0.5 * ((now.mach - value["mach"]) / value["width"]) ** 2)
+    lobes = {"two lobes": 2.0, "three lobes": 3.0}.get(direction, 1.0)
+    turns = {
+        "plane": 1.0 + 0j,
+        "side": 1j,
+        "along": now.turning * now.reduced,
+        "across": 1j * now.turning * now.reduced,
+    }
+    angle = value["angle"] + value["turning"] * now.time
+    return planted.amplitude * powers * turns.get(direction, cmath.exp(1j * (lobes * now.meridian - angle)))
+
+
 _FORMS: dict[str, Callable[[Planted, Running], complex]] = {
     "damping": _damping,
     "inplane": _inplane,
@@ -224,6 +244,7 @@ _FORMS: dict[str, Callable[[Planted, Running], complex]] = {
     "mach_damping": _mach_damping,
     "reynolds_damping": _reynolds_damping,
     WIND_STEP: _wind_step,
+    GRAMMAR: _grammar,
 }
 
 
