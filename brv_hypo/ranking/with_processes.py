@@ -35,14 +35,17 @@ Pair = tuple[HypothesisFit, Evidence]
 
 
 def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> Pair:
-    """The hypothesis as it is, or acting between two times alone, whichever is likelier beside processes; then without
-    the changes that are not wanted there, its knots and delays where they are likeliest.
+    """The hypothesis as it is, or acting between two times alone, of a grid or of its own knots, whichever is likelier
+    beside processes; then without the changes that are not wanted there, its knots and delays where they are likeliest.
     """
     fit, pairs = pair[0], [pair]
     if len(fit.mechanisms) == 1:
-        like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
-        found = acting(problem, like, fit.mechanisms, null, even_edges(frame, PLAIN_EDGES))
-        pairs += [] if found is None else [found]
+        like, time = replace(fit, frame=frame.with_mechanisms(fit.mechanisms)), frame.coefficient_time
+        own = np.unique(
+            np.clip([time.min(), *(c.time_basis.start for c in fit.selected), time.max()], time.min(), time.max())
+        )
+        found = [acting(problem, like, fit.mechanisms, null, edges) for edges in (even_edges(frame, PLAIN_EDGES), own)]
+        pairs += [each for each in found if each is not None]
     best = max(pairs, key=lambda each: each[1].level)
     return moved(problem, _completed(problem, _without_unwanted(problem, best)))
 
@@ -59,7 +62,7 @@ def acting(
     mechanism, best = max(found, key=lambda each: each[1].peak)
     frame = like.frame.with_mechanisms([mechanism])
     always, time = "constant" in mechanism.time_variation, frame.coefficient_time
-    reach = float(edges[1] - edges[0])
+    reach = float(np.min(np.diff(edges)))
     for _ in range(FINER if edges.size > 2 else 0):
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
@@ -133,21 +136,27 @@ def _completed(problem: Problem, pair: Pair) -> Pair:
 
 
 def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
-    """Without changes at knots that lower the evidence, the least wanted first, and one of two within a sample."""
+    """Without changes at knots that lower the evidence, the least wanted first; two knots within a sample are one."""
     step = max(record.flight.step for record in problem.records)
     while True:
         fit, own = pair
         bases = sorted({(column.time_basis, column.theta) for column in fit.selected}, key=lambda each: each[0].start)
+        close = [(a, b[0].start) for a, b in pairwise(bases) if b[1] == a[1] and 0.0 < b[0].start - a[0].start < step]
+        if close:
+            (basis, theta), start = close[0]
+            joined = replace(basis, start=start)
+            there = [c.at(theta, joined) if (c.time_basis, c.theta) == close[0][0] else c for c in fit.selected]
+            pair = moved(problem, fitted(problem, fit, tuple(dict.fromkeys(there)), own))
+            continue
         if len(bases) < 2:
             return pair
         levels = {basis: _level_without(fit, own, basis) for basis in bases}
-        close = [b for a, b in pairwise(bases) if b[1] == a[1] and b[0].start - a[0].start < step]
-        least = max(close or bases, key=levels.__getitem__)
-        if not close and levels[least] < own.level - _LINEAR:
+        least = max(bases, key=levels.__getitem__)
+        if levels[least] < own.level - _LINEAR:
             return pair
         rest = [column for column in fit.selected if (column.time_basis, column.theta) != least]
         fewer = moved(problem, fitted(problem, fit, rest, own))
-        if fewer[1].informed < _INFORMED or (not close and fewer[1].level < own.level):
+        if fewer[1].informed < _INFORMED or fewer[1].level < own.level:
             return pair
         pair = fewer
 
