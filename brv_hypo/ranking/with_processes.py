@@ -26,7 +26,7 @@ _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
-_GAIN = 0.3  # nats by which such a step has to raise the evidence
+_GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
@@ -90,9 +90,12 @@ def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor],
 
 
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
-    """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay."""
-    share = 1.0
-    for _ in range(CLOSE_STEPS if closely else KNOT_STEPS):
+    """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay.
+
+    A step is judged by the evidence with them fixed there: that of the linear model extrapolates to where they are not.
+    """
+    share, steps = 1.0, CLOSE_STEPS if closely else KNOT_STEPS
+    for _ in range(steps if pair[0].nonlinear else 0):
         fit, own = pair
         columns, count = fit.columns, len(fit.columns)
         shifts, errors = own.values[count:], np.sqrt(np.diag(own.covariance)[count:])
@@ -101,14 +104,20 @@ def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
         for parameter, shift in zip(fit.nonlinear, (share * shifts).tolist(), strict=True):
             columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
         there = fitted(problem, fit, columns[fit.baseline_size :], own)
-        gain = there[1].level - own.level
-        if gain > (-_GAIN if closely else _GAIN):
+        gain = _level_fixed(there) - _level_fixed(pair)
+        if gain > (-_ROUNDING if closely else _GAIN):
             pair = there
         elif closely:
             share *= 0.5
         else:
             break
     return pair
+
+
+def _level_fixed(pair: Pair) -> float:
+    """The log evidence with knots and delays where they are."""
+    terms = len(pair[0].selected)
+    return pair[1].level_without(range(terms, terms + len(pair[0].nonlinear)))
 
 
 def _completed(problem: Problem, pair: Pair) -> Pair:
