@@ -17,7 +17,7 @@ from brv_hypo.ranking.limits import even_edges
 from brv_hypo.ranking.with_processes import PLAIN_EDGES, acting
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.unlisted import RATE, plain_columns, turning_moments, unlisted_moments
+from brv_hypo.regression.unmodelled import RATE, plain_columns, turning_moments, unmodelled_moments
 from brv_hypo.thresholds import SPECIFIC
 
 
@@ -39,7 +39,7 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
-    found = [acting(problem, like, unlisted_moments(problem, listed, OUTSIDE), null, even_edges(frame, PLAIN_EDGES))]
+    found = [acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null, even_edges(frame, PLAIN_EDGES))]
     if (stretch := _stretch(leader, frame)) is not None:
         found.append(
             acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch))
@@ -55,10 +55,10 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
 def is_specific(fit: HypothesisFit, own: Evidence) -> bool:
     """Whether the evidence wants what is characteristic of a fit's mechanisms; of one that names none, all is."""
     plain = plain_columns(fit)
-    telling = [k for k, column in enumerate(fit.selected) if column not in plain]
+    specific = [k for k, column in enumerate(fit.selected) if column not in plain]
     if not plain or not any(mechanism.characteristic for mechanism in fit.mechanisms):
         return True
-    return bool(telling) and own.level - own.level_without(telling) > SPECIFIC
+    return bool(specific) and own.level - own.level_without(specific) > SPECIFIC
 
 
 def _stretch(leader: HypothesisFit, frame: RateFrame) -> tuple[float, float] | None:

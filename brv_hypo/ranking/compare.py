@@ -34,7 +34,7 @@ from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, explained, judged, processes
 from brv_hypo.ranking.limits import limits
-from brv_hypo.ranking.maximum_likelihood import identify_standing, tolerance_warnings
+from brv_hypo.ranking.maximum_likelihood import identify_credible, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
@@ -142,7 +142,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
     errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
     verdict = _verdict(beside, answered, config.other_prior)
     selected = clock.perf_counter()
-    likelihoods = identify_standing(problem, fits, verdict, config, say)
+    likelihoods = identify_credible(problem, fits, verdict, config, say)
     finished = clock.perf_counter()
     seconds = Seconds(
         reconstruct=reconstructed - begun,

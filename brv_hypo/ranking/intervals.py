@@ -134,8 +134,8 @@ def out_of_bounds(fit: HypothesisFit) -> Excess | None:
     every = [(interval, net) for interval in intervals(fit) for net in interval.values]
     for interval, net in every:
         low, high = bounds[net.mechanism].get(net.term, (-np.inf, np.inf))
-        alike = [o.value for _, o in every if (o.mechanism, o.term) == (net.mechanism, net.term)]
-        largest = float(np.max(np.abs(np.clip(alike, low, high))))
+        similar = [o.value for _, o in every if (o.mechanism, o.term) == (net.mechanism, net.term)]
+        largest = float(np.max(np.abs(np.clip(similar, low, high))))
         found.append(_excess(net, low, high, largest, _between(fit.frame.common, interval)))
     worst = max(found, key=lambda excess: excess.sigmas, default=None)
     return worst if worst is not None and worst.sigmas > 0.0 else None

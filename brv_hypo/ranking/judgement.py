@@ -23,7 +23,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.limits import scale_variance
-from brv_hypo.ranking.preparation import cleaned, settled, with_processes, without_processes
+from brv_hypo.ranking.preparation import cleaned, shared_problem, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
 from brv_hypo.ranking.with_processes import moved, plainest
 from brv_hypo.regression.build import point_of
@@ -37,7 +37,7 @@ from brv_hypo.regression.fit import (
 )
 from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.refinement import ROUGH, SETTLED, Steps
+from brv_hypo.regression.refinement import FINAL, ROUGH, Steps
 from brv_hypo.regression.uncertainty import with_design
 
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
@@ -87,7 +87,7 @@ def judged(
 
     Where another has the larger evidence there, the record is linearised about that one once more.
     """
-    problem, settings = settled(reconstructions, config)
+    problem, settings = shared_problem(reconstructions, config)
     fits, about = _searched(problem, hypotheses, say), set[str]()
     while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
         about.add(leader.name)
@@ -128,9 +128,7 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
         for fit in fits
     ]
     first = likeliest(there)
-    return [
-        renewed(problem, fit, SETTLED if fit is first else ROUGH) if _in_reach(fit, first) else fit for fit in there
-    ]
+    return [renewed(problem, fit, FINAL if fit is first else ROUGH) if _in_reach(fit, first) else fit for fit in there]
 
 
 def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:

@@ -163,11 +163,11 @@ def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: T
     gram = over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0])
     right = inside @ against_y.reshape(count, terms)
     scale = np.diagonal(information, axis1=1, axis2=2)
-    seen = np.flatnonzero(np.all(scale > _SPENT * before, axis=1))
-    seen = seen[np.linalg.cond(information[seen] / scale[seen, np.newaxis]) <= _WORST_CONDITION]
-    estimate = np.linalg.solve(information[seen], right[seen][..., np.newaxis])[..., 0]
-    peak = np.einsum("ra,rab,rb->r", estimate, information[seen], estimate)
+    determined = np.flatnonzero(np.all(scale > _SPENT * before, axis=1))
+    determined = determined[np.linalg.cond(information[determined] / scale[determined, np.newaxis]) <= _WORST_CONDITION]
+    estimate = np.linalg.solve(information[determined], right[determined][..., np.newaxis])[..., 0]
+    peak = np.einsum("ra,rab,rb->r", estimate, information[determined], estimate)
     return [
         Shape(float(peak[k]), estimate[k], information[j], gram[j], theta, (float(edges[a]), float(edges[b])))
-        for k, (j, (a, b)) in enumerate((j, ends[j]) for j in seen.tolist())
+        for k, (j, (a, b)) in enumerate((j, ends[j]) for j in determined.tolist())
     ]

@@ -24,7 +24,7 @@ class Likelihoods:
     left_out: frozenset[str]
 
 
-def identify_standing(
+def identify_credible(
     problem: Problem, fits: Sequence[HypothesisFit], verdict: Verdict, config: CompareConfig, say: Callable[[str], None]
 ) -> Likelihoods:
     """Maximum likelihood for the leader and its closest rival, where one stands; the others are out of reach.
@@ -35,13 +35,13 @@ def identify_standing(
     if config.maximum_likelihood == "none":
         return Likelihoods({}, frozenset())
     chances, adequate = verdict.probability, verdict.outcome != "none adequate"
-    standing = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
-    standing.sort(key=lambda fit: -chances[fit.name])
+    credible = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
+    credible.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
     options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS, begin_anew=not quick)
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
-    for fit in standing[:LIKELIHOOD_HYPOTHESES]:
+    for fit in credible[:LIKELIHOOD_HYPOTHESES]:
         if quick and (not adequate or any(each.status == "degraded" for each in fit.frame.reconstructions)):
             left_out.add(fit.name)
             continue
@@ -63,5 +63,5 @@ def tolerance_warnings(leader: str, evidence: Evidence, verdict: Verdict) -> tup
     if not found:
         return ()
     more = len(found) - BEYOND_TOLERANCE_NAMED
-    told = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {hypothesis(leader)}, errors exceed the tolerances of the record: {told} (see --instruments)",)
+    listed = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
+    return (f"with {hypothesis(leader)}, errors exceed the tolerances of the record: {listed} (see --instruments)",)

@@ -24,7 +24,7 @@ from brv_hypo.motion.signals import ColouredNoise
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.regression.build import LinearisationPoint, baseline_columns, build_problem, carrying
 from brv_hypo.regression.frame import build_frame
-from brv_hypo.regression.noise import settled_noise
+from brv_hypo.regression.noise import estimated_noise
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.propagated_motion import PropagatedMotion, linearisation_point
 
@@ -44,7 +44,7 @@ class Settings:
     bend: StaticBend | None = None
 
 
-def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> tuple[Problem, Settings]:
+def shared_problem(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> tuple[Problem, Settings]:
     """What the hypotheses share, linear about the baseline's first fit, and how the flights are to be reconstructed.
 
     How loud the instruments' noise is at the frequencies of the motion is known once the motion is taken out.
@@ -63,21 +63,21 @@ def settled(reconstructions: Sequence[Reconstruction], config: CompareConfig) ->
     problem = _problem(reconstructions, settings, config)
     bend = _bend_of(problem)
     settings = replace(settings, static=_static_of(problem), bend=bend)
-    problem = carrying(_as_heard(problem), bend)
-    return problem, _as_loud(problem, settings)
+    problem = carrying(_under_estimated_noise(problem), bend)
+    return problem, _with_motion_noise(problem, settings)
 
 
 def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
     """The first problem that the hypotheses share."""
-    return settled(reconstructions, config)[0]
+    return shared_problem(reconstructions, config)[0]
 
 
-def _as_heard(problem: Problem) -> Problem:
+def _under_estimated_noise(problem: Problem) -> Problem:
     """The problem under the noise that the record shows in it."""
-    return problem.under(settled_noise(problem))
+    return problem.under(estimated_noise(problem))
 
 
-def _as_loud(problem: Problem, settings: Settings) -> Settings:
+def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
     """The settings with the noise that instruments have at the motion's frequencies, where that is far more.
 
     A motion that the fit knows needs no other, but another noise may want another normal force. Where no motion is
@@ -92,13 +92,13 @@ def _as_loud(problem: Problem, settings: Settings) -> Settings:
     force = float(lasting.force.sigma_at(lasting.motion) / loudness)
     out = []
     for record, setting in zip(records, settings.reconstruction, strict=True):
-        louder: dict[str, float | ColouredNoise] = {}
+        raised: dict[str, float | ColouredNoise] = {}
         if rates > COLOURED:
-            louder["gyro_sigma"] = rates * record.gyro_sigma
-            louder["gyro_walk"] = lasting.rates.times(record.gyro_sigma / stated)
+            raised["gyro_sigma"] = rates * record.gyro_sigma
+            raised["gyro_walk"] = lasting.rates.times(record.gyro_sigma / stated)
         if force > COLOURED:
-            louder["accel_sigma"] = force * record.accel_sigma
-        out.append(setting.model_copy(update=louder))
+            raised["accel_sigma"] = force * record.accel_sigma
+        out.append(setting.model_copy(update=raised))
     if tuple(out) == settings.reconstruction:
         return settings
     try:
@@ -155,9 +155,9 @@ def _anew(reconstruction: Reconstruction, flight: Flight) -> Reconstruction:
 def _beside(problem: Problem, point: LinearisationPoint) -> Problem:
     """The problem under the noise beside a model; of several flights beside the baseline."""
     if len(problem.records) > 1:
-        return _as_heard(problem)
+        return _under_estimated_noise(problem)
     frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
-    return problem.under(settled_noise(replace(problem, frame=frame, baseline=point.columns)))
+    return problem.under(estimated_noise(replace(problem, frame=frame, baseline=point.columns)))
 
 
 def with_processes(

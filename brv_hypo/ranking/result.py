@@ -310,10 +310,10 @@ class Comparison(HasCharts, Result):
         verdict, found = self.verdict, self.verdict.explained
         names = ", ".join(map(hypothesis, verdict.equivalent))
         winner = hypothesis(verdict.winner or "")
-        told = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
+        headline = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
         explains = f" (explains {_percent(found.share)} %)" if winner and found and found.share else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
-        return f"{count}, {len(self.ranking)} hypotheses: {told}{explains}"
+        return f"{count}, {len(self.ranking)} hypotheses: {headline}{explains}"
 
     def conclusion(self) -> str:
         """The reason of the verdict, and on a line of its own what the leader explains."""

@@ -58,11 +58,11 @@ def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[
         first["probability"] = max(named, key=lambda row: probability[row.mechanism]).mechanism
     if len(set(first.values())) == 1:
         return ()
-    told = "; ".join(
+    leaders = "; ".join(
         f"{_joined([name for name, leader in first.items() if leader == each])}: {hypothesis(each)}"
         for each in dict.fromkeys(first.values())
     )
-    return (f"the criteria put different hypotheses first: {told}",)
+    return (f"the criteria put different hypotheses first: {leaders}",)
 
 
 def _joined(names: Sequence[str]) -> str:

@@ -114,21 +114,21 @@ def judge(
     whole = decide(listed, outside, fit, other_prior)
     count = whole.leader.held_out.size
     repeated = [_without(listed, outside, fit, other_prior, k) for k in range(count)]
-    alike = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
+    same = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
     confirming = sum(each.leader.name == whole.leader.name for each in repeated)
     confirmed = 1.0 if confirming == count else (confirming + 1.0) / (count + 2.0)  # Laplace's rule of succession
     decision = decide(listed, outside, fit, other_prior, confirmed)
     leader, chances = decision.leader, decision.chances
-    standing = [c.name for c in listed if c is not leader and chances[c.name] >= CREDIBLE_PROBABILITY]
+    credible = [c.name for c in listed if c is not leader and chances[c.name] >= CREDIBLE_PROBABILITY]
     verdict = Verdict(
         winner=decision.winner,
         outcome=decision.outcome,
-        equivalent=tuple(dict.fromkeys([leader.name, *standing, *([] if decision.predicts else [NONE])])),
+        equivalent=tuple(dict.fromkeys([leader.name, *credible, *([] if decision.predicts else [NONE])])),
         probability=dict(chances),
         adequacy=Adequacy(ratio=fit.noise, p_value=fit.p_value, adequate=decision.adequate),
         explained=explained,
         processes=tuple(processes),
-        stability=float(np.mean(alike)) if count else 1.0,
+        stability=float(np.mean(same)) if count else 1.0,
         reason="",
     )
     if decision.outcome == "none adequate":

@@ -41,9 +41,8 @@ def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> 
     fit, pairs = pair[0], [pair]
     if len(fit.mechanisms) == 1:
         like, time = replace(fit, frame=frame.with_mechanisms(fit.mechanisms)), frame.coefficient_time
-        own = np.unique(
-            np.clip([time.min(), *(c.time_basis.start for c in fit.selected), time.max()], time.min(), time.max())
-        )
+        starts = [-np.inf, *(column.time_basis.start for column in fit.selected), np.inf]
+        own = np.unique(np.clip(starts, time.min(), time.max()))
         found = [acting(problem, like, fit.mechanisms, null, edges) for edges in (even_edges(frame, PLAIN_EDGES), own)]
         pairs += [each for each in found if each is not None]
     best = max(pairs, key=lambda each: each[1].level)
@@ -152,9 +151,9 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
         bases = sorted({(column.time_basis, column.theta) for column in fit.selected}, key=lambda each: each[0].start)
         close = [(a, b[0].start) for a, b in pairwise(bases) if b[1] == a[1] and 0.0 < b[0].start - a[0].start < step]
         if close:
-            (basis, theta), start = close[0]
-            joined = replace(basis, start=start)
-            there = [c.at(theta, joined) if (c.time_basis, c.theta) == close[0][0] else c for c in fit.selected]
+            (early, theta), start = close[0]
+            joined = replace(early, start=start)
+            there = [c.at(theta, joined) if (c.time_basis, c.theta) == (early, theta) else c for c in fit.selected]
             pair = moved(problem, fitted(problem, fit, tuple(dict.fromkeys(there)), own))
             continue
         if len(bases) < 2:

@@ -11,7 +11,7 @@ nuisance.py    the nuisance effects that are fitted in every hypothesis
 problem.py     data, noise and what is projected out; noise.py estimates the noise; linear.py, uncertainty.py: solutions
 reduced.py     nuisances and baseline projected out once, for search and refinement
 fit.py         best subset of a hypothesis's columns (search.py); refinement.py moves delays and knots
-unlisted.py    shapes of a moment that no listed mechanism has, and one that turns in the body
+unmodelled.py    shapes of a moment that no listed mechanism has, and one that turns in the body
 moment_model.py, free_moment.py  the moment of a model, or a smooth one
 held_out.py    prediction error on held-out blocks
 """

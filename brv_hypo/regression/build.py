@@ -76,9 +76,9 @@ def build_problem(
         linearised(record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting))
         for record, reconstruction, acting in zip(records, known.reconstructions, point.errors, strict=True)
     ]
-    force, seen = on_rows(frame, flights)
-    carried = nuisances(frame, flights, effects, vehicle, taken=point.errors)
-    rows = WhitenedRows(whole(frame, seen), first_noise(flights), carried)
+    force, valid = on_rows(frame, flights)
+    carried = nuisances(frame, flights, effects, vehicle, corrections=point.errors)
+    rows = WhitenedRows(whole(frame, valid), first_noise(flights), carried)
     given = frame.with_mechanisms([GivenColumns()])
     return Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
 
@@ -105,9 +105,9 @@ def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
     A moment that is not in the model yet poses as errors of many tolerances; the record without them is another flight.
     """
     nuisances = problem.rows.nuisances
-    asked = nuisances.present - others[nuisances.bounded]
-    farthest = float(stats.chi2.isf(ERRORS_REACH, asked.size)) if asked.size else 0.0
-    scale = min(1.0, float(np.sqrt(farthest / max(float(asked @ asked), 1e-300))))
+    shift = nuisances.present - others[nuisances.bounded]
+    farthest = float(stats.chi2.isf(ERRORS_REACH, shift.size)) if shift.size else 0.0
+    scale = min(1.0, float(np.sqrt(farthest / max(float(shift @ shift), 1e-300))))
     errors = nuisances.values(others, len(problem.records))
     return tuple({key: scale * value for key, value in own.items()} for own in errors)
 
@@ -158,13 +158,13 @@ def linearised(
     motion = reconstruction.motion
     force = ForceModel(normal_force_slope(reconstruction), reconstruction.normal_force_bend)
     found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
-    seen = record.measured
+    valid = record.measured
     for _ in range(FORCE_SPIKE_ROUNDS):
-        force_values = _force_fit(found[seen], record.transverse_force[seen])
+        force_values = _force_fit(found[valid], record.transverse_force[valid])
         size = np.abs(record.transverse_force - found @ force_values)
-        seen = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
+        valid = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
     return LinearisedFlight(
-        record, reconstruction, reconstruction.start, frame.mechanisms, columns, values, force, force_values, seen
+        record, reconstruction, reconstruction.start, frame.mechanisms, columns, values, force, force_values, valid
     )
 
 
@@ -182,5 +182,5 @@ def _force_fit(columns: ComplexArray, force: ComplexArray) -> FloatArray:
 def on_rows(frame: RateFrame, flights: Sequence[LinearisedFlight]) -> tuple[ComplexArray, BoolArray]:
     """Transverse force and where it may be used, on the rows of the frame (rows,)."""
     force = [flights[s.flight].record.transverse_force[s.rows] for s in frame.segments]
-    seen = [flights[s.flight].force_seen[s.rows] for s in frame.segments]
-    return np.concatenate(force), np.concatenate(seen)
+    valid = [flights[s.flight].force_valid[s.rows] for s in frame.segments]
+    return np.concatenate(force), np.concatenate(valid)

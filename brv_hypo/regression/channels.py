@@ -68,14 +68,14 @@ class Rows:
 class Part:
     """Some stretches of the flights of a frame.
 
-    `rows` are indices into the frame's rows, `samples` into the arrays of their flight, `seen` where the force may
+    `rows` are indices into the frame's rows, `samples` into the arrays of their flight, `valid` where the force may
     be used (all of one length). `pieces` are the ranges that are contiguous in time; `levels` the ranges
     that share one constant of integration.
     """
 
     rows: IntArray
     samples: IntArray
-    seen: BoolArray
+    valid: BoolArray
     pieces: tuple[Piece, ...]
     levels: tuple[Piece, ...]
 
@@ -118,7 +118,7 @@ class Whitening:
 
     def force(self, force: ComplexArray) -> FloatArray:
         """The force filtered, at unit noise (2 thinned rows, columns)."""
-        return _stacked(applied(self._of_force, _columns(force) * self.part.seen[:, np.newaxis]))
+        return _stacked(applied(self._of_force, _columns(force) * self.part.valid[:, np.newaxis]))
 
     def both(self, rows: Rows) -> FloatArray:
         """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
@@ -162,12 +162,12 @@ def side_by_side(rows: Sequence[Rows]) -> Rows:
     return Rows(np.column_stack([r.rates for r in rows]), np.column_stack([r.force for r in rows]))
 
 
-def whole(frame: RateFrame, seen: BoolArray) -> Part:
-    """All rows of a frame; `seen` (rows,) where the force may be used."""
-    return part(frame, seen, np.ones(frame.observed.size, dtype=bool), shared=True)
+def whole(frame: RateFrame, valid: BoolArray) -> Part:
+    """All rows of a frame; `valid` (rows,) where the force may be used."""
+    return part(frame, valid, np.ones(frame.observed.size, dtype=bool), shared=True)
 
 
-def split(frame: RateFrame, seen: BoolArray, blocks: int) -> tuple[Part, Part]:
+def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part]:
     """The part that is fitted and the part that is held out: every fourth of `blocks` even stretches of each flight.
 
     The rates on both sides of a held-out stretch share a constant of integration: what the model says of
@@ -180,10 +180,10 @@ def split(frame: RateFrame, seen: BoolArray, blocks: int) -> tuple[Part, Part]:
         if time.size:
             edges = np.linspace(time.min(), time.max(), blocks + 1)
             held[own] = np.searchsorted(edges, time, side="right").clip(1, blocks) % HELD_OUT_OF == HELD_OUT_BLOCK
-    return part(frame, seen, ~held, shared=True), part(frame, seen, held, shared=False)
+    return part(frame, valid, ~held, shared=True), part(frame, valid, held, shared=False)
 
 
-def part(frame: RateFrame, seen: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:
+def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:
     """The part of the frame whose rows are chosen (rows,); stretches of few samples are left out.
 
     `shared`: one constant of integration for all stretches of a segment of the record.
@@ -204,7 +204,7 @@ def part(frame: RateFrame, seen: BoolArray, chosen: BoolArray, *, shared: bool) 
             levels.append((begin, size))
     indices = np.concatenate(rows)
     return Part(
-        indices, np.concatenate(samples), seen[indices], tuple(pieces), tuple(levels) if shared else tuple(pieces)
+        indices, np.concatenate(samples), valid[indices], tuple(pieces), tuple(levels) if shared else tuple(pieces)
     )
 
 

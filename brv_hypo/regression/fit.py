@@ -23,7 +23,7 @@ from brv_hypo.model.term import Regressor, Theta
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import ROUGH, SETTLED, Nonlinear, Steps, nonlinear_parameters, refine
+from brv_hypo.regression.refinement import FINAL, ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
 from brv_hypo.regression.search import extended, on_grid
 
 
@@ -143,7 +143,7 @@ def fit_hypothesis(
     empty = solved(start, name, mechanisms, problem.baseline, offered.count)
 
     def settle(chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = ()) -> HypothesisFit:
-        return settled(problem, empty, (*problem.baseline, *chosen), known, reduced=start)
+        return refined_fit(problem, empty, (*problem.baseline, *chosen), known, reduced=start)
 
     best: HypothesisFit | None = None
     worse = 0
@@ -168,13 +168,13 @@ def fit_hypothesis(
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
     """The same columns, in time order, fitted under the problem's noise model."""
-    return settled(problem, fit, _in_order(problem, fit), fit.selected, steps)
+    return refined_fit(problem, fit, _in_order(problem, fit), fit.selected, steps)
 
 
 def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The same refitted until what lags or sticks follows the static moment C_mw that the fit itself finds."""
     for _ in range(CONSISTENT_ROUNDS if follows_static_moment(fit.mechanisms) else 1):
-        fit = renewed(problem, fit, SETTLED)
+        fit = renewed(problem, fit, FINAL)
     return fit
 
 
@@ -193,7 +193,7 @@ def _place(column: Regressor) -> tuple[bool, float, str, Theta]:
     return column.time_basis.kind != "constant", column.time_basis.start, column.mechanism, column.theta
 
 
-def settled(
+def refined_fit(
     problem: Problem,
     fit: HypothesisFit,
     columns: tuple[Regressor, ...],

@@ -129,9 +129,9 @@ class RateFrame:
         """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
         for shapes, members, which in self._by_shape(columns):
-            courses = [columns[j].time_basis for j in members]
+            bases = [columns[j].time_basis for j in members]
             for segment, integrals, (a, b) in zip(self.segments, shapes.integrals, self.pieces, strict=True):
-                out[a:b, members] = segment.columns(integrals, which, courses)
+                out[a:b, members] = segment.columns(integrals, which, bases)
         return self._where_they_act(out, columns)
 
     def moments(self, columns: Sequence[Regressor]) -> ComplexArray:

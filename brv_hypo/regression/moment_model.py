@@ -82,9 +82,9 @@ class MomentModel:
     @cached_property
     def _slopes(self) -> dict[float, dict[str, ComplexArray]]:
         """Slopes (m,) by what the motion is, and was so many seconds before: of the quantities that count."""
-        asked: set[float] = {0.0}
-        self._moments(replace(self.motion, history=_Past(self.motion, asked)))
-        return {ago: self._slopes_by(ago) for ago in sorted(asked)}
+        delays: set[float] = {0.0}
+        self._moments(replace(self.motion, history=_Past(self.motion, delays)))
+        return {ago: self._slopes_by(ago) for ago in sorted(delays)}
 
     def _slopes_by(self, ago: float) -> dict[str, ComplexArray]:
         """Slopes (m,) by each quantity so many seconds before."""
@@ -132,8 +132,8 @@ class MomentModel:
             return known
         time = self.motion.time
         since = time - ago - time[0]
-        asked = time[0] + np.maximum(since, 0.0)
-        found = {name: Spline(time, change)(asked) for name, change in known.items()}
+        places = time[0] + np.maximum(since, 0.0)
+        found = {name: Spline(time, change)(places) for name, change in known.items()}
         early = since < 0.0
         xi, rate = (each[0] for each in _crossflow(self.motion))
         xi = xi if abs(xi) > CROSSFLOW_FLOOR else CROSSFLOW_FLOOR  # the meridian is undefined there
@@ -152,7 +152,7 @@ class MomentModel:
         found = []
         for always in (True, False):
             some = [j for j, each in enumerate(self.columns) if (each.mechanism in self._always) is always]
-            weights = [self._courses[j] for j in some]
+            weights = [self._weights[j] for j in some]
             in_plane = summed((terms[j].in_plane for j in some), weights, motion.time)
             out_of_plane = summed((terms[j].out_of_plane for j in some), weights, motion.time)
             found.append(motion.to_body(in_plane, out_of_plane))
@@ -167,7 +167,7 @@ class MomentModel:
         )
 
     @cached_property
-    def _courses(self) -> list[FloatArray]:
+    def _weights(self) -> list[FloatArray]:
         """Each column's coefficient at the nodes (m,)."""
         time = self.motion.coefficient_time
         return [value * column.time_basis(time) for column, value in zip(self.columns, self.values, strict=True)]
@@ -175,16 +175,16 @@ class MomentModel:
 
 @dataclass(frozen=True)
 class _Past:
-    """The past of a motion, which notes how long ago is `asked` for; another one so long ago, where it is given."""
+    """The past of a motion, which notes how long ago is `delays` for; another one so long ago, where it is given."""
 
     motion: Motion
-    asked: set[float]
+    delays: set[float]
     other: tuple[float, Motion] | None = None
     ago: float = 0.0
 
     def __call__(self, tau: float) -> Motion:
         ago = self.ago + tau
-        self.asked.add(ago)
+        self.delays.add(ago)
         there = self.other[1] if self.other and self.other[0] == ago else self.motion.delayed(tau)
         return replace(there, history=replace(self, motion=there, ago=ago))
 

@@ -20,7 +20,7 @@ from brv_hypo.regression.free_moment import free_moment
 from brv_hypo.regression.linear import orthonormal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
-from brv_hypo.regression.whitening import fit_noise, lasting_noise, taken_by, white
+from brv_hypo.regression.whitening import fit_noise, fitted_by, lasting_noise, white
 
 
 def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
@@ -32,7 +32,7 @@ def first_noise(flights: Sequence[LinearisedFlight]) -> Noise:
     )
 
 
-def settled_noise(problem: Problem) -> Noise:
+def estimated_noise(problem: Problem) -> Noise:
     """The noise with its colour, from what a free, smooth moment leaves."""
     frame, free = free_moment(problem)
     columns = (*problem.baseline, *free)
@@ -43,15 +43,15 @@ def settled_noise(problem: Problem) -> Noise:
     values = coefficients @ (basis.T @ plain.raw_response)
     count, constants = len(columns), 2 * len(part.levels)
     rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
-    force = [rest.force[a:b][part.seen[a:b]] for a, b in part.pieces]
-    rates_taken, force_taken = _taken(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
+    force = [rest.force[a:b][part.valid[a:b]] for a, b in part.pieces]
+    rates_explained, force_explained = _explained(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
     rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
     force = [piece for piece in force if piece.size]
     motion = _turning(problem)
     above = NOISE_BEYOND * 2.0 * np.pi / (NOISE_PER_CYCLE * rows.noise.thinning)
     return Noise(
-        fit_noise(rates, NOISE_ORDER, rates_taken),
-        fit_noise(force, NOISE_ORDER, force_taken),
+        fit_noise(rates, NOISE_ORDER, rates_explained),
+        fit_noise(force, NOISE_ORDER, force_explained),
         rows.noise.thinning,
         Lasting(lasting_noise(rates, above, motion), lasting_noise(force, above, motion), motion),
     )
@@ -85,10 +85,10 @@ def _turning(problem: Problem) -> float:
     )
 
 
-def _taken(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, FloatArray]:
+def _explained(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, FloatArray]:
     """What a fit on this orthonormal basis takes of the autocorrelation of white noise in rates and force."""
     rows = part.rows.size
     return (
-        taken_by(basis[:rates], part.pieces, rows, NOISE_ORDER),
-        taken_by(basis[rates : 2 * rates], part.pieces, rows, NOISE_ORDER),
+        fitted_by(basis[:rates], part.pieces, rows, NOISE_ORDER),
+        fitted_by(basis[rates : 2 * rates], part.pieces, rows, NOISE_ORDER),
     )

@@ -51,7 +51,7 @@ class Nuisance:
     """One unknown of one flight, or of all (`flight` None).
 
     `size` is one unit of its history in `units`, the prior's sigma where it has one. `present` is what the
-    linearisation holds already of the prior's residual, in units of `size`; NaN where there is no prior. `taken_out` is
+    linearisation holds already of the prior's residual, in units of `size`; NaN where there is no prior. `applied` is
     what was taken out of the record before, in `units`; None for what is not of the record. `stated`: its size is a
     tolerance that the record states.
     """
@@ -62,7 +62,7 @@ class Nuisance:
     units: str
     size: float
     present: float
-    taken_out: float | None = None
+    applied: float | None = None
     stated: bool = False
 
     @property
@@ -77,7 +77,7 @@ class Nuisance:
 
     def whole(self, fitted: float) -> float:
         """A fitted value with what was taken out before, in `units`."""
-        return fitted * self.size + (self.taken_out or 0.0)
+        return fitted * self.size + (self.applied or 0.0)
 
 
 Errors = Mapping[tuple[str, str], float]
@@ -87,21 +87,21 @@ Errors = Mapping[tuple[str, str], float]
 def beyond_tolerance(label: str, value: float, size: float, units: str) -> str | None:
     """In words, that the data want an error of so much, though its tolerance (1 sigma) is `size`; None within reach."""
     times = abs(value) / size
-    told = f"{value:.3g}" + ("" if units == "1" else f" {units}")
-    return f"{label} is {told}, {times:.1f} times its tolerance" if times > BEYOND_TOLERANCE else None
+    stated = f"{value:.3g}" + ("" if units == "1" else f" {units}")
+    return f"{label} is {stated}, {times:.1f} times its tolerance" if times > BEYOND_TOLERANCE else None
 
 
 @dataclass(frozen=True)
 class Nuisances:
     """The unknowns and their histories on the rows of a frame.
 
-    `tied` are those that are made of the noise that is seen in the rates: the random walk of the attitude. `noise`
-    rad/s is what one unit of each is of that noise, in the rates alone.
+    `correlated` are those made of the very noise that the rates show, the random walk of the attitude; `noise` rad/s is
+    what one unit of each is of it, in the rates alone.
     """
 
     items: tuple[Nuisance, ...]
     histories: Histories
-    tied: IntArray
+    correlated: IntArray
     noise: Histories
 
     @property
@@ -119,9 +119,9 @@ class Nuisances:
         kept = [k for k, item in enumerate(self.items) if item.name not in names]
         place = {k: new for new, k in enumerate(kept)}
         rates, force = (each[:, kept] for each in (self.histories.kept.rates, self.histories.kept.force))
-        tied = np.array([place[k] for k in self.tied.tolist()], dtype=np.int64)
+        correlated = np.array([place[k] for k in self.correlated.tolist()], dtype=np.int64)
         items = tuple(self.items[k] for k in kept)
-        return Nuisances(items, Histories(self.histories.rows, Rows(rates, force)), tied, self.noise)
+        return Nuisances(items, Histories(self.histories.rows, Rows(rates, force)), correlated, self.noise)
 
     def beyond_tolerance(self, fitted: FloatArray, flights: int) -> tuple[str, ...]:
         """In words, which errors are beyond what tolerances allow by fitted unknowns (unknowns,), the worst first."""
@@ -148,24 +148,24 @@ def nuisances(
     effects: Sequence[RecordEffect],
     vehicle: Sequence[Mechanism],
     free: Sequence[Mapping[tuple[str, str], RecordEffect]] | None = None,
-    taken: Sequence[Errors] | None = None,
+    corrections: Sequence[Errors] | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
     `vehicle` are mechanisms that state a tolerance; `free`, one a flight, the effect of each (effect, component) that
-    has no prior there, in place of that of the same name; `taken`, one a flight, what was taken out of its record
+    has no prior there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record
     before. What has no influence on a flight is left out.
     """
-    known_before = taken or tuple({} for _ in flights)
+    known_before = corrections or tuple({} for _ in flights)
     kept = decimated_grid(frame.pieces, min(each.spacing(RESPONSE_PER_CYCLE) for each in flights))
     items: list[Nuisance] = []
     rows: list[Rows] = []
     noise: dict[int, Rows] = {}
 
-    def add(item: Nuisance, history: Rows, seen: Rows | None = None) -> None:
+    def add(item: Nuisance, history: Rows, shown: Rows | None = None) -> None:
         if np.any(history.rates) or np.any(history.force):
-            if seen is not None:
-                noise[len(items)] = Rows(kept.of(seen.rates), kept.of(seen.force))
+            if shown is not None:
+                noise[len(items)] = Rows(kept.of(shown.rates), kept.of(shown.force))
             items.append(item)
             rows.append(Rows(kept.of(history.rates), kept.of(history.force)))
 
@@ -174,9 +174,9 @@ def nuisances(
         names, histories, values = linearised.start_and_gravity()
         for name, history, value in zip(names, histories, values, strict=True):
             add(Nuisance(MOTION, name, number, "1", 1.0, float(value)), on_frame(frame, number, history))
-        for name, history, value, seen in linearised.random_walk():
+        for name, history, value, shown in linearised.random_walk():
             item = Nuisance(MOTION, name, number, "1", 1.0, value)
-            add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(seen, np.zeros_like(seen))))
+            add(item, on_frame(frame, number, history), on_frame(frame, number, Rows(shown, np.zeros_like(shown))))
         for error in linearised.reconstruction.input_errors:
             for k, history in enumerate(linearised.input_noise(error)):
                 item = Nuisance(error.name, str(k), number, "1", 1.0, 0.0)
@@ -204,9 +204,12 @@ def nuisances(
             if mechanism.of_each_flight(linearised.record.flight):
                 for item, rates in _tolerated(frame, number, mechanism):
                     add(item, Rows(rates, np.zeros_like(rates)))
-    tied = np.array(list(noise), dtype=np.int64)
+    correlated = np.array(list(noise), dtype=np.int64)
     carried = Nuisances(
-        tuple(items), Histories(kept, side_by_side(rows)), tied, Histories(kept, side_by_side(list(noise.values())))
+        tuple(items),
+        Histories(kept, side_by_side(rows)),
+        correlated,
+        Histories(kept, side_by_side(list(noise.values()))),
     )
     for mechanism in vehicle:
         if not mechanism.of_each_flight(flights[0].record.flight):
@@ -234,11 +237,11 @@ def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:
 
 def _tolerated(frame: RateFrame, number: int | None, mechanism: Mechanism) -> list[tuple[Nuisance, ComplexArray]]:
     """The residual rates (rows,) that one sigma of each term of a tolerance leaves on one flight; on all for None."""
-    told = frame.reference if number is None else number
-    sizes = mechanism.tolerance(frame.reconstructions[told].flight)
+    flight = frame.reference if number is None else number
+    sizes = mechanism.tolerance(frame.reconstructions[flight].flight)
     if sizes is None:
         return []
-    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[told], {})]
+    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[flight], {})]
     rates = np.zeros((frame.observed.size, len(names)), dtype=complex)
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         if number is None or segment.flight == number:

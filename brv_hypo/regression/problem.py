@@ -52,15 +52,15 @@ def given_column(name: str, units: str = "1") -> Regressor:
 class WhitenedRows:
     """A part of the record at unit noise; constants of integration and nuisances are what is projected out.
 
-    `ties`: the random walk of the attitude is the integral of the very noise that the rates show, and no unknown beside
-    it. What belongs to the walk is taken to its unknowns, and the rates have that much less noise of their own. It
-    mixes rows of all times: where rows are left out, the walk has to be taken as independent, which only loses.
+    `correlated`: the random walk of the attitude is the integral of the very noise that the rates show, and no unknown
+    beside it. What belongs to the walk goes to its unknowns, and the rates have that much less noise of their own. It
+    mixes rows of all times: where rows are held out, the walk has to count as independent, which only loses.
     """
 
     part: Part
     noise: Noise
     nuisances: Nuisances
-    ties: bool = True
+    correlated: bool = True
 
     @cached_property
     def rates(self) -> int:
@@ -79,11 +79,11 @@ class WhitenedRows:
     @cached_property
     def own_noise(self) -> FloatArray:
         """Whitened rates (rate rows, tied unknowns) of what one unit of each tied unknown is of the noise."""
-        if not self.ties:
+        if not self.correlated:
             return np.zeros((self.rates, 0))
-        out = np.empty((self.rates, self.nuisances.tied.size))
-        for some, seen in self.nuisances.noise.batches():
-            out[:, some] = self._whitening.rates(seen.rates[self.part.rows])
+        out = np.empty((self.rates, self.nuisances.correlated.size))
+        for some, noise_history in self.nuisances.noise.batches():
+            out[:, some] = self._whitening.rates(noise_history.rates[self.part.rows])
         return out
 
     @cached_property
@@ -93,7 +93,7 @@ class WhitenedRows:
         share = np.minimum(share, NOISE_MOST_EQUAL)
         return directions, 1.0 / np.sqrt(1.0 - share**2) - 1.0
 
-    def _sharpened(self, rates: FloatArray) -> FloatArray:
+    def _decorrelated(self, rates: FloatArray) -> FloatArray:
         """Whitened rates (rate rows, columns) at unit noise once that of the tied unknowns is theirs."""
         directions, gain = self._sharpening
         return np.asarray(rates + directions @ (gain[:, np.newaxis] * (directions.T @ rates)), dtype=float)
@@ -101,21 +101,21 @@ class WhitenedRows:
     def white_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows of the rates alone, which are the first."""
         whole = self.part.rows.size == rates.shape[0]
-        return self._sharpened(self._whitening.rates(rates if whole else rates[self.part.rows]))
+        return self._decorrelated(self._whitening.rates(rates if whole else rates[self.part.rows]))
 
     def white_histories(self, histories: Rows) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows, those of the priors left out."""
         white = self._whitening.both(histories.at(self.part.rows))
-        white[: self.rates] = self._sharpened(white[: self.rates])
+        white[: self.rates] = self._decorrelated(white[: self.rates])
         return white
 
     def of_observed(self, rates: ComplexArray, force: ComplexArray) -> FloatArray:
         """What was observed (frame rows,) as rows, with the present values of what has a prior."""
         out = self.of_histories(Rows(rates[:, np.newaxis], force[:, np.newaxis]))[:, 0]
         out[2 * self.rates :] = self.nuisances.present
-        if self.ties:
-            present = np.array([self.nuisances.items[k].present for k in self.nuisances.tied])
-            out[: self.rates] -= self._sharpened(self.own_noise @ present[:, np.newaxis])[:, 0]
+        if self.correlated:
+            present = np.array([self.nuisances.items[k].present for k in self.nuisances.correlated])
+            out[: self.rates] -= self._decorrelated(self.own_noise @ present[:, np.newaxis])[:, 0]
         return out
 
     def of_moments(self, rates: ComplexArray) -> FloatArray:
@@ -134,12 +134,12 @@ class WhitenedRows:
     def nuisance_design(self) -> FloatArray:
         """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
         constants = np.zeros((self.size, 2 * len(self.part.levels)))
-        constants[: self.rates] = self._sharpened(self._whitening.rates(self.part.constants()))
+        constants[: self.rates] = self._decorrelated(self._whitening.rates(self.part.constants()))
         histories = np.zeros((self.size, len(self.nuisances.items)))
         for some, history in self.nuisances.histories.batches():
             histories[: 2 * self.rates, some] = self.white_histories(history)
-        if self.ties:
-            histories[: self.rates, self.nuisances.tied] -= self._sharpened(self.own_noise)
+        if self.correlated:
+            histories[: self.rates, self.nuisances.correlated] -= self._decorrelated(self.own_noise)
         bounded = self.nuisances.bounded
         histories[2 * self.rates + np.arange(bounded.size), bounded] = 1.0
         return np.column_stack([constants, histories])
@@ -301,7 +301,7 @@ class Problem:
 
     def untied(self) -> Problem:
         """The same with the walk of the attitude independent of the rates' noise, so that rows may be left out."""
-        return replace(self, rows=replace(self.rows, ties=False))
+        return replace(self, rows=replace(self.rows, correlated=False))
 
     def under(self, noise: Noise) -> Problem:
         """The same under another noise."""

@@ -42,7 +42,7 @@ class Steps(NamedTuple):
 
 
 ROUGH = Steps(REFINED_STEPS, REFINED_GAIN)  # of models that are compared
-SETTLED = Steps(REFIT_STEPS, REFIT_GAIN)  # of one that is reported, or linearised about
+FINAL = Steps(REFIT_STEPS, REFIT_GAIN)  # of one that is reported, or linearised about
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def _scanned(
 ) -> _State:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     batch = reduced.batch(columns)
-    settled = []
+    placed = []
     for parameter in nonlinear:
         if not fresh.isdisjoint(parameter.columns):
             values = (parameter.value, *parameter.others(SCANNED))
@@ -179,8 +179,8 @@ def _scanned(
             columns = parameter.moved(columns, values[best])
             batch = batch.with_columns(parameter.columns, moved)
             parameter = replace(parameter, value=values[best])
-        settled.append(parameter)
-    return _State(tuple(settled), columns, batch, reduced.fit(batch))
+        placed.append(parameter)
+    return _State(tuple(placed), columns, batch, reduced.fit(batch))
 
 
 def _best_of(

@@ -55,7 +55,7 @@ Moved = TypeVar("Moved")
 class LinearisedFlight:
     """A reconstructed flight with the model that explains it, ready to be perturbed.
 
-    `columns` and `values` are the moment model; `force` and `force_values` (4,) the normal force's; `force_seen` (n,)
+    `columns` and `values` are the moment model; `force` and `force_values` (4,) the normal force's; `force_valid` (n,)
     where the transverse force was measured and is no spike.
     """
 
@@ -67,7 +67,7 @@ class LinearisedFlight:
     values: FloatArray
     force: ForceModel
     force_values: FloatArray
-    force_seen: BoolArray
+    force_valid: BoolArray
 
     def spacing(self, per_cycle: int) -> int:
         """Samples from row to row where a cycle of the fastest motion keeps so many rows."""
@@ -282,9 +282,9 @@ class LinearisedFlight:
         return self._moments.about(quiet, (self.record, self.crossflow))
 
 
-def _reading(record: InertialRecord, seen: Flight) -> InertialRecord:
+def _reading(record: InertialRecord, read: Flight) -> InertialRecord:
     """The record with the transverse rates of another flight; its motion stays."""
-    return replace(record, flight=replace(record.flight, q=seen.q, r=seen.r))
+    return replace(record, flight=replace(record.flight, q=read.q, r=read.r))
 
 
 def in_batches(moved: Iterable[tuple[InertialRecord, Moved]]) -> Iterator[list[tuple[InertialRecord, Moved]]]:

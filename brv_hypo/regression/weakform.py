@@ -75,7 +75,7 @@ class Integrals:
 
 
 @dataclass(frozen=True)
-class _Courses:
+class _Spans:
     """Courses as arrays (k,); start and stop are also given as `begin` and `end` inside a segment, in its own time.
 
     Infinite is what lies beyond a segment (`WeakSegment.own_times`).
@@ -88,16 +88,16 @@ class _Courses:
     end: FloatArray
 
     @classmethod
-    def told(cls, courses: Sequence[TimeBasis], segment: WeakSegment) -> _Courses:
+    def over(cls, bases: Sequence[TimeBasis], segment: WeakSegment) -> _Spans:
         """These courses over a segment."""
-        start, stop = np.array([(time_basis.start, time_basis.stop) for time_basis in courses]).T
-        ramp = np.array([time_basis.kind == "ramp" for time_basis in courses])
+        start, stop = np.array([(time_basis.start, time_basis.stop) for time_basis in bases]).T
+        ramp = np.array([time_basis.kind == "ramp" for time_basis in bases])
         begin, end = (segment.own_times(times) for times in (start, stop))
         return cls(ramp, start, stop, begin, end)
 
-    def of(self, chosen: IntArray) -> _Courses:
+    def of(self, chosen: IntArray) -> _Spans:
         """Some of them."""
-        return _Courses(self.ramp[chosen], self.start[chosen], self.stop[chosen], self.begin[chosen], self.end[chosen])
+        return _Spans(self.ramp[chosen], self.start[chosen], self.stop[chosen], self.begin[chosen], self.end[chosen])
 
 
 @dataclass(frozen=True)
@@ -140,15 +140,15 @@ class WeakSegment:
         """The time that courses are told in (m,), s."""
         return self.time if self.common_time is None else self.common_time
 
-    def own_times(self, told: FloatArray) -> FloatArray:
+    def own_times(self, spans: FloatArray) -> FloatArray:
         """The segment's own times (k,) of times that courses are told in (k,); before it that of its first sample.
 
         After it infinite: what begins there is nothing of it.
         """
         before, end = self.coefficient_time[-2:]
         shared = self.common_time is not None
-        own = np.interp(told, self.coefficient_time, self.time) if shared else np.maximum(told, self.time[0])
-        return np.where(told > end - _END * (end - before), np.inf, own)
+        own = np.interp(spans, self.coefficient_time, self.time) if shared else np.maximum(spans, self.time[0])
+        return np.where(spans > end - _END * (end - before), np.inf, own)
 
     @cached_property
     def _grid(self) -> SplineGrid:
@@ -162,43 +162,43 @@ class WeakSegment:
         """Antiderivatives for columns (k, columns) that hold the segment's factor already."""
         return Integrals(self._grid, integrands, self.nodes.coefficient_time - self.coefficient_time[0])
 
-    def columns(self, integrals: Integrals, which: IntArray, courses: Sequence[TimeBasis]) -> ComplexArray:
+    def columns(self, integrals: Integrals, which: IntArray, bases: Sequence[TimeBasis]) -> ComplexArray:
         """Columns `which` (k,) times their courses, integrated from the first sample to each sample (m, k)."""
-        told = _Courses.told(courses, self)
-        out = self._between(integrals.plain, which, told)
-        ramps = np.flatnonzero(told.ramp)
+        spans = _Spans.over(bases, self)
+        out = self._between(integrals.plain, which, spans)
+        ramps = np.flatnonzero(spans.ramp)
         if ramps.size:
-            told, which = told.of(ramps), which[ramps]
-            out[:, ramps] *= self.coefficient_time[0] - told.start
-            out[:, ramps] += self._between(integrals.first, which, told)
-            self._hold(out, ramps, integrals.plain, which, told)
+            spans, which = spans.of(ramps), which[ramps]
+            out[:, ramps] *= self.coefficient_time[0] - spans.start
+            out[:, ramps] += self._between(integrals.first, which, spans)
+            self._hold(out, ramps, integrals.plain, which, spans)
         return out
 
-    def _between(self, integral: Antiderivative, which: IntArray, told: _Courses) -> ComplexArray:
+    def _between(self, integral: Antiderivative, which: IntArray, spans: _Spans) -> ComplexArray:
         """Integral from `begin` to each sample, 0 before it and constant after `end` (m, k)."""
         out = integral.at_nodes[self.nodes.samples][:, which]
         base = np.zeros(which.size, dtype=complex)
-        late = np.flatnonzero((told.begin > self.time[0]) & np.isfinite(told.begin))
+        late = np.flatnonzero((spans.begin > self.time[0]) & np.isfinite(spans.begin))
         if late.size:
-            begin = told.begin[late]
+            begin = spans.begin[late]
             base[late] = integral.at(begin, which[late])
             out -= base
             for j, first in zip(late.tolist(), self.time.searchsorted(begin).tolist(), strict=True):
                 out[:first, j] = 0.0
-        out[:, np.isposinf(told.begin)] = 0.0
-        for j in np.flatnonzero(told.end < self.time[-1]).tolist():
-            after = self.time.searchsorted(told.end[j])
-            out[after:, j] = integral.at(told.end[j : j + 1], which[j : j + 1]) - base[j]
+        out[:, np.isposinf(spans.begin)] = 0.0
+        for j in np.flatnonzero(spans.end < self.time[-1]).tolist():
+            after = self.time.searchsorted(spans.end[j])
+            out[after:, j] = integral.at(spans.end[j : j + 1], which[j : j + 1]) - base[j]
         return out
 
     def _hold(
-        self, out: ComplexArray, ramps: IntArray, integral: Antiderivative, which: IntArray, told: _Courses
+        self, out: ComplexArray, ramps: IntArray, integral: Antiderivative, which: IntArray, spans: _Spans
     ) -> None:
         """Add to the ramps among the columns what their last values bring after they have ended."""
         last = np.full(ramps.size, self.time[-1])
-        if np.any(told.end < last):
-            held = np.minimum(told.stop, self.coefficient_time[-1]) - told.start
-            out[:, ramps] += held * self._between(integral, which, _Courses(told.ramp, last, last, told.end, last))
+        if np.any(spans.end < last):
+            held = np.minimum(spans.stop, self.coefficient_time[-1]) - spans.start
+            out[:, ramps] += held * self._between(integral, which, _Spans(spans.ramp, last, last, spans.end, last))
 
 
 def weak_segments(

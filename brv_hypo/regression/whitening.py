@@ -80,20 +80,20 @@ def difference() -> NoiseModel:
     return NoiseModel((np.array([1e-3]), np.array([1.0, -1.0])), 1.0)
 
 
-def fit_noise(residuals: Sequence[ComplexArray], max_order: int = 24, taken: FloatArray | None = None) -> NoiseModel:
+def fit_noise(residuals: Sequence[ComplexArray], max_order: int = 24, fitted: FloatArray | None = None) -> NoiseModel:
     """The autoregression of the residuals, one (m,) array a segment, its order chosen by BIC.
 
     Real and imaginary parts share one model (the two transverse gyros are alike). Yule-Walker on the autocovariance
-    that `lasting_autocovariance` gives, which keeps the filter stable. `taken` (max_order + 1,) is what the fit that
-    left the residuals took of white noise's autocorrelation (`taken_by`): many fitted columns would pose as colour.
+    that `lasting_autocovariance` gives, which keeps the filter stable. `fitted` (max_order + 1,) is what the fit
+    explains of white noise's autocorrelation (`fitted_by`): many fitted columns would pose as colour.
     """
     total = sum(part.size for part in residuals)
     top = int(min(max_order, max(1, total // NOISE_SAMPLES_PER_ORDER)))
     covariance = lasting_autocovariance(residuals, top)
     if covariance[0] <= 0.0:
         return white(0.0)
-    if taken is not None:
-        covariance += covariance[0] / (1.0 - taken[0]) * taken[: top + 1]
+    if fitted is not None:
+        covariance += covariance[0] / (1.0 - fitted[0]) * fitted[: top + 1]
     covariance[0] *= 1.0 + 1e-9
     predictors = [solve_toeplitz(covariance[:k], covariance[1 : k + 1]) if k else np.zeros(0) for k in range(top + 1)]
     variances = np.array([covariance[0] - a @ covariance[1 : a.size + 1] for a in predictors])
@@ -165,7 +165,7 @@ def _spectra(part: ComplexArray, length: int) -> FloatArray:
     return np.asarray(np.abs(np.fft.fft(stretches * window, axis=1)) ** 2, dtype=float)
 
 
-def taken_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
+def fitted_by(basis: FloatArray, pieces: Sequence[tuple[int, int]], rows: int, max_order: int) -> FloatArray:
     """Autocorrelation (max_order + 1,) of white noise that a fit takes out of a complex history of `rows` rows.
 
     `basis` (2 rows, columns) is orthonormal over all that was fitted, real rows before imaginary: the residual of white

@@ -30,7 +30,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.build import baseline_columns
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.residuals.config import Baseline
-from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.linearisation import Corrected, Model
 
 # What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit.
 _OF_SCHEDULES = (TableIncrements.name, SlopeSchedule.name)
@@ -75,22 +75,22 @@ def has_schedule(model: Model) -> bool:
     return own or bool(model.mechanisms.keys() & {*_OF_SCHEDULES, TableSlope.name})
 
 
-def with_priors(model: Model, seen: Seen) -> Model:
+def with_priors(model: Model, data: Corrected) -> Model:
     """The model with what its static moment may be more: a bend, and a schedule where it follows Mach number."""
-    model = _bent(model, seen)
-    return scheduled(model, seen) if has_schedule(model) else model
+    model = _bent(model, data)
+    return scheduled(model, data) if has_schedule(model) else model
 
 
-def _bent(model: Model, seen: Seen) -> Model:
+def _bent(model: Model, data: Corrected) -> Model:
     """The model with the bend that a body with its slope may have.
 
     A table that says how the slope goes with the angle of attack says by how much it may err in that as well; and what
     has the bend as a column already knows no prior of it.
     """
     table = model.mechanisms.get(TableSlope.name)
-    slope = _slope(model, seen)
+    slope = _slope(model, data)
     known = isinstance(table, TableSlope) and len(table.table.alpha) > 1
-    if known or slope is None or any(is_bend(m, seen.frame.motions[0]) for m in model.mechanisms.values()):
+    if known or slope is None or any(is_bend(m, data.frame.motions[0]) for m in model.mechanisms.values()):
         return model
     bend = StaticBend(slope=slope)
     return replace(model, mechanisms={**model.mechanisms, bend.name: bend})
@@ -111,7 +111,7 @@ def is_bend(mechanism: Mechanism, motion: Motion) -> bool:
     )
 
 
-def _slope(model: Model, seen: Seen) -> float | None:
+def _slope(model: Model, data: Corrected) -> float | None:
     """The static slope (1/rad) of the columns, or of the table that stands in its place, on the whole record."""
     table = model.mechanisms.get(TableSlope.name)
     if isinstance(table, TableSlope):
@@ -119,18 +119,18 @@ def _slope(model: Model, seen: Seen) -> float | None:
     static = model.mechanisms.get(StaticMoment.name)
     if not isinstance(static, StaticMoment):
         return None
-    values = seen.values(seen.whole, model.columns)
+    values = data.values(data.whole, model.columns)
     pairs = zip(model.columns, values, strict=True)
     by_term = {column.term: float(value) for column, value in pairs if column.mechanism == static.name}
-    return static.mean_slope(seen.frame.motions[0], by_term) if by_term else None
+    return static.mean_slope(data.frame.motions[0], by_term) if by_term else None
 
 
-def scheduled(model: Model, seen: Seen) -> Model:
+def scheduled(model: Model, data: Corrected) -> Model:
     """The model with a smooth schedule of its slope by Mach number beside the coarse one that its columns have."""
-    mach = _span([flight.mach for flight in seen.flights])
+    mach = _span([flight.mach for flight in data.flights])
     if mach is None:
         return model
-    slope = None if TableSlope.name in model.mechanisms else _slope(model, seen)
+    slope = None if TableSlope.name in model.mechanisms else _slope(model, data)
     schedule = None if slope is None else SlopeSchedule(low=mach[0], high=mach[1], size=SCHEDULE_RELATIVE * abs(slope))
     if schedule is None or not schedule.sizes.size:
         return model
@@ -175,8 +175,8 @@ def _own_speeds(flights: Sequence[Flight]) -> tuple[float, float] | None:
     Where Mach number hardly changes, the temperature of the air moves it as much as the speed, and a slope that goes
     with the conditions of flight is no function of it alone.
     """
-    courses = [(flight.mach, flight.velocity) for flight in flights if flight.mach is not None]
-    return wavering_speeds(courses, TRACED_SLOPE_DEGREE, WAVERING_SPEED)
+    histories = [(flight.mach, flight.velocity) for flight in flights if flight.mach is not None]
+    return wavering_speeds(histories, TRACED_SLOPE_DEGREE, WAVERING_SPEED)
 
 
 def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:

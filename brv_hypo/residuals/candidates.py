@@ -176,8 +176,6 @@ def _gain(columns: FloatArray, left: FloatArray, least: FloatArray) -> float:
     """Fall of the residual sum of squares by a group of columns; none where they are spent."""
     if np.any(np.linalg.norm(columns, axis=0) <= least):
         return 0.0
-    if columns.shape[1] == 1:
-        return float((columns[:, 0] @ left) ** 2 / (columns[:, 0] @ columns[:, 0]))
     return float(np.sum((np.linalg.qr(columns)[0].T @ left) ** 2))
 
 
@@ -191,11 +189,9 @@ def _offers(problem: Problem, frame: RateFrame, mechanism: Mechanism) -> list[tu
 def _offered(
     problem: Problem, frame: RateFrame, mechanism: Mechanism, thetas: Sequence[Theta]
 ) -> tuple[Regressor, ...]:
-    """The columns at these thetas: with several flights, those that follow the motion are shared by all, those that
-    follow time or belong to the vehicle are of each flight that has none yet.
+    """The columns at these thetas: those that follow the motion are shared by all flights, those that follow time or
+    belong to the vehicle are of each flight that has none yet.
     """
-    if len(frame.motions) == 1:
-        return candidates(mechanism, frame.motions[0], _knots(problem, frame, mechanism, 0), thetas)
     own = mechanism.of_each_flight(frame.reconstructions[0].flight)
     shared = () if own else candidates(mechanism, frame.motions[0], np.zeros(0), thetas)
     with_own = {column.flight for column in problem.baseline if column.mechanism == mechanism.name}
@@ -213,8 +209,6 @@ def _knots(problem: Problem, frame: RateFrame, mechanism: Mechanism, number: int
     own = mechanism.knots(frame.motions[number])
     if own is not None:
         return own
-    if len(frame.motions) == 1:
-        return problem.knots
     time = frame.motions[number].time
     return default_knots(float(time[0]), float(time[-1]), problem.knots.size)
 
@@ -301,7 +295,7 @@ def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
     return found
 
 
-def look_alikes(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
+def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
     """Those that this flight cannot tell from the leader: nearly as good a fit, and as likely beside processes."""
     return tuple(o.name for o in others if o.name != leader.name and o.gain > 0.0 and _is_equal(leader, o))
 
@@ -310,10 +304,10 @@ def _is_equal(leader: Candidate, other: Candidate) -> bool:
     explains = other.gain > CONFOUNDED_GAIN * leader.gain
     if leader.evidence is not None and other.evidence is not None:
         return explains and abs(leader.evidence - other.evidence) < SPECIFIC
-    return abs(leader.gain - other.gain) < CONFOUNDED_NEAR or (explains and alike(leader, other))
+    return abs(leader.gain - other.gain) < CONFOUNDED_NEAR or (explains and nearly_equal(leader, other))
 
 
-def alike(one: Candidate, other: Candidate) -> bool:
+def nearly_equal(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates predict nearly the same."""
     a, b = one.contribution, other.contribution
     return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))

@@ -1,4 +1,4 @@
-"""`Look`: at one step of a trace, the fitted model and every candidate tried beside it."""
+"""`Analysis`: at one step of a trace, the fitted model and every candidate tried beside it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.noise import first_noise, raised_noise, settled_noise
+from brv_hypo.regression.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.candidates import Candidate, Variant, fitted_again, try_mechanism, try_record_effect
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.discover import Discovery, discover
-from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.linearisation import Corrected, Model
 from brv_hypo.residuals.problem import problem_of, with_efficiency
 
 # What is described in generic terms is called this, with the number of its step.
@@ -29,14 +29,14 @@ Catalogue = Mapping[str, list[Variant]]
 
 
 @dataclass(frozen=True)
-class Look:
+class Analysis:
     """A fitted model and what every candidate would do beside it, on the fitted part.
 
     `components` maps the histories of record effects to their flights and components; `discovery` is None where no
     description in generic terms was asked for.
     """
 
-    seen: Seen
+    data: Corrected
     problem: Problem
     null: HypothesisFit
     candidates: tuple[Candidate, ...]
@@ -45,29 +45,29 @@ class Look:
     discovery: Discovery | None = None
 
 
-def bare_look(
-    seen: Seen, model: Model, flights: tuple[LinearisedFlight, ...], config: TraceConfig, noise: Noise | None = None
-) -> Look:
+def baseline_analysis(
+    data: Corrected, model: Model, flights: tuple[LinearisedFlight, ...], config: TraceConfig, noise: Noise
+) -> Analysis:
     """The regression of a model alone on the fitted part of linearised flights."""
-    problem = problem_of(seen, model, flights, config, noise=noise)
-    return Look(seen, problem, fit_hypothesis(problem, "none", ()), (), flights, {})
+    problem = problem_of(data, model, flights, config, noise=noise)
+    return Analysis(data, problem, fit_hypothesis(problem, "none", ()), (), flights, {})
 
 
-def look(
-    seen: Seen,
+def analyse_step(
+    data: Corrected,
     model: Model,
     flights: tuple[LinearisedFlight, ...],
     mechanisms: Sequence[Mechanism],
     effects: Sequence[RecordEffect],
     config: TraceConfig,
-) -> Look:
+) -> Analysis:
     """Fit the model and every candidate on the fitted part of linearised flights, under the noise that they say.
 
     Where the dictionary is searched too, `discovery` is the one entry of it that describes best what is left.
     """
-    catalogue, histories = _histories(seen.frame, flights, effects, model)
-    plain = problem_of(seen, model, flights, config, histories, first_noise(flights))
-    sharp = plain.under(settled_noise(plain))
+    catalogue, histories = _histories(data.frame, flights, effects, model)
+    plain = problem_of(data, model, flights, config, histories, first_noise(flights))
+    sharp = plain.under(estimated_noise(plain))
     problem = sharp.under(raised_noise(sharp))
     null = fit_hypothesis(problem, "none", ())
     tried = [try_mechanism(problem, sharp, null, mechanism) for mechanism in mechanisms]
@@ -81,7 +81,7 @@ def look(
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     discovery = discover(problem, null, generic_name(model)) if config.discover else None
     components = _placed([variant for variants in catalogue.values() for variant in variants])
-    return Look(seen, problem, null, tuple(found), flights, components, discovery)
+    return Analysis(data, problem, null, tuple(found), flights, components, discovery)
 
 
 def generic_name(model: Model) -> str:

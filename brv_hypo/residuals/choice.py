@@ -20,8 +20,8 @@ from brv_hypo.constants import (
 )
 from brv_hypo.regression.channels import Rows
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.residuals.candidates import Candidate, adjusted, alike, look_alikes
-from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.candidates import Candidate, adjusted, confounded, nearly_equal
+from brv_hypo.residuals.candidates_at_step import Analysis
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.judge import Agreement, Prediction, agreement, force_errors, moment_errors, ratio, residuals_of
@@ -53,7 +53,7 @@ class Tried:
     """Of the log evidence beside all processes; None where that was not asked."""
 
     @property
-    def taken(self) -> bool:
+    def accepted(self) -> bool:
         """Whether the held-out part agrees, and processes do not explain the record far better, or better at all."""
         least = 0.0 if self.carried else -SPECIFIC
         return self.agrees and (self.gain is None or self.gain > least)
@@ -90,34 +90,34 @@ class Choice:
     named_in: float | None = None
 
     @property
-    def taken(self) -> Tried | None:
+    def accepted(self) -> Tried | None:
         """The last that was tried, where the held-out part agrees with it; None where few repetitions name it."""
         often = self.named_in is None or self.named_in >= HINT_REPEATED
-        return self.tried[-1] if often and self.tried and self.tried[-1].taken else None
+        return self.tried[-1] if often and self.tried and self.tried[-1].accepted else None
 
     @property
     def unwanted(self) -> tuple[str, ...]:
         """Those that the held-out part agrees with, but processes explain far better."""
-        return tuple(each.candidate.name for each in self.tried if each.agrees and not each.taken)
+        return tuple(each.candidate.name for each in self.tried if each.agrees and not each.accepted)
 
     @property
     def leading(self) -> Tried | None:
         """What is added or, where nothing is, the best that counts."""
-        return self.taken or (self.tried[0] if self.tried else None)
+        return self.accepted or (self.tried[0] if self.tried else None)
 
     @property
-    def told(self) -> tuple[Candidate, ...]:
+    def reported(self) -> tuple[Candidate, ...]:
         """The candidates with the leading one first and its look-alikes after it."""
         if self.leading is None:
             return self.ranked
         leader = self.leading.candidate
-        similar = look_alikes(leader, self.ranked)
+        similar = confounded(leader, self.ranked)
         rank = {leader.name: 0, **dict.fromkeys(similar, 1)}
         return tuple(sorted(self.ranked, key=lambda candidate: rank.get(candidate.name, 2)))
 
 
 def choose(
-    here: Look,
+    here: Analysis,
     state: State,
     discovery: Discovery | None,
     significance: float,
@@ -145,7 +145,7 @@ def choose(
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
         if residual_is_white and not certain and not is_carried(here.problem, candidate.name):
             continue
-        if any(alike(candidate, other.candidate) for other in tried if not other.agrees):
+        if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             break
@@ -153,7 +153,7 @@ def choose(
         if found.agrees and gain_of is not None:
             found = replace(found, gain=gain_of(found.state))
         tried.append(found)
-        if tried[-1].taken or len(tried) == LOOP_TRIES:
+        if tried[-1].accepted or len(tried) == LOOP_TRIES:
             break
     return Choice(ranked, discovery, tuple(tried))
 
@@ -174,22 +174,22 @@ def follows_mach(candidate: Candidate) -> bool:
     return any(mechanism.follows == "mach" for mechanism in candidate.fit.mechanisms)
 
 
-def _try(here: Look, state: State, candidate: Candidate, certain: bool, add: Callable[[Candidate], State]) -> Tried:
-    problem, seen = here.problem, state.seen
+def _try(here: Analysis, state: State, candidate: Candidate, certain: bool, add: Callable[[Candidate], State]) -> Tried:
+    problem, data = here.problem, state.data
     after, errors, left = add(candidate), (state.errors, state.held_out), left_by(problem, here.null)
     carried = is_carried(problem, candidate.name)
     if carried:
         left = left_without(problem, here.null, candidate.name)
-        moments = residual_moments(seen.frame, problem.records, left.rates)
-        errors = moment_errors(seen.fitted, moments), moment_errors(seen.held_out, moments)
-    first = residuals_of(problem, seen.held_out, left)
-    second = residuals_of(problem, seen.held_out, left_by(problem, candidate.fit))
+        moments = residual_moments(data.frame, problem.records, left.rates)
+        errors = moment_errors(data.fitted, moments), moment_errors(data.held_out, moments)
+    first = residuals_of(problem, data.held_out, left)
+    second = residuals_of(problem, data.held_out, left_by(problem, candidate.fit))
     return Tried(
         candidate,
         after,
-        agreement(problem, seen.held_out, first, second),
+        agreement(problem, data.held_out, first, second),
         *ratio(errors[1], after.held_out),
-        force_errors(problem, seen.held_out, second),
+        force_errors(problem, data.held_out, second),
         left,
         errors,
         certain,
@@ -209,7 +209,7 @@ def best_first(
     return lambda each: (-np.inf if each.name in equal else -evidences.get(each.name, -np.inf), -each.gain)
 
 
-def _ranked(here: Look, discovery: Discovery | None, held: Collection[str] = ()) -> list[Candidate]:
+def _ranked(here: Analysis, discovery: Discovery | None, held: Collection[str] = ()) -> list[Candidate]:
     """The candidates, the leader first.
 
     The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a

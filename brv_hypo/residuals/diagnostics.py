@@ -20,27 +20,27 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.uncertainty import ResidualMoments
 from brv_hypo.regression.whitening import white
-from brv_hypo.residuals.candidates_at_step import Look
-from brv_hypo.residuals.linearisation import Seen
+from brv_hypo.residuals.candidates_at_step import Analysis
+from brv_hypo.residuals.linearisation import Corrected
 from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.result import Residual
 
 
-def find(look: Look, left: ResidualMoments) -> Residual:
-    """Test what the model of `look` leaves; `left` are its residual moments.
+def find(analysis: Analysis, left: ResidualMoments) -> Residual:
+    """Test what the model of `analysis` leaves; `left` are its residual moments.
 
     Of several flights, size and place are told of the one where most is left against its noise.
     """
-    several = len(look.seen.records) > 1
-    number = max(range(len(look.seen.records)), key=lambda k: _noise_ratio(look.seen, left, k))
-    rows, samples = look.seen.rows_of(number), look.seen.samples_of(number)
-    reconstruction = look.seen.reconstructions[number]
+    several = len(analysis.data.records) > 1
+    number = max(range(len(analysis.data.records)), key=lambda k: _noise_ratio(analysis.data, left, k))
+    rows, samples = analysis.data.rows_of(number), analysis.data.samples_of(number)
+    reconstruction = analysis.data.reconstructions[number]
     motion = reconstruction.motion
     usable = left.usable[rows]
     time = motion.time[samples]
     sigma = left.noise[rows]
     body = np.where(usable, left.body[rows], 0.0)
-    p_value = _whiteness(look)
+    p_value = _whiteness(analysis)
     channels = _channels(body, motion.windward_meridian[samples])
     worst = max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable]))
     frequency = _dominant(body, usable, float(np.median(np.diff(time))))
@@ -49,7 +49,7 @@ def find(look: Look, left: ResidualMoments) -> Residual:
         rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
         white=p_value > WHITE_CHANCE,
         p_value=p_value,
-        noise_ratio=_noise_ratio(look.seen, left, number),
+        noise_ratio=_noise_ratio(analysis.data, left, number),
         worst_channel=worst,
         worst_region_s=_worst_region(time, _by_region(time, body, usable)),
         dominant_frequency_hz=frequency,
@@ -57,21 +57,21 @@ def find(look: Look, left: ResidualMoments) -> Residual:
     )
 
 
-def _noise_ratio(seen: Seen, left: ResidualMoments, number: int) -> float:
+def _noise_ratio(data: Corrected, left: ResidualMoments, number: int) -> float:
     """Mean square of what is left on one flight over that of its noise."""
-    rows = seen.rows_of(number)
+    rows = data.rows_of(number)
     usable = left.usable[rows]
     body, sigma = left.body[rows][usable], left.noise[rows][usable]
     return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
 
 
-def _whiteness(look: Look) -> float:
+def _whiteness(analysis: Analysis) -> float:
     """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
-    fitted = look.seen.fitted
-    left = left_by(look.problem, look.null).rates[fitted.rows]
+    fitted = analysis.data.fitted
+    left = left_by(analysis.problem, analysis.null).rates[fitted.rows]
     pieces = remove_levels(left, fitted.pieces, white())
-    flights = look.seen.frame.flight_of_row[fitted.rows]
-    sigmas = [look.seen.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
+    flights = analysis.data.frame.flight_of_row[fitted.rows]
+    sigmas = [analysis.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
     parts = [
         channel / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for channel in (piece.real, piece.imag)
     ]

@@ -22,7 +22,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.mechanisms.yaml_mechanism import Axis, Factor, Quantity, Turn, YamlTerm, values_of
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.unlisted import fastest_turning
+from brv_hypo.regression.unmodelled import fastest_turning
 
 Wave = Literal["cos", "sin"]
 
@@ -54,7 +54,7 @@ class Entry:
 
 # What tells a single flight alike comes in this order: a slope that changes along an entry is first of all a function
 # of Mach number, and nothing that follows the record's time can be asked of another flight.
-COURSES: tuple[Quantity, ...] = ("mach", "log_reynolds", "time")
+QUANTITIES: tuple[Quantity, ...] = ("mach", "log_reynolds", "time")
 
 
 def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
@@ -64,11 +64,11 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
     """
     one = len(motions) == 1
     found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_round_the_body(), *_powers()]
-    for quantity in COURSES if one else COURSES[:-1]:
+    for quantity in QUANTITIES if one else QUANTITIES[:-1]:
         values = np.concatenate([values_of(motion, quantity) for motion in motions])
         low, high = float(np.min(values)), float(np.max(values))
         if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
-            found += [*_steps(quantity, low, high), *_courses(quantity, low, high)]
+            found += [*_steps(quantity, low, high), *_smooth(quantity, low, high)]
     return tuple(found)
 
 
@@ -210,7 +210,7 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
     return [make(low + k * spacing) for make in makers for k in range(1, DESCRIBED_STEPS + 1)]
 
 
-def _courses(quantity: Quantity, low: float, high: float) -> list[Entry]:
+def _smooth(quantity: Quantity, low: float, high: float) -> list[Entry]:
     """Splines: stiffness, out-of-plane slope and body-fixed moment around a value of the quantity."""
     width = (high - low) / (DESCRIBED_HATS - 1)
     found = []

@@ -25,7 +25,7 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals.candidates import Candidate, candidate_of, solved
-from brv_hypo.residuals.dictionary import COURSES, Entry, entries
+from brv_hypo.residuals.dictionary import QUANTITIES, Entry, entries
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def discover(problem: Problem, null: HypothesisFit, name: str) -> Discovery | No
         return None
     found = min(fits, key=lambda each: each.fit.information)
     candidate = candidate_of(problem, null, found.fit, name, "discovered")
-    terms = filed(found.fit.selected, found.fit.values[found.fit.baseline_size :], found.mechanism)
+    terms = as_terms(found.fit.selected, found.fit.values[found.fit.baseline_size :], found.mechanism)
     return Discovery(candidate, found.file.model_copy(update={"terms": terms}), found.file.title)
 
 
@@ -64,16 +64,16 @@ def _best(
         return _moved(problem, leader, basis, left)
     # Between the places of a grid a step of another width or quantity may look like more than the right one.
     order = sorted(range(len(offered)), key=lambda k: -gains[k])
-    courses = [offered[k] for k in order if offered[k].follows is not None]
-    forms = {(entry.follows, entry.form): entry for entry in reversed(courses)}
+    changing = [offered[k] for k in order if offered[k].follows is not None]
+    forms = {(entry.follows, entry.form): entry for entry in reversed(changing)}
     moved = [_moved(problem, entry, basis, left) for entry in forms.values()]
-    told = [_gain(_free(own, basis), left) for own in _white(problem, moved)]
-    alike = [k for k, gain in enumerate(told) if gain > max(told) - CONFOUNDED_NEAR]
-    first = min(alike, key=lambda k: (COURSES.index(moved[k].follows or COURSES[-1]), -told[k]))
+    moved_gains = [_gain(_free(own, basis), left) for own in _white(problem, moved)]
+    equal = [k for k, gain in enumerate(moved_gains) if gain > max(moved_gains) - CONFOUNDED_NEAR]
+    first = min(equal, key=lambda k: (QUANTITIES.index(moved[k].follows or QUANTITIES[-1]), -moved_gains[k]))
     return moved[first]
 
 
-def filed(columns: Sequence[Regressor], values: FloatArray, mechanism: YamlMechanism) -> tuple[YamlTerm, ...]:
+def as_terms(columns: Sequence[Regressor], values: FloatArray, mechanism: YamlMechanism) -> tuple[YamlTerm, ...]:
     """The terms of a described mechanism's columns as a file holds them: one each, with its value and its jump."""
     known = {term.name: term for term in mechanism.definition}
     found = []
@@ -115,8 +115,8 @@ def _all_timed(
     if not fits:
         return fits
     best = min(fits, key=lambda each: each.fit.information)
-    courses = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
-    gains = [_gain(_free(_white(problem, [entry], courses)[0], basis), left) for entry in offered]
+    bases = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
+    gains = [_gain(_free(_white(problem, [entry], bases)[0], basis), left) for entry in offered]
     again = (offered[int(np.argmax(gains))], best.entry)
     return fits + [_timed(problem, name, entry, count, basis, left) for entry in again]
 
@@ -127,19 +127,17 @@ def _timed(
     """An entry with jumps in time where they explain most, and then at its own best place."""
     mechanism = _Changing(definition=entry.terms)
     fit = fit_hypothesis(problem, mechanism.name, (mechanism,))
-    courses = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
-    entry = _moved(problem, entry, basis, left, courses)
-    searched = _choices(entries_searched * math.comb(fit.searched, len(courses)), len(courses))
-    return _with_courses(problem, name, entry, courses, searched)
+    bases = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
+    entry = _moved(problem, entry, basis, left, bases)
+    searched = _choices(entries_searched * math.comb(fit.searched, len(bases)), len(bases))
+    return _with_bases(problem, name, entry, bases, searched)
 
 
-def _with_courses(
-    problem: Problem, name: str, entry: Entry, courses: tuple[TimeBasis, ...], searched: int
-) -> _Described:
+def _with_bases(problem: Problem, name: str, entry: Entry, bases: tuple[TimeBasis, ...], searched: int) -> _Described:
     """An entry with these courses in time."""
-    times = sorted(time_basis.start for time_basis in courses if time_basis.kind == "jump")
+    times = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
     words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
-    columns = tuple(_column(name, term.name, term.units, time_basis) for time_basis in courses for term in entry.terms)
+    columns = tuple(_column(name, term.name, term.units, time_basis) for time_basis in bases for term in entry.terms)
     return _described(problem, _file(name, entry, words), columns, searched, entry)
 
 
@@ -212,7 +210,7 @@ def _left(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _moved(
-    problem: Problem, entry: Entry, basis: FloatArray, left: FloatArray, courses: Sequence[TimeBasis] = _ALWAYS
+    problem: Problem, entry: Entry, basis: FloatArray, left: FloatArray, bases: Sequence[TimeBasis] = _ALWAYS
 ) -> Entry:
     """The entry, with these courses in time, at the place near it that explains most."""
     spacing = entry.spacing
@@ -220,15 +218,15 @@ def _moved(
         places = [
             entry.at(entry.position + spacing * shift) for shift in np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
         ]
-        gains = [_gain(_free(own, basis), left) for own in _white(problem, places, courses)]
+        gains = [_gain(_free(own, basis), left) for own in _white(problem, places, bases)]
         entry = places[int(np.argmax(gains))]
         spacing /= DESCRIBED_FINER
     return entry
 
 
-def _white(problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeBasis] = _ALWAYS) -> list[FloatArray]:
+def _white(problem: Problem, chosen: Sequence[Entry], bases: Sequence[TimeBasis] = _ALWAYS) -> list[FloatArray]:
     """The whitened columns of each entry with these courses."""
-    frame, groups = _columns(problem, chosen, courses)
+    frame, groups = _columns(problem, chosen, bases)
     design = problem.design(frame, [column for group in groups for column in group])
     ends = np.cumsum([0, *(len(group) for group in groups)])
     return [design[:, a:b] for a, b in itertools.pairwise(ends)]
@@ -253,13 +251,13 @@ def _fall(normal: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _columns(
-    problem: Problem, chosen: Sequence[Entry], courses: Sequence[TimeBasis] = _ALWAYS
+    problem: Problem, chosen: Sequence[Entry], bases: Sequence[TimeBasis] = _ALWAYS
 ) -> tuple[RateFrame, list[tuple[Regressor, ...]]]:
     name = "dictionary"
     mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
     frame = replace(problem.frame.with_mechanisms([]), mechanisms={**problem.frame.mechanisms, name: mechanism})
     return frame, [
-        tuple(_column(name, term.name, term.units, time_basis) for time_basis in courses for term in entry.terms)
+        tuple(_column(name, term.name, term.units, time_basis) for time_basis in bases for term in entry.terms)
         for entry in chosen
     ]
 

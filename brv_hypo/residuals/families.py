@@ -111,10 +111,10 @@ class Beside:
         """Of the baseline and processes alone."""
         return self.evidence([])
 
-    def unwanted(self, asked: Sequence[str]) -> tuple[str, ...]:
+    def unwanted(self, effects: Sequence[str]) -> tuple[str, ...]:
         """Those of some effects without which the evidence is far larger, the least wanted first; then asked again."""
         names, found = list(self.terms), list[str]()
-        while rest := [name for name in asked if name in names]:
+        while rest := [name for name in effects if name in names]:
             levels = {name: self.evidence([each for each in names if each != name]).level for name in rest}
             least = max(rest, key=levels.__getitem__)
             if levels[least] < self.evidence(names).level + SPECIFIC:
@@ -189,23 +189,23 @@ def beside_processes(
 
     `given`: histories that may be asked for.
     """
-    model, seen, held = state.model, state.seen, len(before.columns)
+    model, data, held = state.model, state.data, len(before.columns)
     base, added = model.columns[:held], model.columns[held:]
     known = {(each.effect.name, each.component, each.flight) for each in before.applied}
     applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
     histories = dict(given or {}) | {
-        _label(a): on_frame(seen.frame, a.flight, state.linear[a.flight].effect(a.effect, a.component, a.size))
+        _label(a): on_frame(data.frame, a.flight, state.linear[a.flight].effect(a.effect, a.component, a.size))
         for a in applied
     }
-    taken = [dict(each) for each in seen.taken]
+    corrections = [dict(each) for each in data.corrections]
     for each in applied:
         key = (each.effect.name, each.component)
-        taken[each.flight][key] = taken[each.flight].get(key, 0.0) + each.value
+        corrections[each.flight][key] = corrections[each.flight].get(key, 0.0) + each.value
     bare = replace(model, columns=base, applied=before.applied, mechanisms=before.mechanisms)
-    read = replace(seen, taken=tuple(taken))
+    read = replace(data, corrections=tuple(corrections))
     linear = state.linear
     whole = problem_of(read, bare, linear, config, histories, first_noise(linear), record_processes())
-    problem = whole.on(part or seen.whole)
+    problem = whole.on(part or data.whole)
     mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
     frame = problem.frame.with_mechanisms(mechanisms)
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
@@ -222,7 +222,7 @@ def beside_processes(
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]
         x = rows.of_moments(rows.frame, [given_column(_label(each)) for each in own])
-        flight = seen.flights[own[0].flight]
+        flight = data.flights[own[0].flight]
         terms[name] = _of_record(x, sum(len(each.components(flight)) for each in own[0].effect.variants(flight)))
         families[name] = own[0].effect.family
         if name not in bounded:

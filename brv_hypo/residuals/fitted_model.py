@@ -20,10 +20,10 @@ from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.baseline import tolerated
 from brv_hypo.residuals.candidates import Candidate
-from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.candidates_at_step import Analysis
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.judge import Prediction, moment_errors
-from brv_hypo.residuals.linearisation import Applied, Model, Seen, see, with_in_plane_moment
+from brv_hypo.residuals.linearisation import Applied, Corrected, Model, correct, with_in_plane_moment
 from brv_hypo.residuals.problem import errors_beside, linearised_at, problem_of
 
 
@@ -35,7 +35,7 @@ class State:
     """
 
     model: Model
-    seen: Seen
+    data: Corrected
     values: FloatArray
     left: ResidualMoments
     errors: Prediction
@@ -44,27 +44,27 @@ class State:
     linear: tuple[LinearisedFlight, ...]
 
 
-def state_of(model: Model, seen: Seen, problem: Problem, linear: tuple[LinearisedFlight, ...]) -> State:
+def state_of(model: Model, data: Corrected, problem: Problem, linear: tuple[LinearisedFlight, ...]) -> State:
     """The model's coefficients on the fitted part, and its errors."""
-    values, others = problem.solution(seen.frame, model.columns)
-    rates = problem.left(seen.frame, model.columns, values, others).rates
-    left = residual_moments(seen.frame, problem.records, rates)
-    errors, held_out = (moment_errors(part, left) for part in (seen.fitted, seen.held_out))
-    return State(model, seen, values, left, errors, held_out, problem, linear)
+    values, others = problem.solution(data.frame, model.columns)
+    rates = problem.left(data.frame, model.columns, values, others).rates
+    left = residual_moments(data.frame, problem.records, rates)
+    errors, held_out = (moment_errors(part, left) for part in (data.fitted, data.held_out))
+    return State(model, data, values, left, errors, held_out, problem, linear)
 
 
-def first_state(model: Model, seen: Seen, config: TraceConfig) -> State:
+def first_state(model: Model, data: Corrected, config: TraceConfig) -> State:
     """The state of a model of which nothing but its columns is known."""
-    return _state_about(seen, model, seen.values(seen.fitted, model.columns), config)
+    return _state_about(data, model, data.values(data.fitted, model.columns), config)
 
 
-def _state_about(seen: Seen, model: Model, values: FloatArray, config: TraceConfig) -> State:
+def _state_about(data: Corrected, model: Model, values: FloatArray, config: TraceConfig) -> State:
     """The state of a model that is linearised about coefficients (columns,)."""
-    linear = linearised_at(seen, model, values)
-    return state_of(model, seen, problem_of(seen, model, linear, config), linear)
+    linear = linearised_at(data, model, values)
+    return state_of(model, data, problem_of(data, model, linear, config), linear)
 
 
-def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
+def converged_state(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
     """The state of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
     What they do to the reconstruction is not small enough to be linear from the record as it stands. Knots and delays
@@ -72,9 +72,9 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
     are of the rates' differences, and those of columns that are nearly one are anything. Where it fits worse, much is
     left, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
     """
-    state = _settled(flights, model, config)
+    state = _converged(flights, model, config)
     for _ in range(MODEL_OWN_POINTS):
-        nearer = _state_about(state.seen, state.model, state.values, config)
+        nearer = _state_about(state.data, state.model, state.values, config)
         fall = state.errors.mean_square / nearer.errors.mean_square
         if fall < 1.0 / MODEL_TRIFLE:
             break
@@ -84,34 +84,34 @@ def settled_state(flights: Sequence[Flight], model: Model, config: TraceConfig) 
     return state
 
 
-def _settled(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
-    state = first_state(model, with_in_plane_moment(see(flights, model, config), model.columns), config)
+def _converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> State:
+    state = first_state(model, with_in_plane_moment(correct(flights, model, config), model.columns), config)
     for _ in range(MODEL_LINEARISATIONS):
         found = errors_beside(state.problem, fit_hypothesis(state.problem, "none", ()))
-        taken = [
-            taken_out(number, flight, model, found[number], state.seen.taken[number])
+        corrections = [
+            next_corrections(number, flight, model, found[number], state.data.corrections[number])
             for number, flight in enumerate(flights)
         ]
-        seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
-        nearer = _refined(first_state(model, seen, config))
+        data = with_in_plane_moment(correct(flights, model, config, corrections), model.columns)
+        nearer = _refined(first_state(model, data, config))
         if nearer.errors.mean_square > state.errors.mean_square * MODEL_TRIFLE:
-            return _about_its_vehicle(state, taken, config)  # the errors of the record that were found are none
+            return _about_its_vehicle(state, corrections, config)  # the errors of the record that were found are none
         state, model = nearer, nearer.model
     return state
 
 
 def _about_its_vehicle(state: State, found: Sequence[Errors], config: TraceConfig) -> State:
     """The state of the same records, linearised where what was found of the vehicle's moments acts."""
-    model, seen = state.model, state.seen
-    taken = []
-    for number, flight in enumerate(seen.flights):
+    model, data = state.model, state.data
+    corrections = []
+    for number, flight in enumerate(data.flights):
         of_vehicle = {mechanism.name for mechanism in tolerated(model, flight)}
         own = {name: value for name, value in found[number].items() if name[0] in of_vehicle}
-        taken.append({**seen.taken[number], **own})
-    return _state_about(replace(seen, taken=tuple(taken)), model, state.values, config)
+        corrections.append({**data.corrections[number], **own})
+    return _state_about(replace(data, corrections=tuple(corrections)), model, state.values, config)
 
 
-def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
+def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
     """What is taken out of one flight's record from here on: its errors within their tolerances.
 
     `found` are whole errors, with what was taken out `before` in them.
@@ -131,7 +131,7 @@ def taken_out(number: int, flight: Flight, model: Model, found: Errors, before: 
 
 def _refined(state: State) -> State:
     """The state with the knots and delays of its model where its regression has them."""
-    problem, seen = state.problem, state.seen
+    problem, data = state.problem, state.data
     columns, frame = state.model.columns, problem.frame
     nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
     if not nonlinear:
@@ -139,11 +139,11 @@ def _refined(state: State) -> State:
     known: frozenset[int] = frozenset()
     found = refine(columns, nonlinear, known, Reduced(replace(problem, baseline=()), frame)).columns
     model = replace(state.model, columns=found)
-    return state_of(model, with_in_plane_moment(seen, found), replace(problem, baseline=found), state.linear)
+    return state_of(model, with_in_plane_moment(data, found), replace(problem, baseline=found), state.linear)
 
 
 def with_candidate(
-    flights: Sequence[Flight], config: TraceConfig, here: Look, state: State, candidate: Candidate
+    flights: Sequence[Flight], config: TraceConfig, here: Analysis, state: State, candidate: Candidate
 ) -> State:
     """The model with the candidate added, fitted to the fitted part of the flights.
 
@@ -154,8 +154,8 @@ def with_candidate(
     if candidate.effect is None:
         known = {**model.mechanisms, **{m.name: m for m in candidate.fit.mechanisms}}
         model = replace(model, mechanisms=known, columns=candidate.fit.columns, added=(*model.added, candidate.name))
-        seen = replace(state.seen, frame=candidate.fit.frame)
-        return state_of(model, seen, replace(here.problem, frame=seen.frame), state.linear)
+        data = replace(state.data, frame=candidate.fit.frame)
+        return state_of(model, data, replace(here.problem, frame=data.frame), state.linear)
     values = candidate.fit.values[candidate.fit.baseline_size :]
     applied = tuple(
         Applied(candidate.effect, component.name, component.units, component.size, float(value), number)
@@ -164,14 +164,14 @@ def with_candidate(
     )
     model = replace(model, applied=(*model.applied, *applied), added=(*model.added, candidate.name))
     freed = {(each.flight, each.effect.name, each.component) for each in applied}
-    taken = [
+    corrections = [
         {name: value for name, value in known.items() if (number, *name) not in freed}
-        for number, known in enumerate(state.seen.taken)
+        for number, known in enumerate(state.data.corrections)
     ]
-    seen = with_in_plane_moment(see(flights, model, config, taken), model.columns)
-    linear = linearised_at(seen, model, state.values)
-    problem = problem_of(seen, model, linear, config, noise=here.problem.rows.noise)
-    found, anew = state_of(model, seen, problem, linear), settled_state(flights, model, config)
+    data = with_in_plane_moment(correct(flights, model, config, corrections), model.columns)
+    linear = linearised_at(data, model, state.values)
+    problem = problem_of(data, model, linear, config, noise=here.problem.rows.noise)
+    found, anew = state_of(model, data, problem, linear), converged_state(flights, model, config)
     return anew if anew.errors.mean_square * MODEL_TRIFLE < found.errors.mean_square else found
 
 
@@ -190,9 +190,9 @@ def refitted(flights: Sequence[Flight], config: TraceConfig, state: State) -> St
             for a in best.model.applied
         )
         model = replace(best.model, applied=applied)
-        seen = with_in_plane_moment(see(flights, model, config, best.seen.taken), model.columns)
-        linear = linearised_at(seen, model, best.values)
-        found = state_of(model, seen, problem_of(seen, model, linear, config, noise=best.problem.rows.noise), linear)
+        data = with_in_plane_moment(correct(flights, model, config, best.data.corrections), model.columns)
+        linear = linearised_at(data, model, best.values)
+        found = state_of(model, data, problem_of(data, model, linear, config, noise=best.problem.rows.noise), linear)
         if found.errors.mean_square > best.errors.mean_square * MODEL_TRIFLE:
             break
         best = found

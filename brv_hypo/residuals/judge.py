@@ -106,8 +106,8 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
     design = problem.whole_design(problem.frame, problem.baseline)
     scale = lengths(design)
     _, sizes, turn = np.linalg.svd(design / scale, full_matrices=False)
-    told = sizes > _SPENT * sizes[0]
-    root = (turn[told].T / sizes[told]) / scale[:, np.newaxis]
+    determined = sizes > _SPENT * sizes[0]
+    root = (turn[determined].T / sizes[determined]) / scale[:, np.newaxis]
     directions, errors, _ = np.linalg.svd(_unknowns(problem, held_out) @ root, full_matrices=False)
     return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
 
@@ -147,7 +147,7 @@ def _segments(problem: Problem, ranges: Sequence[Piece], part: Part) -> list[int
 def force_errors(problem: Problem, held_out: Part, left: Residuals) -> tuple[float, float]:
     """Mean squares (m/s^2)^2 of the transverse specific force's errors, fitted and held out, both axes together."""
     parts = ((problem.rows.part, left.fitted), (held_out, left.held_out))
-    fitted, other = (float(np.mean(np.abs(rows.force[part.seen]) ** 2) / 2.0) for part, rows in parts)
+    fitted, other = (float(np.mean(np.abs(rows.force[part.valid]) ** 2) / 2.0) for part, rows in parts)
     return fitted, other
 
 

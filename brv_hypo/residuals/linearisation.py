@@ -1,4 +1,4 @@
-"""`Seen`: flights without the record errors of a model, reconstructed again and ready to be regressed."""
+"""`Corrected`: flights without the record errors of a model, reconstructed again and ready to be regressed."""
 
 from __future__ import annotations
 
@@ -22,12 +22,10 @@ from brv_hypo.regression.build import linearised, on_rows
 from brv_hypo.regression.channels import Noise, Part, part, split, whole
 from brv_hypo.regression.frame import RateFrame, build_frame
 from brv_hypo.regression.linear import solve_scaled
+from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.propagated_motion import linearisation_point
 from brv_hypo.regression.whitening import difference
 from brv_hypo.residuals.config import TraceConfig
-
-Taken = Mapping[tuple[str, str], float]
-"""Values (SI) of record effects by effect and component."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +51,11 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Seen:
+class Corrected:
     """Flights, with what the model takes out of their records taken out, reconstructed.
 
-    `taken`, one a flight, is what was found of the errors that the tolerances allow. The regression knows them by their
-    priors still, but is linearised where those of the record are taken out and those of the vehicle act.
+    `corrections`, one a flight, are the errors that were found within the tolerances. The regression knows them by
+    their priors still, but is linearised where those of the record are corrected and those of the vehicle act.
     """
 
     records: tuple[InertialRecord, ...]
@@ -65,7 +63,7 @@ class Seen:
     fitted: Part
     held_out: Part
     whole: Part
-    taken: tuple[Taken, ...]
+    corrections: tuple[Errors, ...]
 
     @property
     def reconstructions(self) -> tuple[Reconstruction, ...]:
@@ -92,9 +90,9 @@ class Seen:
 
     def part_where(self, chosen: BoolArray) -> Part:
         """The rows that are chosen (frame rows,)."""
-        seen = np.zeros(self.frame.observed.size, dtype=bool)
-        seen[self.whole.rows] = self.whole.seen
-        return part(self.frame, seen, chosen, shared=True)
+        valid = np.zeros(self.frame.observed.size, dtype=bool)
+        valid[self.whole.rows] = self.whole.valid
+        return part(self.frame, valid, chosen, shared=True)
 
     def values(self, part: Part, columns: tuple[Regressor, ...]) -> FloatArray:
         """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
@@ -105,37 +103,39 @@ class Seen:
         return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
 
 
-def see(flights: Sequence[Flight], model: Model, config: TraceConfig, taken: Sequence[Taken] | None = None) -> Seen:
-    """Reconstruct the flights as the model reads their records, `taken` out of each besides.
+def correct(
+    flights: Sequence[Flight], model: Model, config: TraceConfig, corrections: Sequence[Errors] | None = None
+) -> Corrected:
+    """Reconstruct the flights as the model reads their records, `corrections` out of each besides.
 
     What the reconstruction finds of the remaining errors within their tolerances is taken out too.
     """
-    taken = tuple(taken) if taken is not None else tuple({} for _ in flights)
+    corrections = tuple(corrections) if corrections is not None else tuple({} for _ in flights)
     settings = ReconstructionConfig(method=config.method)
     points = []
     for number, flight in enumerate(flights):
-        read = without(flight, taken[number])
+        read = without(flight, corrections[number])
         own = [applied for applied in model.applied if applied.flight == number]
         read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
         points.append(linearisation_point(reconstruct(read, settings), settings))
     records = tuple(record for record, _ in points)
     frame = build_frame([reconstruction for _, reconstruction in points], list(model.mechanisms.values()))
-    seen = _force_seen(frame, records)
-    fitted, held_out = split(frame, seen, config.blocks)
-    return Seen(records, frame, fitted, held_out, whole(frame, seen), taken)
+    valid = _force_valid(frame, records)
+    fitted, held_out = split(frame, valid, config.blocks)
+    return Corrected(records, frame, fitted, held_out, whole(frame, valid), corrections)
 
 
-def with_in_plane_moment(seen: Seen, columns: tuple[Regressor, ...]) -> Seen:
+def with_in_plane_moment(data: Corrected, columns: tuple[Regressor, ...]) -> Corrected:
     """The flight with C_mw of Eq. 5.1 where columns look into its past."""
     if not any(column.theta for column in columns):
-        return seen
+        return data
     for _ in range(MODEL_MOMENT_ROUNDS):
-        values = seen.values(seen.fitted, columns)
-        seen = replace(seen, frame=seen.frame.with_in_plane_moment(columns, values))
-    return seen
+        values = data.values(data.fitted, columns)
+        data = replace(data, frame=data.frame.with_in_plane_moment(columns, values))
+    return data
 
 
-def _force_seen(frame: RateFrame, records: Sequence[InertialRecord]) -> BoolArray:
+def _force_valid(frame: RateFrame, records: Sequence[InertialRecord]) -> BoolArray:
     """Where the transverse force was measured and is no spike against the normal-force model (frame rows,)."""
     pairs = zip(records, frame.reconstructions, strict=True)
     return on_rows(frame, [linearised(*pair, frame, (), np.zeros(0)) for pair in pairs])[1]

@@ -40,9 +40,9 @@ from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.fitted_model import taken_out
+from brv_hypo.residuals.fitted_model import next_corrections
 from brv_hypo.residuals.judge import noise_floor
-from brv_hypo.residuals.linearisation import Model, Seen, see, with_in_plane_moment
+from brv_hypo.residuals.linearisation import Corrected, Model, correct, with_in_plane_moment
 from brv_hypo.residuals.local_change import evidence_here, find_difference, find_local_change, held_within
 from brv_hypo.residuals.prediction import ErrorsOfPrediction, ModelSource, Prediction, Region
 from brv_hypo.residuals.prediction_in_words import Shares, reason
@@ -132,7 +132,7 @@ class _Task:
     this is none of them.
     """
 
-    seen: Seen
+    data: Corrected
     problem: Problem
     open: Callable[[], Problem]
     columns: tuple[Regressor, ...]
@@ -141,24 +141,24 @@ class _Task:
     left_out: tuple[str, ...] = ()
     elsewhere: bool = True
 
-    def eased(self, carried: tuple[str, ...]) -> _Task:
+    def freed(self, carried: tuple[str, ...]) -> _Task:
         """The same with record and vehicle free to err: the effects `carried`, and the columns of those mechanisms."""
         own = np.array([column.mechanism in carried for column in self.columns], dtype=bool)
         errors = np.array([item.name in carried for item in self.problem.rows.nuisances.items], dtype=bool)
         return replace(self, held=np.where(own, np.nan, self.held), others=np.where(errors, np.nan, self.others))
 
     def solved(self, held: FloatArray) -> Constrained:
-        return constrained(self.problem, self.seen.frame, self.columns, held, self.others)
+        return constrained(self.problem, self.data.frame, self.columns, held, self.others)
 
     def moments(self, solved: Constrained) -> ResidualMoments:
-        return residual_moments(self.seen.frame, self.problem.records, solved.left.rates)
+        return residual_moments(self.data.frame, self.problem.records, solved.left.rates)
 
     def noise(self, measured: ResidualMoments, values: FloatArray) -> FloatArray:
         """1-sigma (rows,) of the gyros' noise in the residual moments, the coefficients being `values` (columns,)."""
-        record, motion = self.problem.records[0], self.seen.reconstructions[0].motion
-        slopes = slopes_at(self.seen, motion, self.columns, 0, motion.alpha) @ values
-        stiffness = (slopes * record.moment_scale)[self.seen.samples_of(0)]
-        modes = self.problem.rows.nuisances.tied.size // 2
+        record, motion = self.problem.records[0], self.data.reconstructions[0].motion
+        slopes = slopes_at(self.data, motion, self.columns, 0, motion.alpha) @ values
+        stiffness = (slopes * record.moment_scale)[self.data.samples_of(0)]
+        modes = self.problem.rows.nuisances.correlated.size // 2
         return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
 
 
@@ -168,43 +168,43 @@ def _predict(
     task = _task(flight, content, refit, config)
     frozen = task.solved(task.held)
     own = task.moments(task.solved(np.full(len(task.columns), np.nan)))
-    measured = residual_moments(task.seen.frame, task.problem.records, task.seen.frame.observed)
+    measured = residual_moments(task.data.frame, task.problem.records, task.data.frame.observed)
     left = task.moments(frozen)
     carried = _carried(flight)
-    eased = task.eased(carried)
-    within = eased.solved(eased.held)
-    left_within = eased.moments(within)
+    freed = task.freed(carried)
+    within = freed.solved(freed.held)
+    left_within = freed.moments(within)
     errors = ErrorsOfPrediction(
         without=_mean_square(measured),
         frozen=_mean_square(left),
         own=_mean_square(own),
-        noise=noise_floor(task.seen.whole, measured),
+        noise=noise_floor(task.data.whole, measured),
     )
     covariance = frozen.covariance.copy()
     known = np.flatnonzero(np.isfinite(task.held))
     covariance[np.ix_(known, known)] = _covariance_of(content, task, known)
-    flown = _flown(content.flown, task.seen)
-    mach = task.seen.reconstructions[0].motion.mach[task.seen.samples_of(0)]
+    flown = _flown(content.flown, task.data)
+    mach = task.data.reconstructions[0].motion.mach[task.data.samples_of(0)]
     beyond = error_at(content.error, mach, elsewhere=task.elsewhere)
     known_by = covariance[np.ix_(known, known)]
     alone, beside = evidence_here(task.open().on(task.problem.rows.part), task.columns)
     better = max(alone, beside, key=lambda each: each.level)
     change = find_local_change(held_within(alone, task.columns, task.held, known_by))
     difference = find_difference(better, task.columns, task.held, known_by)
-    remain = np.flatnonzero(np.isfinite(eased.held))
-    noise, fitted = task.noise(measured, within.values), np.isnan(np.concatenate([eased.held, eased.others]))
+    remain = np.flatnonzero(np.isfinite(freed.held))
+    noise, fitted = task.noise(measured, within.values), np.isnan(np.concatenate([freed.held, freed.others]))
     known_by = covariance[np.ix_(remain, remain)]
-    sigma = predictive_sigma(eased.problem, eased.seen.frame, eased.columns, known_by, fitted, noise, beyond)
-    band = band_of(task.seen.frame.time, measured, left_within, sigma, beyond, flown)
+    sigma = predictive_sigma(freed.problem, freed.data.frame, freed.columns, known_by, fitted, noise, beyond)
+    band = band_of(task.data.frame.time, measured, left_within, sigma, beyond, flown)
     remedy = _remedy(task, refit, carried)
     shares = Shares(
         left=_beyond(errors.frozen, errors.without, errors.noise),
-        eased=_beyond(_mean_square(left_within), errors.without, errors.noise),
+        freed=_beyond(_mean_square(left_within), errors.without, errors.noise),
         frozen=_explained(measured, left, errors.noise, flown),
         own=_explained(measured, own, errors.noise, flown),
         flown=float(flown.mean()),
     )
-    terms = term_estimates(task.seen, task.columns, frozen.values, covariance)
+    terms = term_estimates(task.data, task.columns, frozen.values, covariance)
     return Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
@@ -215,7 +215,7 @@ def _predict(
         explained=shares.frozen,
         flown=shares.flown,
         band=band,
-        regions=_regions(task.seen, measured, left),
+        regions=_regions(task.data, measured, left),
         local_change=change,
         difference=difference,
         refused=change is not None or (difference is not None and difference.p_value < REFUSED),
@@ -232,7 +232,7 @@ def _covariance_of(content: SavedModel, task: _Task, known: IntArray) -> FloatAr
     told = (content.covariance_elsewhere or content.covariance) if task.elsewhere else content.covariance
     errors = np.array([column.std_error or 0.0 for column in content.columns])
     whole = np.array(told) if told else np.diag(errors**2)
-    mechanisms = task.seen.frame.mechanisms
+    mechanisms = task.data.frame.mechanisms
     place = {column_of(c, mechanisms[c.mechanism]): k for k, c in enumerate(content.columns)}
     order = [place[task.columns[k]] for k in known]
     return np.asarray(whole[np.ix_(order, order)], dtype=float)
@@ -251,13 +251,13 @@ def _task(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: T
     model = _with_refitted(model, refit, flight, config)
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in coefficients}
     held = np.array([np.nan if c in free else coefficients[c] for c in model.columns], dtype=float)
-    taken: Errors = {}
-    task = _seen_with(flight, model, held, effects, taken, config, content.flown)
+    corrections: Errors = {}
+    task = _seen_with(flight, model, held, effects, corrections, config, content.flown)
     for _ in range(PREDICTED_LINEARISATIONS if effects else 0):
         found = task.problem.rows.nuisances.values(task.solved(held).others, 1)[0]
         own = {name: value for name, value in found.items() if name[0] in effects}
-        taken = taken_out(0, flight, model, own, taken)
-        task = _seen_with(flight, model, held, effects, taken, config, content.flown)
+        corrections = next_corrections(0, flight, model, own, corrections)
+        task = _seen_with(flight, model, held, effects, corrections, config, content.flown)
     return replace(task, left_out=left_out, elsewhere=not here)
 
 
@@ -282,26 +282,26 @@ def _seen_with(
     model: Model,
     held: FloatArray,
     effects: tuple[str, ...],
-    taken: Errors,
+    corrections: Errors,
     config: TraceConfig,
     flown: Mapping[str, tuple[float, float]],
 ) -> _Task:
-    """The task where `taken` is taken out of the record and `effects` are free within their tolerances.
+    """The task where `corrections` is taken out of the record and `effects` are free within their tolerances.
 
     What is fitted here is fitted where the model is known, if that is enough of the record.
     """
-    seen = with_in_plane_moment(see((flight,), model, config, (taken,)), model.columns)
-    start = np.where(np.isnan(held), seen.values(seen.whole, model.columns), held)
-    there = _flown(flown, seen)
-    part = seen.part_where(there) if there.sum() >= TRACED_SMALLEST else seen.whole
-    linear = linearised_at(seen, model, start)
-    problem = problem_of(seen, model, linear, config).on(part)
+    data = with_in_plane_moment(correct((flight,), model, config, (corrections,)), model.columns)
+    start = np.where(np.isnan(held), data.values(data.whole, model.columns), held)
+    there = _flown(flown, data)
+    part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
+    linear = linearised_at(data, model, start)
+    problem = problem_of(data, model, linear, config).on(part)
     items = problem.rows.nuisances.items
     # What has no prior was found on this very record, and is taken out of it.
     known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in items)
     others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
-    processes = partial(problem_of, seen, model, linear, config, None, first_noise(linear), record_processes())
-    return _Task(seen, problem, processes, model.columns, held, others)
+    processes = partial(problem_of, data, model, linear, config, None, first_noise(linear), record_processes())
+    return _Task(data, problem, processes, model.columns, held, others)
 
 
 def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:
@@ -333,7 +333,7 @@ def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config:
     for name in refit:
         item = None if name in known or name == INSTRUMENTS else find_installed(name)
         if isinstance(item, Mechanism):
-            motion = see((flight,), model, config).reconstructions[0].motion
+            motion = correct((flight,), model, config).reconstructions[0].motion
             more = [Regressor(name, term.name, (), always, term.units) for term in item.terms(motion, {})]
             mechanisms = {**model.mechanisms, name: item}
             model = replace(model, mechanisms=mechanisms, columns=(*model.columns, *more))
@@ -345,9 +345,9 @@ def _mean_square(moments: ResidualMoments, kept: BoolArray | None = None) -> flo
     return float(np.mean(np.abs(moments.body[moments.usable if kept is None else kept]) ** 2) / 2.0)
 
 
-def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
+def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
-    time, mach = seen.frame.time, seen.reconstructions[0].motion.mach[seen.samples_of(0)]
+    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.samples_of(0)]
     edges = np.linspace(time.min(), time.max(), _REGIONS + 1)
     found = []
     for start, stop in itertools.pairwise(edges):
@@ -366,9 +366,9 @@ def _regions(seen: Seen, measured: ResidualMoments, left: ResidualMoments) -> tu
     return tuple(found)
 
 
-def _flown(ends: Mapping[str, tuple[float, float]], seen: Seen) -> BoolArray:
+def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArray:
     """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
-    motion, samples = seen.reconstructions[0].motion, seen.samples_of(0)
+    motion, samples = data.reconstructions[0].motion, data.samples_of(0)
     there = np.ones(samples.size, dtype=bool)
     for name, (low, high) in ends.items():
         values = getattr(motion, name)[samples]

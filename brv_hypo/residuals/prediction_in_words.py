@@ -25,11 +25,11 @@ class Shares:
     """What the frozen model explains, and the same model refitted; the share of the samples that both are told of.
 
     Of the whole record: what the frozen model leaves (`left`), and what it would if record and vehicle erred within
-    their tolerances (`eased`).
+    their tolerances (`freed`).
     """
 
     left: float
-    eased: float
+    freed: float
     frozen: float
     own: float
     flown: float
@@ -110,14 +110,14 @@ def _of_a_change(change: LocalChange | None) -> str:
 
 def _held_too_much(shares: Shares, remedy: str) -> str:
     """What to do where the model fails, or would fail far less, for what record and vehicle are held not to err by."""
-    much = shares.left > PREDICTED_SMALL and shares.eased < PREDICTED_GREATLY * shares.left
+    much = shares.left > PREDICTED_SMALL and shares.freed < PREDICTED_GREATLY * shares.left
     if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
         return ""
     return (
         f" Over the whole record its error is {shares.left:.3g} of the mean square. Errors of the record were assumed "
         "zero, and those of the vehicle as on the flights that the model was found on; "
         f"`--refit {remedy}` lets this flight have its own"
-        + (f", for an error of about {shares.eased:.2g}." if much else ".")
+        + (f", for an error of about {shares.freed:.2g}." if much else ".")
     )
 
 

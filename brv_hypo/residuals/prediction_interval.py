@@ -25,7 +25,7 @@ from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.regression.whitening import effective_samples
-from brv_hypo.residuals.linearisation import Seen
+from brv_hypo.residuals.linearisation import Corrected
 from brv_hypo.residuals.prediction import Band
 from brv_hypo.residuals.saved import ModelError
 
@@ -40,21 +40,21 @@ def _follows_time(column: Regressor, mechanism: Mechanism) -> bool:
     return column.time_basis.kind != "constant" or any(t.name == column.term and t.follows_time for t in terms)
 
 
-def model_error(seen: Seen, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
+def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
     """What the model leaves on the held-out part, and what it leaves there without what belongs to its own flights.
 
     Nothing where that is no more than the noise may leave by chance.
     """
-    pieces = [rows for a, b in seen.held_out.pieces if np.any(own.usable[rows := seen.held_out.rows[a:b]])]
-    mach = np.concatenate([rec.motion.mach[seen.samples_of(k)] for k, rec in enumerate(seen.reconstructions)])
+    pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
+    mach = np.concatenate([rec.motion.mach[data.samples_of(k)] for k, rec in enumerate(data.reconstructions)])
     places = np.array([float(np.mean(mach[rows])) for rows in pieces])
     apart = bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size
     order = np.argsort(places) if apart else np.arange(places.size)
     pieces = [pieces[k] for k in order]
     weights = _near(len(pieces)) if apart else np.ones((1, len(pieces)))
     found = (_beyond(left, pieces, weights) for left in (own, elsewhere))
-    told = dict(zip(("own", "elsewhere"), (tuple(np.sqrt(each).tolist()) for each in found), strict=True))
-    return ModelError(mach=tuple(places[order].tolist()) if apart else (), **told)
+    sigmas = dict(zip(("own", "elsewhere"), (tuple(np.sqrt(each).tolist()) for each in found), strict=True))
+    return ModelError(mach=tuple(places[order].tolist()) if apart else (), **sigmas)
 
 
 def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArray) -> FloatArray:
@@ -102,7 +102,7 @@ def error_at(error: ModelError | None, mach: FloatArray, *, elsewhere: bool) -> 
 # Singular values of what is fitted that count, of the largest.
 _CUTOFF = 1e-12
 # Samples of the band that are told: a picture has no more.
-_MOST_TOLD = 2000
+_MOST_SHOWN = 2000
 
 
 def predictive_sigma(
@@ -174,16 +174,16 @@ def band_of(
     """
     kept, counted = np.flatnonzero(left.usable), left.usable & flown
     inside = [np.abs(getattr(left.body, axis)) <= BAND_SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
-    told = kept[:: max(1, -(-kept.size // _MOST_TOLD))]
+    shown = kept[:: max(1, -(-kept.size // _MOST_SHOWN))]
     predicted = measured.body - left.body
     return Band(
         level=BAND_LEVEL,
         inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
         model_error=float(np.sqrt(np.mean(model_sigma[counted] ** 2))) if np.any(counted) else 0.0,
-        time_s=tuple(time[told].tolist()),
-        measured=pair(measured.body[told]),
-        predicted=pair(predicted[told]),
-        half_width=pair(BAND_SIGMAS * sigma[told]),
+        time_s=tuple(time[shown].tolist()),
+        measured=pair(measured.body[shown]),
+        predicted=pair(predicted[shown]),
+        half_width=pair(BAND_SIGMAS * sigma[shown]),
     )
 
 

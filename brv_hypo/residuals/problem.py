@@ -16,30 +16,30 @@ from brv_hypo.regression.channels import Noise, Rows
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import covariance_of, solve_scaled
-from brv_hypo.regression.noise import first_noise, raised_noise, settled_noise
+from brv_hypo.regression.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.regression.nuisance import Errors, nuisances
 from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.residuals.baseline import TOLERATED, tolerated
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.linearisation import Corrected, Model
 
 
-def linearised_at(seen: Seen, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
+def linearised_at(data: Corrected, model: Model, values: FloatArray) -> tuple[LinearisedFlight, ...]:
     """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
-    return tuple(_linearised_at(seen, number, model, values) for number in range(len(seen.records)))
+    return tuple(_linearised_at(data, number, model, values) for number in range(len(data.records)))
 
 
-def _linearised_at(seen: Seen, number: int, model: Model, values: FloatArray) -> LinearisedFlight:
+def _linearised_at(data: Corrected, number: int, model: Model, values: FloatArray) -> LinearisedFlight:
     own = [j for j, column in enumerate(model.columns) if column.acts_on(number)]
     columns = tuple(model.columns[j] for j in own)
-    vehicle = tolerated(model, seen.flights[number])
-    known = with_vehicle(seen.frame, columns, values[own], vehicle, seen.taken[number])
-    return linearised(seen.records[number], seen.reconstructions[number], *known)
+    vehicle = tolerated(model, data.flights[number])
+    known = with_vehicle(data.frame, columns, values[own], vehicle, data.corrections[number])
+    return linearised(data.records[number], data.reconstructions[number], *known)
 
 
 def problem_of(
-    seen: Seen,
+    data: Corrected,
     model: Model,
     flights: Sequence[LinearisedFlight],
     config: TraceConfig,
@@ -52,27 +52,27 @@ def problem_of(
     Components of record effects that the model holds are free, all others bounded by their tolerances. Without a
     `noise`, it is what the record itself says, raised to what the model leaves. `processes` of the record may act too.
     """
-    frame = seen.frame
+    frame = data.frame
     free = [
         {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
         for number in range(len(flights))
     ]
-    vehicle = tolerated(model, seen.flights[0])
-    unknown = nuisances(frame, flights, (*nuisance_effects(), *processes), vehicle, free, seen.taken)
+    vehicle = tolerated(model, data.flights[0])
+    unknown = nuisances(frame, flights, (*nuisance_effects(), *processes), vehicle, free, data.corrections)
     force, _ = on_rows(frame, flights)
     time = frame.time
     problem = Problem(
         frame=frame.with_mechanisms([GivenColumns()]),
-        records=seen.records,
+        records=data.records,
         force=force,
-        rows=WhitenedRows(seen.fitted, noise or first_noise(flights), unknown),
+        rows=WhitenedRows(data.fitted, noise or first_noise(flights), unknown),
         baseline=model.columns,
         knots=default_knots(float(time.min()), float(time.max()), config.knot_count),
         max_terms=config.max_terms * len(flights),
         exact_terms=config.max_terms,
         given=dict(given or {}),
     )
-    return problem if noise is not None else problem.under(raised_noise(problem.under(settled_noise(problem))))
+    return problem if noise is not None else problem.under(raised_noise(problem.under(estimated_noise(problem))))
 
 
 def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:

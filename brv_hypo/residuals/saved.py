@@ -121,10 +121,10 @@ class SavedModel(_Saved):
     @model_validator(mode="after")
     def _covariance_fits(self) -> SavedModel:
         for name in ("covariance", "covariance_elsewhere"):
-            told = getattr(self, name)
-            if told and {len(told), *(len(row) for row in told)} != {len(self.columns)}:
+            matrix = getattr(self, name)
+            if matrix and {len(matrix), *(len(row) for row in matrix)} != {len(self.columns)}:
                 raise ValueError(
-                    f"{name} has {len(told)} rows for {len(self.columns)} columns: change both together, or drop it, "
+                    f"{name} has {len(matrix)} rows for {len(self.columns)} columns: change both together, or drop it, "
                     "so that the columns' own std_error count"
                 )
         return self

@@ -17,35 +17,35 @@ from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import SETTLED, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.regression.refinement import FINAL, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.residuals.baseline import TOLERATED
-from brv_hypo.residuals.candidates_at_step import Look
-from brv_hypo.residuals.linearisation import Seen
+from brv_hypo.residuals.candidates_at_step import Analysis
+from brv_hypo.residuals.linearisation import Corrected
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.result import StaticSlope
 
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
 
-def placed_by_the_whole(here: Look) -> Look:
+def placed_by_the_whole(here: Analysis) -> Analysis:
     """The look with delays and knots where the whole record has them: the sizes that go with them are of all of it."""
     columns, frame = here.null.columns, here.null.frame
-    problem = with_efficiency(here.problem, here.null).on(here.seen.whole)
+    problem = with_efficiency(here.problem, here.null).on(here.data.whole)
     nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
     if not nonlinear:
         return here
     reduced = Reduced(replace(problem, baseline=()), frame)
-    found = refine(columns, nonlinear, frozenset(), reduced, steps=SETTLED).columns
+    found = refine(columns, nonlinear, frozenset(), reduced, steps=FINAL).columns
     problem = replace(here.problem, baseline=found)
     return replace(here, problem=problem, null=fit_hypothesis(problem, "none", ()))
 
 
-def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
+def whole_fit(here: Analysis) -> tuple[FloatArray, FloatArray]:
     """Coefficients and nuisances on the whole record, constants of integration left out, and their covariance.
 
     Delays and knots are as uncertain as the record leaves them.
     """
-    problem = with_efficiency(here.problem, here.null).on(here.seen.whole)
+    problem = with_efficiency(here.problem, here.null).on(here.data.whole)
     design, response = problem.whole_design(here.null.frame, here.null.columns), problem.raw_response
     values = solve_scaled(design, response)
     left = response - design @ values
@@ -55,7 +55,7 @@ def whole_fit(here: Look) -> tuple[FloatArray, FloatArray]:
     return values[kept], covariance[np.ix_(kept, kept)]
 
 
-def _with_slopes(problem: Problem, here: Look, values: FloatArray, design: FloatArray) -> FloatArray:
+def _with_slopes(problem: Problem, here: Analysis, values: FloatArray, design: FloatArray) -> FloatArray:
     """The design (rows, unknowns) with what delays and knots would change after it."""
     columns, frame = here.null.columns, here.null.frame
     nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
@@ -74,7 +74,7 @@ class Coefficients:
     covariance: FloatArray
 
 
-def coefficients_of(here: Look) -> Coefficients:
+def coefficients_of(here: Analysis) -> Coefficients:
     """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
     values, covariance = whole_fit(here)
     columns = here.null.columns
@@ -95,19 +95,19 @@ _FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds"
 _STEP = 1e-4
 
 
-def static_slopes(seen: Seen, found: Coefficients) -> tuple[StaticSlope, ...]:
+def static_slopes(data: Corrected, found: Coefficients) -> tuple[StaticSlope, ...]:
     """Of each flight, what its wind-fixed terms make of dC_N'/d alpha, at no angle of attack and at that flown."""
-    return tuple(_of_flight(seen, found, number) for number in range(len(seen.reconstructions)))
+    return tuple(_of_flight(data, found, number) for number in range(len(data.reconstructions)))
 
 
-def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
-    motion = seen.reconstructions[number].motion
+def _of_flight(data: Corrected, found: Coefficients, number: int) -> StaticSlope:
+    motion = data.reconstructions[number].motion
     stretches = np.array_split(np.arange(motion.time.size), REPORTED_SLOPES)
     places = [stretch[stretch.size // 2] for stretch in stretches]
     flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
     everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
     at_zero, at_flown = (
-        _with_error(slopes_at(seen, motion, found.columns, number, alpha)[places], found)
+        _with_error(slopes_at(data, motion, found.columns, number, alpha)[places], found)
         for alpha in (np.zeros_like(everywhere), everywhere)
     )
     return StaticSlope(
@@ -122,13 +122,15 @@ def _of_flight(seen: Seen, found: Coefficients, number: int) -> StaticSlope:
     )
 
 
-def slopes_at(seen: Seen, motion: Motion, columns: Sequence[Regressor], number: int, alpha: FloatArray) -> FloatArray:
+def slopes_at(
+    data: Corrected, motion: Motion, columns: Sequence[Regressor], number: int, alpha: FloatArray
+) -> FloatArray:
     """d C_N'/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
     out = np.zeros((motion.time.size, len(columns)))
     more, less = (replace(motion, alpha=alpha + side * _STEP, history=None) for side in (1.0, 0.0))
     known: dict[tuple[str, Theta], dict[str, FloatArray]] = {}
     for j, column in enumerate(columns):
-        mechanism, key = seen.frame.mechanisms[column.mechanism], (column.mechanism, column.theta)
+        mechanism, key = data.frame.mechanisms[column.mechanism], (column.mechanism, column.theta)
         if not (column.acts_on(number) and _is_static(mechanism)):
             continue
         if key not in known:
@@ -156,8 +158,8 @@ def _with_error(slopes: FloatArray, found: Coefficients) -> tuple[tuple[float, .
 
 def stability_in_words(slopes: Sequence[StaticSlope]) -> str:
     """Where a flight's static moment at zero alpha is not significantly stable; empty where it is throughout."""
-    told = [_of_one(slope, f" of flight {slope.flight + 1}" if len(slopes) > 1 else "") for slope in slopes]
-    return " ".join(filter(None, told))
+    sentences = [_of_one(slope, f" of flight {slope.flight + 1}" if len(slopes) > 1 else "") for slope in slopes]
+    return " ".join(filter(None, sentences))
 
 
 def _of_one(slope: StaticSlope, whose: str) -> str:

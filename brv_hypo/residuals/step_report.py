@@ -1,6 +1,6 @@
 """One step of a trace as its result holds it. Entrance: `step_of`.
 
-Beside the candidates stand the effects that this flight cannot tell apart from them (`look_alikes`), and whether each
+Beside the candidates stand the effects that this flight cannot tell apart from them (`confounded`), and whether each
 flight needs what was added without having had a part in choosing it (`flight_left_out`).
 """
 
@@ -16,26 +16,26 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import GIVEN, Problem
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes
-from brv_hypo.residuals.candidates_at_step import Look
+from brv_hypo.residuals.candidates import Candidate, adjusted, confounded
+from brv_hypo.residuals.candidates_at_step import Analysis
 from brv_hypo.residuals.choice import Choice, Tried
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.judge import Prediction, force_errors, moment_errors, residuals_of
-from brv_hypo.residuals.linearisation import Seen
+from brv_hypo.residuals.linearisation import Corrected
 from brv_hypo.residuals.problem import constrained, left_by
 from brv_hypo.residuals.result import Errors, FlightLeftOut, Residual, Standing, Step, TriedCandidate, lasting_steps
 from brv_hypo.thresholds import SPECIFIC
 
 
-def flight_left_out(problem: Problem, seen: Seen, candidate: Candidate) -> FlightLeftOut | None:
+def flight_left_out(problem: Problem, data: Corrected, candidate: Candidate) -> FlightLeftOut | None:
     """Errors on each flight without and with the candidate; None for one flight, or where nothing of it is shared."""
     shared = any(column.flight is None and column.mechanism != GIVEN for column in candidate.fit.selected)
-    if len(seen.records) < 2 or not shared:
+    if len(data.records) < 2 or not shared:
         return None
-    flights = range(len(seen.records))
-    before = [_predicted(problem, seen, problem.frame, problem.baseline, k) for k in flights]
-    after = [_predicted(problem, seen, candidate.fit.frame, candidate.fit.columns, k) for k in flights]
+    flights = range(len(data.records))
+    before = [_predicted(problem, data, problem.frame, problem.baseline, k) for k in flights]
+    after = [_predicted(problem, data, candidate.fit.frame, candidate.fit.columns, k) for k in flights]
     sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
     return FlightLeftOut(
         before=tuple(each.mean_square for each in before),
@@ -44,18 +44,20 @@ def flight_left_out(problem: Problem, seen: Seen, candidate: Candidate) -> Fligh
     )
 
 
-def _predicted(problem: Problem, seen: Seen, frame: RateFrame, columns: Sequence[Regressor], number: int) -> Prediction:
+def _predicted(
+    problem: Problem, data: Corrected, frame: RateFrame, columns: Sequence[Regressor], number: int
+) -> Prediction:
     """Errors on one flight of the shared coefficients that the others have."""
     items = problem.rows.nuisances.items
     own = np.array([column.flight == number for column in columns], dtype=bool)
     shared = np.array([column.flight is None for column in columns], dtype=bool)
     here = np.array([item.flight == number for item in items], dtype=bool)
-    others = problem.on(seen.part_of([k for k in range(len(seen.records)) if k != number]))
+    others = problem.on(data.part_of([k for k in range(len(data.records)) if k != number]))
     known = constrained(others, frame, columns, _held_at_zero(own), _held_at_zero(here))
     held = np.where(shared, known.values, _held_at_zero(~own & ~shared))
     of_all = np.array([item.flight is None for item in items], dtype=bool)
     nuisances = np.where(of_all, known.others, _held_at_zero(~here & ~of_all))
-    part = seen.part_of([number])
+    part = data.part_of([number])
     left = constrained(problem.on(part), frame, columns, held, nuisances).left
     return moment_errors(part, residual_moments(frame, problem.records, left.rates))
 
@@ -68,32 +70,34 @@ def _held_at_zero(which: BoolArray) -> FloatArray:
 # ---- What the result tells of one step ----
 
 
-_TOLD = 8  # candidates in a step's table
+_REPORTED = 8  # candidates in a step's table
 
 
-def step_of(number: int, residual: Residual, here: Look, state: State, choice: Choice, earlier: Sequence[Step]) -> Step:
+def step_of(
+    number: int, residual: Residual, here: Analysis, state: State, choice: Choice, earlier: Sequence[Step]
+) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
-    told, taken = choice.told[:_TOLD], choice.taken
+    reported, accepted = choice.reported[:_REPORTED], choice.accepted
     leading = choice.leading
-    held_out = state.seen.held_out
+    held_out = state.data.held_out
     left = leading.before if leading else left_by(here.problem, here.null)
     force_before = force_errors(here.problem, held_out, residuals_of(here.problem, held_out, left))
     before = _errors(state.errors, state.held_out) if leading is None else _errors(*leading.errors_before)
     chances = adjusted(choice.ranked)
-    without_flight = None if leading is None else flight_left_out(here.problem, here.seen, leading.candidate)
+    without_flight = None if leading is None else flight_left_out(here.problem, here.data, leading.candidate)
     standing: Standing | None = None
-    if taken is not None and choice.named_in is not None:
-        generic = taken.candidate.kind == "discovered" and len(state.seen.records) == 1
+    if accepted is not None and choice.named_in is not None:
+        generic = accepted.candidate.kind == "discovered" and len(state.data.records) == 1
         hinted = generic or rests_on_hints(earlier)
-        standing = "hint" if hinted else _standing(taken, choice, choice.named_in, without_flight)
+        standing = "hint" if hinted else _finding_or_hint(accepted, choice, choice.named_in, without_flight)
     return Step(
         step=number,
         residual=residual,
-        candidates=tuple(_told(c, chances, here, choice) for c in told),
-        refused=tuple(tried.candidate.name for tried in choice.tried if tried is not taken),
+        candidates=tuple(_reported(c, chances, here, choice) for c in reported),
+        refused=tuple(tried.candidate.name for tried in choice.tried if tried is not accepted),
         unwanted=choice.unwanted,
-        evidence_gain=None if taken is None else taken.gain,
-        added=None if taken is None else taken.candidate.name,
+        evidence_gain=None if accepted is None else accepted.gain,
+        added=None if accepted is None else accepted.candidate.name,
         standing=standing,
         flight_left_out=without_flight,
         named_in=choice.named_in,
@@ -112,7 +116,7 @@ def _errors(fitted: Prediction, held_out: Prediction) -> Errors:
     return Errors(fit=fitted.mean_square, held_out=held_out.mean_square)
 
 
-def _told(candidate: Candidate, chances: dict[str, float], here: Look, choice: Choice) -> TriedCandidate:
+def _reported(candidate: Candidate, chances: dict[str, float], here: Analysis, choice: Choice) -> TriedCandidate:
     return TriedCandidate(
         effect=candidate.name,
         kind=candidate.kind,
@@ -120,7 +124,7 @@ def _told(candidate: Candidate, chances: dict[str, float], here: Look, choice: C
         p_value_adjusted=chances[candidate.name],
         explains=candidate.explains,
         description=_words(candidate, here, choice.discovery),
-        near_equals=look_alikes(candidate, choice.told[:_TOLD]),
+        near_equals=confounded(candidate, choice.reported[:_REPORTED]),
     )
 
 
@@ -132,15 +136,15 @@ def rests_on_hints(earlier: Sequence[Step]) -> bool:
     return any(step.standing == "hint" for step in lasting_steps(earlier))
 
 
-def _standing(taken: Tried, choice: Choice, share: float, without_flight: FlightLeftOut | None) -> Standing:
+def _finding_or_hint(tried: Tried, choice: Choice, share: float, without_flight: FlightLeftOut | None) -> Standing:
     """A finding or a hint."""
-    lowers = taken.ratio + FINDING_SIGMAS * taken.ratio_error < 1.0
+    lowers = tried.ratio + FINDING_SIGMAS * tried.ratio_error < 1.0
     elsewhere = without_flight is None or without_flight.ratio < 1.0
-    wanted = taken.gain is None or taken.gain - np.log(len(choice.ranked)) >= SPECIFIC  # one of so many was chosen
+    wanted = tried.gain is None or tried.gain - np.log(len(choice.ranked)) >= SPECIFIC  # one of so many was chosen
     return "finding" if lowers and elsewhere and wanted and share >= FINDING_REPEATED else "hint"
 
 
-def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str:
+def _words(candidate: Candidate, here: Analysis, discovery: Discovery | None) -> str:
     """What the candidate says of this flight."""
     if candidate.kind == "discovered" and discovery is not None:
         return discovery.words
@@ -159,13 +163,13 @@ def _words(candidate: Candidate, here: Look, discovery: Discovery | None) -> str
         + (
             ""
             if column.time_basis.kind == "constant"
-            else f" at {max(column.time_basis.start, float(here.seen.flights[column.flight or 0].time[0])):.2f} s"
+            else f" at {max(column.time_basis.start, float(here.data.flights[column.flight or 0].time[0])):.2f} s"
         )
         + _of_flight(here, column.flight)
         for column, value in zip(candidate.fit.selected, values, strict=True)
     )
 
 
-def _of_flight(here: Look, number: int | None) -> str:
+def _of_flight(here: Analysis, number: int | None) -> str:
     """Which flight a value is of, where there are several; counted from 1."""
-    return "" if number is None or len(here.seen.records) == 1 else f" on flight {number + 1}"
+    return "" if number is None or len(here.data.records) == 1 else f" on flight {number + 1}"

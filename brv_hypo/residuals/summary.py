@@ -19,13 +19,13 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
-from brv_hypo.residuals.candidates_at_step import GENERIC, Look, bare_look
+from brv_hypo.residuals.candidates_at_step import GENERIC, Analysis, baseline_analysis
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.diagnostics import find
-from brv_hypo.residuals.discover import Discovery, filed
-from brv_hypo.residuals.fitted_model import State, settled_state
+from brv_hypo.residuals.discover import Discovery, as_terms
+from brv_hypo.residuals.fitted_model import State, converged_state
 from brv_hypo.residuals.judge import noise_floor
-from brv_hypo.residuals.linearisation import Model, Seen
+from brv_hypo.residuals.linearisation import Corrected, Model
 from brv_hypo.residuals.prediction_interval import lasting, model_error, pair
 from brv_hypo.residuals.restore import Found, saved
 from brv_hypo.residuals.result import ModelSummary, Picture, Residual, Standing, Step, Stop, Trace, lasting_steps
@@ -42,7 +42,7 @@ _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, Slope
 
 
 @dataclass(frozen=True)
-class Ending:
+class LoopEnd:
     """Where the loop ended."""
 
     config: TraceConfig
@@ -52,10 +52,10 @@ class Ending:
     discovery: Discovery | None
 
 
-def summary(flights: Sequence[Flight], before: ResidualMoments, end: Ending) -> Trace:
+def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) -> Trace:
     """The result of the contract; `before` are the residual moments that the first model left."""
-    state, last = end.state, end.state.seen
-    here = bare_look(last, state.model, state.linear, end.config, state.problem.rows.noise)
+    state, last = end.state, end.state.data
+    here = baseline_analysis(last, state.model, state.linear, end.config, state.problem.rows.noise)
     final = find(here, state.left)
     here = placed_by_the_whole(here)
     model = replace(state.model, columns=here.null.columns)
@@ -102,13 +102,13 @@ def _added(steps: Sequence[Step], standing: Standing) -> tuple[str, ...]:
     return tuple(dict.fromkeys(step.added for step in own if step.added))
 
 
-def flown(seen: Seen) -> dict[str, tuple[float, float]]:
+def flown(data: Corrected) -> dict[str, tuple[float, float]]:
     """The ends of the Mach numbers and angles of attack (rad) that the flights ran through, where they are known.
 
     The model knows small angles of attack, where its moment is nothing, as well as those that it was found at.
     """
     mach, alpha = (
-        np.concatenate([getattr(each.motion, name) for each in seen.reconstructions]) for name in ("mach", "alpha")
+        np.concatenate([getattr(each.motion, name) for each in data.reconstructions]) for name in ("mach", "alpha")
     )
     found = {"alpha": (0.0, float(alpha.max()))}
     if np.all(np.isfinite(mach)):
@@ -116,7 +116,7 @@ def flown(seen: Seen) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _described(end: Ending, moments: Coefficients) -> MechanismFile | None:
+def _described(end: LoopEnd, moments: Coefficients) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
     model = end.state.model
     pieces = [
@@ -129,7 +129,7 @@ def _described(end: Ending, moments: Coefficients) -> MechanismFile | None:
     terms = []
     for name, piece in pieces:
         own = [k for k, column in enumerate(moments.columns) if column.mechanism == name]
-        found = filed([moments.columns[k] for k in own], moments.values[own], piece)
+        found = as_terms([moments.columns[k] for k in own], moments.values[own], piece)
         label = "" if len(pieces) == 1 else f"{name}: "
         terms += [term.model_copy(update={"name": f"{label}{term.name}"}) for term in found]
     words = " and ".join(piece.title for _, piece in pieces)
@@ -151,15 +151,15 @@ class _Elsewhere:
     left: ResidualMoments
 
 
-def _elsewhere(flights: Sequence[Flight], end: Ending, model: Model, own: Coefficients) -> _Elsewhere:
+def _elsewhere(flights: Sequence[Flight], end: LoopEnd, model: Model, own: Coefficients) -> _Elsewhere:
     """What stays is fitted anew: it takes over the mean of what is left out."""
     state = end.state
     lasts = lasting(model.columns, model.mechanisms)
     if np.all(lasts) and not model.applied:
         return _Elsewhere(own.values, own.covariance, state.left)
     columns = tuple(itertools.compress(model.columns, lasts))
-    state = settled_state(flights, replace(model, columns=columns, applied=()), end.config)
-    here = bare_look(state.seen, state.model, state.linear, end.config, state.problem.rows.noise)
+    state = converged_state(flights, replace(model, columns=columns, applied=()), end.config)
+    here = baseline_analysis(state.data, state.model, state.linear, end.config, state.problem.rows.noise)
     found = coefficients_of(here)
     # What was refined on the way is the same column still.
     place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}
@@ -172,40 +172,40 @@ def _elsewhere(flights: Sequence[Flight], end: Ending, model: Model, own: Coeffi
 
 
 def term_estimates(
-    seen: Seen, columns: tuple[Regressor, ...], values: FloatArray, covariance: FloatArray
+    data: Corrected, columns: tuple[Regressor, ...], values: FloatArray, covariance: FloatArray
 ) -> tuple[TermEstimate, ...]:
     """Coefficients (columns,) of the moment model with their standard errors."""
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return tuple(
         TermEstimate(
-            name=column.label + _of_flight(seen, column.flight),
+            name=column.label + _of_flight(data, column.flight),
             mechanism=BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism,
-            channel=_channel(seen, column),
+            channel=_channel(data, column),
             value=float(value),
             std_error=float(sigma),
             f_ratio=_f_ratio(float(value), float(sigma)),
             units=column.units,
-            region_s=_region(seen, column),
+            region_s=_region(data, column),
             delay_s=column.delay,
         )
         for column, value, sigma in zip(columns, values, sigmas, strict=True)
     )
 
 
-def _of_flight(seen: Seen, number: int | None) -> str:
+def _of_flight(data: Corrected, number: int | None) -> str:
     """Which flight a term is of, where there are several; counted from 1."""
-    return "" if number is None or len(seen.records) == 1 else f" [flight {number + 1}]"
+    return "" if number is None or len(data.records) == 1 else f" [flight {number + 1}]"
 
 
-def _region(seen: Seen, column: Regressor) -> tuple[float, float] | None:
+def _region(data: Corrected, column: Regressor) -> tuple[float, float] | None:
     """Where the course of a column acts, s; None where it is constant."""
     if column.time_basis.kind == "constant":
         return None
-    time = seen.flights[column.flight or 0].time
+    time = data.flights[column.flight or 0].time
     return max(column.time_basis.start, float(time[0])), min(column.time_basis.stop, float(time[-1]))
 
 
-def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
+def _record_terms(here: Analysis, model: Model) -> tuple[TermEstimate, ...]:
     """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
     along.
     """
@@ -218,7 +218,7 @@ def _record_terms(here: Look, model: Model) -> tuple[TermEstimate, ...]:
     names = [(a.effect.name, a.component, a.flight) for a in model.applied]
     return tuple(
         TermEstimate(
-            name=applied.component + _of_flight(here.seen, applied.flight),
+            name=applied.component + _of_flight(here.data, applied.flight),
             mechanism=applied.effect.name,
             channel="record",
             value=applied.value,
@@ -234,9 +234,9 @@ def _f_ratio(value: float, sigma: float) -> float:
     return (value / sigma) ** 2 if sigma > 0.0 else float("nan")
 
 
-def _channel(seen: Seen, column: Regressor) -> str:
-    motion = seen.reconstructions[column.flight or 0].motion
-    terms = seen.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
+def _channel(data: Corrected, column: Regressor) -> str:
+    motion = data.reconstructions[column.flight or 0].motion
+    terms = data.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
     term = next(term for term in terms if term.name == column.term)
     inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
     return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
@@ -256,9 +256,9 @@ def _unexplained(residual: Residual) -> str | None:
     )
 
 
-def _caveats(flights: Sequence[Flight], seen: Seen) -> tuple[str, ...]:
+def _caveats(flights: Sequence[Flight], data: Corrected) -> tuple[str, ...]:
     """What in the data could pose as an effect."""
-    each = zip(flights, seen.reconstructions, strict=True)
+    each = zip(flights, data.reconstructions, strict=True)
     return tuple(dict.fromkeys(caveat for pair in each for caveat in _caveats_of(*pair)))
 
 
@@ -293,15 +293,15 @@ def _drag_spread(flight: Flight) -> float | None:
     return None if centre == 0.0 else float(np.std(share) / abs(centre))
 
 
-def _picture(before: ResidualMoments, end: Ending, number: int) -> Picture:
+def _picture(before: ResidualMoments, end: LoopEnd, number: int) -> Picture:
     """Of several flights, that of the one with this number."""
-    after, seen = end.state.left, end.state.seen
-    reconstruction = seen.reconstructions[number]
+    after, data = end.state.left, end.state.data
+    reconstruction = data.reconstructions[number]
     motion = reconstruction.motion
-    measured = residual_moments(seen.frame, seen.records, seen.frame.observed)
-    rows = seen.rows_of(number)
+    measured = residual_moments(data.frame, data.records, data.frame.observed)
+    rows = data.rows_of(number)
     kept = (before.usable & after.usable)[rows]
-    samples = seen.samples_of(number)[kept]
+    samples = data.samples_of(number)[kept]
     return Picture(
         time_s=tuple(motion.time[samples].tolist()),
         measured=pair(measured.body[rows][kept]),

@@ -52,31 +52,31 @@ from brv_hypo.residuals.baseline import (
     with_priors,
     without_bend,
 )
-from brv_hypo.residuals.candidates import Candidate, adjusted, look_alikes, with_columns
-from brv_hypo.residuals.candidates_at_step import Look, look
+from brv_hypo.residuals.candidates import Candidate, adjusted, confounded, with_columns
+from brv_hypo.residuals.candidates_at_step import Analysis, analyse_step
 from brv_hypo.residuals.choice import Choice, Tried, best_first, choose, follows_mach, is_schedule, schedules_first
 from brv_hypo.residuals.config import TraceConfig
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.families import Beside, beside_processes
-from brv_hypo.residuals.fitted_model import State, first_state, refitted, settled_state, state_of, with_candidate
+from brv_hypo.residuals.fitted_model import State, converged_state, first_state, refitted, state_of, with_candidate
 from brv_hypo.residuals.judge import Prediction
-from brv_hypo.residuals.linearisation import Model, Seen, see
+from brv_hypo.residuals.linearisation import Corrected, Model, correct
 from brv_hypo.residuals.problem import increments
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Account, Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
-from brv_hypo.residuals.summary import Ending, summary, term_estimates
+from brv_hypo.residuals.summary import LoopEnd, summary, term_estimates
 from brv_hypo.settings import settings_of
 from brv_hypo.thresholds import SPECIFIC
 
 
-def named_in(beside: Beside, offered: Sequence[Candidate], name: str, seen: Seen, config: TraceConfig) -> float:
+def named_in(beside: Beside, offered: Sequence[Candidate], name: str, data: Corrected, config: TraceConfig) -> float:
     """Share of the repetitions in which an effect gains most beside all processes, a generic description far more."""
     own = next(candidate for candidate in offered if candidate.name == name)
     rivals = [each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]
     best = []
-    for problem in _repetitions(beside.rows.problem, seen, config):
+    for problem in _repetitions(beside.rows.problem, data, config):
         again = beside.under(problem)
         gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
         gains[name] = again.gain_of(own.fit)
@@ -84,11 +84,11 @@ def named_in(beside: Beside, offered: Sequence[Candidate], name: str, seen: Seen
     return float(np.mean([each == name for each in best]))
 
 
-def _repetitions(problem: Problem, seen: Seen, config: TraceConfig) -> Iterator[Problem]:
+def _repetitions(problem: Problem, data: Corrected, config: TraceConfig) -> Iterator[Problem]:
     for share in LOOP_REPEATED_BLOCKS:
-        fitted, _ = split(seen.frame, seen.whole.seen, round(share * config.blocks))
+        fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
         yield problem.on(fitted)
-    start, stop = float(seen.frame.time.min()), float(seen.frame.time.max())
+    start, stop = float(data.frame.time.min()), float(data.frame.time.max())
     for more in LOOP_REPEATED_KNOTS:
         yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
     nuisances = problem.rows.nuisances
@@ -101,7 +101,7 @@ def _repetitions(problem: Problem, seen: Seen, config: TraceConfig) -> Iterator[
                 yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
 
 
-def with_evidence(here: Look, beside: Beside) -> Look:
+def with_evidence(here: Analysis, beside: Beside) -> Analysis:
     """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
 
     So are all that change in time: on a coarse grid any of them may look like nothing.
@@ -115,7 +115,7 @@ def with_evidence(here: Look, beside: Beside) -> Look:
     return replace(here, candidates=tuple(found), discovery=discovery)
 
 
-def _with_evidence(here: Look, beside: Beside, candidate: Candidate) -> Candidate:
+def _with_evidence(here: Analysis, beside: Beside, candidate: Candidate) -> Candidate:
     gain, columns = beside.likeliest(candidate.fit)
     if set(columns) != set(candidate.fit.selected):
         candidate = with_columns(here.problem, here.null, candidate, columns)
@@ -127,18 +127,18 @@ def unwanted(state: State, names: Sequence[str], config: TraceConfig) -> tuple[s
 
     Schedules, which change what the baseline is, and what every fit has within its tolerance are not asked.
     """
-    model, flights = state.model, state.seen.flights
+    model, flights = state.model, state.data.flights
     known = {name: model.mechanisms[name] for name in names if name in model.mechanisms}
-    asked = [
+    removable = [
         name
         for name, mechanism in known.items()
         if mechanism.follows != "mach" and all(mechanism.tolerance(flight) is None for flight in flights)
     ]
-    if not asked:
+    if not removable:
         return ()
-    first = min(k for k, column in enumerate(model.columns) if column.mechanism in asked)
+    first = min(k for k, column in enumerate(model.columns) if column.mechanism in removable)
     before = replace(model, columns=model.columns[:first])
-    return beside_processes(state, before, config).unwanted(asked)
+    return beside_processes(state, before, config).unwanted(removable)
 
 
 def without(model: Model, names: Sequence[str]) -> Model:
@@ -162,33 +162,34 @@ def maximum_likelihood(state: State) -> MaximumLikelihood:
 
     On a record that limits the reconstruction the search takes long and seldom ends: it is left out.
     """
-    seen, columns = state.seen, state.model.columns
-    if len(seen.records) > 1:
+    data, columns = state.data, state.model.columns
+    if len(data.records) > 1:
         return _left_out("with several flights, terms of a single flight cannot be fitted")
-    if seen.reconstructions[0].status == "degraded":
+    if data.reconstructions[0].status == "degraded":
         return _left_out("the reconstruction is limited by the record, and the search would rarely converge")
     values = state.values
-    known_schedule = _course(state)
+    known_schedule = _known_schedule(state)
     if known_schedule is not None:
         column = Regressor(known_schedule.name, "C_malpha by the schedule", (), TimeBasis("constant"), "1")
-        seen = replace(seen, frame=seen.frame.with_mechanisms([known_schedule]))
+        data = replace(data, frame=data.frame.with_mechanisms([known_schedule]))
         columns, values = (*columns, column), np.append(values, 1.0)
-    _, others = state.problem.solution(state.seen.frame, state.model.columns)
-    held = {(each.effect.name, each.component): each.value for each in state.model.applied}
-    regressed = Regressed.of(state.problem, state.seen.frame, state.model.columns, state.values, others).beside([held])
-    found = identify(seen.frame, columns, values, _OPTIONS, regressed=regressed)
-    return likelihood_block(found, term_estimates(seen, found.columns, found.values, found.covariance))
+    frame, model = state.data.frame, state.model
+    _, others = state.problem.solution(frame, model.columns)
+    fixed = {(each.effect.name, each.component): each.value for each in model.applied}
+    regressed = Regressed.of(state.problem, frame, model.columns, state.values, others).beside([fixed])
+    found = identify(data.frame, columns, values, _OPTIONS, regressed=regressed)
+    return likelihood_block(found, term_estimates(data, found.columns, found.values, found.covariance))
 
 
-def _course(state: State) -> KnownSlopeSchedule | None:
+def _known_schedule(state: State) -> KnownSlopeSchedule | None:
     """What the baseline's slope is more by its schedule, which the likelihood knows no prior of; None for a trifle."""
     schedule = state.model.mechanisms.get(SlopeSchedule.name)
     if not isinstance(schedule, SlopeSchedule):
         return None
-    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    _, others = state.problem.solution(state.data.frame, state.model.columns)
     more = increments(state.problem, others).items()
     found = schedule.known_schedule(tuple(value for column, value in more if column.mechanism == schedule.name))
-    motion = state.seen.reconstructions[0].motion
+    motion = state.data.reconstructions[0].motion
     own = found.terms(motion, {})[0].in_plane
     slope = sum(v for c, v in zip(state.model.columns, state.values, strict=True) if c.term == "C_malpha")
     return found if np.linalg.norm(own) > SCHEDULE_TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None
@@ -233,15 +234,15 @@ def trace(
 
 def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> Trace:
     begun = clock.perf_counter()
-    course = _Course(flights, config, *_candidates(config))
+    loop = _Loop(flights, config, *_candidates(config))
     turns: list[Turn] = []
     stopped: Stop = "limit"
     say("reconstructing the motion")
-    state = course.begin()
+    state = loop.begin()
     discovery: Discovery | None = None
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = course.turn(number, state, [each.step for each in turns])
+        turn = loop.turn(number, state, [each.step for each in turns])
         turns.append(turn)
         if turn.discovery is not None and (turn.after is not None or discovery is None):
             discovery = turn.discovery
@@ -251,8 +252,8 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> T
             break
     first, state = turns[0].before, refitted(flights, config, state)
     steps = confirmed([turn.step for turn in turns], beside_processes(state, first.model, config))
-    result = summary(flights, first.left, Ending(config, state, steps, stopped, discovery))
-    result = result.model_copy(update={"account": course.account(turns, state), "families": steps[0].families})
+    result = summary(flights, first.left, LoopEnd(config, state, steps, stopped, discovery))
+    result = result.model_copy(update={"account": loop.account(turns, state), "families": steps[0].families})
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
         result = result.model_copy(update={"ml": maximum_likelihood(state)})
@@ -272,21 +273,21 @@ def confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
     )
 
 
-def _declared(mechanisms: Sequence[Mechanism], seen: Seen) -> tuple[Regressor, ...]:
+def _declared(mechanisms: Sequence[Mechanism], data: Corrected) -> tuple[Regressor, ...]:
     """Every term of mechanisms whose courses leave nothing to choose."""
-    motion, always = seen.reconstructions[0].motion, TimeBasis("constant")
+    motion, always = data.reconstructions[0].motion, TimeBasis("constant")
     return tuple(
         term_column(m, term, (), always, flight)
         for m in mechanisms
-        for flight in _flights_with_own(m, seen)
+        for flight in _flights_with_own(m, data)
         for term in m.terms(motion, {})
     )
 
 
-def _flights_with_own(mechanism: Mechanism, seen: Seen) -> Sequence[int | None]:
+def _flights_with_own(mechanism: Mechanism, data: Corrected) -> Sequence[int | None]:
     """The flights that have columns of their own; None for all together."""
-    own = len(seen.flights) > 1 and mechanism.of_each_flight(seen.flights[0])
-    return range(len(seen.flights)) if own else (None,)
+    own = len(data.flights) > 1 and mechanism.of_each_flight(data.flights[0])
+    return range(len(data.flights)) if own else (None,)
 
 
 def _candidates(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
@@ -311,7 +312,7 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class _Course:
+class _Loop:
     """What stays the same over the steps."""
 
     flights: tuple[Flight, ...]
@@ -323,19 +324,19 @@ class _Course:
         """The model that the trace starts from."""
         start = self.config.start
         if not isinstance(start, str):
-            return settled_state(self.flights, restored(start, self.flights), self.config)
+            return converged_state(self.flights, restored(start, self.flights), self.config)
         held = parse_hypothesis(start)
         model = start_model(self.flights, held, self.config.baseline, self.config.aero)
-        seen = see(self.flights, model, self.config)
-        model = replace(model, columns=starting_columns(model, seen.frame), added=tuple(m.name for m in held))
-        model = with_priors(model, seen)
+        data = correct(self.flights, model, self.config)
+        model = replace(model, columns=starting_columns(model, data.frame), added=tuple(m.name for m in held))
+        model = with_priors(model, data)
         chosen = tuple(m for m in held if m.time_variation != ("constant",) or m.parameters())
         declared = tuple(m for m in held if m not in chosen)
-        model = replace(model, columns=(*model.columns, *_declared(declared, seen)))
+        model = replace(model, columns=(*model.columns, *_declared(declared, data)))
         if chosen:
-            state = settled_state(self.flights, model, self.config)
+            state = converged_state(self.flights, model, self.config)
             model = replace(model, columns=fit_hypothesis(state.problem, "start", chosen).columns)
-        return settled_state(self.flights, model, self.config)
+        return converged_state(self.flights, model, self.config)
 
     def account(self, turns: Sequence[Turn], last: State) -> tuple[Account, ...]:
         """The held-out error of one model after another, from constant coefficients to the last."""
@@ -356,18 +357,18 @@ class _Course:
 
         What steps `before` added and is not wanted beside it is removed.
         """
-        usable = tuple(m for m in self.mechanisms if _applicable(m, state.seen))
-        motion = state.seen.frame.motions[0]
+        usable = tuple(m for m in self.mechanisms if _applicable(m, state.data))
+        motion = state.data.frame.motions[0]
         bends = [m for m in usable if StaticBend.name in state.model.mechanisms and is_bend(m, motion)]
         untried = [m for m in usable if m not in bends and _may_join(m, state.model, len(self.flights))]
         effects = [e for e in self.effects if not _held_everywhere(e.name, state.model, len(self.flights))]
-        here = look(state.seen, state.model, state.linear, untried, effects, self.config)
-        state = state_of(state.model, state.seen, here.problem, state.linear)
+        here = analyse_step(state.data, state.model, state.linear, untried, effects, self.config)
+        state = state_of(state.model, state.data, here.problem, state.linear)
         residual = find(here, state.left)
-        beside = beside_processes(state, state.model, self.config, state.seen.fitted, here.problem.given)
+        beside = beside_processes(state, state.model, self.config, state.data.fitted, here.problem.given)
         here = with_evidence(here, beside)
         choice = self._choice(here, state, beside, here.discovery, white=residual.white)
-        if choice.taken is None and bends and (named := self._naming_the_bend(number, state, bends)) is not None:
+        if choice.accepted is None and bends and (named := self._naming_the_bend(number, state, bends)) is not None:
             return named
         return self._turn(number, residual, here, state, choice, before)
 
@@ -378,64 +379,64 @@ class _Course:
         added, of a model without it.
         """
         model = without_bend(state.model)
-        bare = first_state(model, state.seen, self.config)
-        here = look(bare.seen, model, bare.linear, bends, (), self.config.model_copy(update={"discover": False}))
-        bare = state_of(model, bare.seen, here.problem, bare.linear)
+        bare, config = first_state(model, state.data, self.config), self.config.model_copy(update={"discover": False})
+        here = analyse_step(bare.data, model, bare.linear, bends, (), config)
+        bare = state_of(model, bare.data, here.problem, bare.linear)
         residual = find(here, bare.left)
-        beside = beside_processes(bare, model, self.config, bare.seen.fitted)
+        beside = beside_processes(bare, model, self.config, bare.data.fitted)
         here = with_evidence(here, beside)
         choice = self._choice(here, bare, beside, None, white=residual.white)
-        return self._turn(number, residual, here, bare, choice, ()) if choice.taken else None
+        return self._turn(number, residual, here, bare, choice, ()) if choice.accepted else None
 
     def _turn(
-        self, number: int, residual: Residual, here: Look, state: State, choice: Choice, before: Sequence[Step]
+        self, number: int, residual: Residual, here: Analysis, state: State, choice: Choice, before: Sequence[Step]
     ) -> Turn:
         """The step of a choice, and the model with what was chosen."""
-        step = self._decomposed(step_of(number, residual, here, state, choice, before), state, choice.taken)
+        step = self._decomposed(step_of(number, residual, here, state, choice, before), state, choice.accepted)
         reason: Stop = "white" if residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"
-        after = choice.taken.state if choice.taken else None
-        if after is not None and choice.taken is not None and choice.taken.candidate.effect is None:
+        after = choice.accepted.state if choice.accepted else None
+        if after is not None and choice.accepted is not None and choice.accepted.candidate.effect is None:
             # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-            after = settled_state(self.flights, after.model, self.config)
+            after = converged_state(self.flights, after.model, self.config)
         others = [each.added for each in before if each.added is not None and each.added != step.added]
         if after is not None and (gone := unwanted(after, others, self.config)):
-            after = settled_state(self.flights, without(after.model, gone), self.config)
+            after = converged_state(self.flights, without(after.model, gone), self.config)
             step = step.model_copy(update={"taken_out": gone})
         return Turn(step, state, after, reason, _counting(choice, self.config.significance))
 
-    def _decomposed(self, step: Step, state: State, taken: Tried | None) -> Step:
+    def _decomposed(self, step: Step, state: State, tried: Tried | None) -> Step:
         """The step with what each family explains of its residual: what was added only where it is established."""
-        beside = beside_processes(state if taken is None else taken.state, state.model, self.config)
-        established = taken is not None and taken.candidate.kind != "discovered" and (taken.gain or 0.0) >= SPECIFIC
-        found = beside.shares([taken.candidate.name] if taken is not None and established else [])
+        beside = beside_processes(state if tried is None else tried.state, state.model, self.config)
+        established = tried is not None and tried.candidate.kind != "discovered" and (tried.gain or 0.0) >= SPECIFIC
+        found = beside.shares([tried.candidate.name] if tried is not None and established else [])
         shares = {**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in found}}
         return step.model_copy(update={"families": shares, "decomposition": found})
 
     def _choice(
-        self, here: Look, state: State, beside: Beside, discovery: Discovery | None, white: bool = False
+        self, here: Analysis, state: State, beside: Beside, discovery: Discovery | None, white: bool = False
     ) -> Choice:
         def add(candidate: Candidate) -> State:
             found = with_candidate(self.flights, self.config, here, state, candidate)
             if not follows_mach(candidate) or has_schedule(state.model):
                 return found
-            return settled_state(self.flights, scheduled(found.model, found.seen), self.config)
+            return converged_state(self.flights, scheduled(found.model, found.data), self.config)
 
         known = has_schedule(state.model)
 
         def gain_of(found: State) -> float:
-            there = beside_processes(found, state.model, self.config, found.seen.fitted)
+            there = beside_processes(found, state.model, self.config, found.data.fitted)
             return there.gain(found.model.added[-1])
 
         choice = choose(here, state, discovery, self.config.significance, add, white, known, gain_of)
-        if choice.taken is None:
+        if choice.accepted is None:
             return choice
-        name = choice.taken.candidate.name
+        name = choice.accepted.candidate.name
         offered = [each for each in choice.ranked if each.name not in choice.unwanted]
-        if not known and is_schedule(choice.taken.candidate):  # where the model has no schedule, one comes first
+        if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
             offered = list(schedules_first(offered))
-        return replace(choice, named_in=named_in(beside, offered, name, state.seen, self.config))
+        return replace(choice, named_in=named_in(beside, offered, name, state.data, self.config))
 
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:
@@ -443,8 +444,8 @@ def _counting(choice: Choice, significance: float) -> Discovery | None:
     found = choice.discovery
     if found is None:
         return None
-    if choice.taken is not None and choice.taken.candidate is not found.candidate:
-        similar = look_alikes(choice.taken.candidate, choice.ranked)
+    if choice.accepted is not None and choice.accepted.candidate is not found.candidate:
+        similar = confounded(choice.accepted.candidate, choice.ranked)
         return found if found.candidate.name in similar else None
     if adjusted(choice.ranked)[found.candidate.name] > significance:
         return None
@@ -463,11 +464,11 @@ def _held_everywhere(name: str, model: Model, flights: int) -> bool:
     return name in model.added and (None in own or len(own) in (0, flights))
 
 
-def _applicable(mechanism: Mechanism, seen: Seen) -> bool:
+def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
     """Whether the records hold what the mechanism needs, such as the Mach number."""
     theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
     return all(
         np.all(np.isfinite(term.in_plane)) and np.all(np.isfinite(term.out_of_plane))
-        for reconstruction in seen.reconstructions
+        for reconstruction in data.reconstructions
         for term in mechanism.terms(reconstruction.motion, theta)
     )

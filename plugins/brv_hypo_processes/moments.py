@@ -73,11 +73,10 @@ class Damping(MomentProcess):
     name, family, splines = "damping_change", "rate", 12
     title = "damping that changes along the flight"
     turn: ClassVar[complex] = 1.0
-    power: ClassVar[int] = 0
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """The rates, by a power of alpha."""
-        return (np.asarray(self.turn * _rates(motion) * motion.alpha**self.power),)
+        """The rates."""
+        return (np.asarray(self.turn * _rates(motion)),)
 
 
 class CrossDamping(Damping):
@@ -90,8 +89,12 @@ class CrossDamping(Damping):
 class DampingBend(Damping):
     """Damping by angle of attack."""
 
-    name, splines, power = "damping_bend", 5, 2
+    name, splines = "damping_bend", 5
     title = "damping that changes with the angle of attack"
+
+    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
+        """The rates, by the square of alpha."""
+        return tuple(motion.alpha**2 * shape for shape in super().shapes(motion))
 
 
 class CrossDampingBend(DampingBend):

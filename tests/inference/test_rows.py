@@ -20,7 +20,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import cleaned, settled, with_processes
+from brv_hypo.ranking.preparation import cleaned, shared_problem, with_processes
 from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import fit_hypothesis
 from tests.chains import judged_cone
@@ -37,7 +37,7 @@ def one_flight() -> Rows:
 def of_baseline(*flights: Flight) -> Rows:
     """Rows about the baseline's fit."""
     config = CompareConfig(mechanisms=("damping",), knot_count=3)
-    problem, chosen = settled([reconstruct(flight) for flight in flights], config)
+    problem, chosen = shared_problem([reconstruct(flight) for flight in flights], config)
     fit = fit_hypothesis(problem, "none", ())
     point = point_of(problem, fit.frame, fit.columns)
     records = cleaned(problem, point, chosen)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.maximum_likelihood import identify_standing
+from brv_hypo.ranking.maximum_likelihood import identify_credible
 from brv_hypo.ranking.result import Verdict
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.uncertainty import with_design
@@ -39,6 +39,6 @@ def test_what_none_explains_is_left_to_the_regression(asked: str, adequate: bool
         probability={"none": 1.0, "other": 0.0} if adequate else {"none": 0.0, "other": 1.0},
         reason="",
     )
-    found = identify_standing(problem, [fit], verdict, config, said.append)
+    found = identify_credible(problem, [fit], verdict, config, said.append)
     assert (len(found.found), found.left_out) == (run, frozenset() if run else frozenset({"none"}))
     assert len(said) == run

@@ -10,7 +10,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import HypothesisFit, solved
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.unlisted import plain_columns
+from brv_hypo.regression.unmodelled import plain_columns
 from tests.ranking.pulse import problem
 
 

@@ -36,7 +36,7 @@ def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
     rows = problem.rows
     lengths = np.linalg.norm(rows.own_noise, axis=0)
     assert np.all((lengths > 0.1) & (lengths < 1.3))  # the noise's level is found twice, its colour once
-    assert rows.nuisances.tied.size == rows.own_noise.shape[1] > 0
+    assert rows.nuisances.correlated.size == rows.own_noise.shape[1] > 0
     assert problem.untied().rows.own_noise.shape[1] == 0
 
 

@@ -11,7 +11,7 @@ from brv_hypo.motion.signals import differentiate
 from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import start_model
-from brv_hypo.residuals.linearisation import see
+from brv_hypo.residuals.linearisation import correct
 from tests.flights import nominal
 
 
@@ -22,14 +22,14 @@ def test_their_noise_is_what_the_filter_makes_of_the_gyros_noise(louder: float) 
     40 draws of white noise; of the 2 % that their mean square scatters, four standard deviations are allowed.
     """
     flight = nominal().flight
-    seen = see((flight,), start_model((flight,), ()), TraceConfig())
-    record = seen.records[0]
+    data = correct((flight,), start_model((flight,), ()), TraceConfig())
+    record = data.records[0]
     spin = differentiate(record.spin_rate.signal, flight.step, louder * record.gyro_sigma, flight.segments)
     assert (spin.half_width > record.spin_rate.half_width) == (louder > 1.0)
     record = replace(record, spin_rate=spin)
     rng = np.random.default_rng(1)
-    shape = (seen.frame.observed.size, 40)
+    shape = (data.frame.observed.size, 40)
     noise = record.gyro_sigma * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
-    found = residual_moments(seen.frame, [record], noise)
+    found = residual_moments(data.frame, [record], noise)
     squares = np.abs(found.body[found.usable]) ** 2 / 2.0 / found.noise[found.usable, np.newaxis] ** 2
     assert np.mean(squares) == pytest.approx(1.0, abs=0.08)

@@ -13,7 +13,7 @@ from brv_hypo.model.term import candidates, theta_grid
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.free_moment import SHAPES, shape_of
-from brv_hypo.regression.unlisted import RATE, TurningMoment, UnlistedMoment, turning_moments, unlisted_moments
+from brv_hypo.regression.unmodelled import RATE, TurningMoment, UnmodelledMoment, turning_moments, unmodelled_moments
 from tests.ranking.pulse import problem
 
 
@@ -28,22 +28,22 @@ from tests.ranking.pulse import problem
     ],
 )
 def test_a_shape_that_a_listed_mechanism_has_is_not_something_else(listed: tuple[str, ...], gone: set[str]) -> None:
-    found = unlisted_moments(problem(), [find(name) for name in listed], OUTSIDE)
+    found = unmodelled_moments(problem(), [find(name) for name in listed], OUTSIDE)
     assert set(SHAPES) - {name for each in found for name in each.shapes} == gone
 
 
 def test_a_mechanism_with_a_delay_leaves_every_shape() -> None:
-    found = unlisted_moments(problem(), [find("lag"), find("sticking")], OUTSIDE)
+    found = unmodelled_moments(problem(), [find("lag"), find("sticking")], OUTSIDE)
     assert [each.shapes for each in found] == [(name,) for name in SHAPES]
 
 
 def test_nothing_is_left_beside_a_mechanism_of_every_shape() -> None:
-    assert unlisted_moments(problem(), [UnlistedMoment(shapes=SHAPES)], OUTSIDE) == ()
+    assert unmodelled_moments(problem(), [UnmodelledMoment(shapes=SHAPES)], OUTSIDE) == ()
 
 
 def test_every_component_of_a_shape_is_a_term_of_its_own_name() -> None:
     motion = problem().frame.motions[0]
-    terms = UnlistedMoment(shapes=SHAPES).terms(motion, {})
+    terms = UnmodelledMoment(shapes=SHAPES).terms(motion, {})
     names = [term.name for term in terms]
     assert len(set(names)) == len(names)
     assert {"side moment", "two-fold cosine", "two-fold sine"} <= set(names)
@@ -54,7 +54,7 @@ def test_every_component_of_a_shape_is_a_term_of_its_own_name() -> None:
 
 def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
     """Which body axes they stand along tells nothing; shapes are chosen one by one."""
-    moment, motion = UnlistedMoment(shapes=SHAPES), problem().frame.motions[0]
+    moment, motion = UnmodelledMoment(shapes=SHAPES), problem().frame.motions[0]
     choices: dict[object, list[str]] = {}
     for column in candidates(moment, motion, problem().knots, theta_grid(moment)):
         if column.time_basis.kind == "constant":
@@ -65,7 +65,7 @@ def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
 
 def test_it_is_fitted_beside_a_baseline_that_holds_some_of_its_shapes() -> None:
     """Offset and stiffness are the baseline's own, but for their changes in time."""
-    anything = UnlistedMoment(shapes=SHAPES)
+    anything = UnmodelledMoment(shapes=SHAPES)
     fit = fit_hypothesis(problem(), anything.name, (anything,))
     assert np.isfinite(fit.information)
     assert fit.selected

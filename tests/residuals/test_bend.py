@@ -16,7 +16,7 @@ from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.baseline import has_schedule, is_bend, start_model, starting_columns, tolerated, with_priors
-from brv_hypo.residuals.linearisation import Model, see
+from brv_hypo.residuals.linearisation import Model, correct
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.saved import model_text, read_model
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
@@ -57,8 +57,8 @@ def bend_of(result: Trace) -> tuple[float, float]:
 
 def model_of(flight: Flight, aero: AeroTable | None = None, held: tuple[str, ...] = ()) -> Model:
     model = start_model((flight,), [find(name) for name in held], "constant", aero)
-    seen = see((flight,), model, TraceConfig())
-    return with_priors(replace(model, columns=starting_columns(model, seen.frame)), seen)
+    data = correct((flight,), model, TraceConfig())
+    return with_priors(replace(model, columns=starting_columns(model, data.frame)), data)
 
 
 @pytest.mark.thorough

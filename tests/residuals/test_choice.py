@@ -63,10 +63,10 @@ def chosen(
 def test_a_refused_leader_makes_way_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)]
     result = chosen(found, "trim", monkeypatch)
-    assert result.taken is not None
-    assert result.taken.candidate.name == "trim"
-    assert [one.name for one in result.told] == ["trim", "lag"]
-    assert [one.candidate.name for one in result.tried if not one.taken] == ["lag"]
+    assert result.accepted is not None
+    assert result.accepted.candidate.name == "trim"
+    assert [one.name for one in result.reported] == ["trim", "lag"]
+    assert [one.candidate.name for one in result.tried if not one.accepted] == ["lag"]
 
 
 def test_what_predicts_the_same_as_a_refused_one_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,16 +77,16 @@ def test_what_predicts_the_same_as_a_refused_one_is_passed_over(monkeypatch: pyt
 def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 40.0, ACROSS)]
     result = chosen(found, "trim", monkeypatch)
-    assert result.taken is None
-    assert result.told[0].name == "lag"
+    assert result.accepted is None
+    assert result.reported[0].name == "lag"
 
 
 def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate(f"effect {k}", 90.0 - 4.0 * k, np.eye(6)[k]) for k in range(6)]
     result = chosen(found, "effect 5", monkeypatch)
     assert len(result.tried) == 3
-    assert result.taken is None
-    assert result.told[0].name == "effect 0"
+    assert result.accepted is None
+    assert result.reported[0].name == "effect 0"
 
 
 def test_what_is_below_the_detection_limit_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +96,7 @@ def test_what_is_below_the_detection_limit_is_not_tried(monkeypatch: pytest.Monk
 def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS), candidate("magnus", 59.0, ALONG)]
     result = chosen(found, "trim", monkeypatch)
-    assert [one.name for one in result.told] == ["trim", "magnus", "lag"]
+    assert [one.name for one in result.reported] == ["trim", "magnus", "lag"]
 
 
 @pytest.mark.parametrize(("ahead", "first"), [(0.9, "inplane"), (-0.9, "inplane"), (-1.1, "discovered_1")])
@@ -108,7 +108,7 @@ def test_a_description_has_to_beat_a_name_clearly(ahead: float, first: str, monk
 
 
 @pytest.mark.parametrize(
-    ("of_record", "fell", "ratio", "taken"),
+    ("of_record", "fell", "ratio", "accepted"),
     [
         (False, 3.0, 0.99, True),
         (False, 3.0, 1.01, False),
@@ -120,21 +120,21 @@ def test_a_description_has_to_beat_a_name_clearly(ahead: float, first: str, monk
     ],
 )
 def test_errors_of_the_record_may_leave_the_moments_as_they_are(
-    of_record: bool, fell: float, ratio: float, taken: bool
+    of_record: bool, fell: float, ratio: float, accepted: bool
 ) -> None:
     one = SimpleNamespace(effect=object() if of_record else None)
-    assert judged(one, Agreement(fell, 5.0), ratio, certain=False).taken is taken
+    assert judged(one, Agreement(fell, 5.0), ratio, certain=False).accepted is accepted
 
 
 @pytest.mark.parametrize(
-    ("fell", "shown", "ratio", "taken"),
+    ("fell", "shown", "ratio", "accepted"),
     [(0.1, 1.7, 1.18, True), (-0.1, 1.7, 0.99, False), (0.1, 1.6, 0.99, False), (0.1, 1.7, 1.22, False)],
 )
 def test_what_the_fitted_part_leaves_no_doubt_of_need_only_be_there(
-    fell: float, shown: float, ratio: float, taken: bool
+    fell: float, shown: float, ratio: float, accepted: bool
 ) -> None:
     one = SimpleNamespace(effect=None)
-    assert judged(one, Agreement(fell, shown), ratio, certain=True).taken is taken
+    assert judged(one, Agreement(fell, shown), ratio, certain=True).accepted is accepted
 
 
 @pytest.mark.parametrize(("p_value", "tried"), [(1e-9, ["lag"]), (1e-4, [])])
@@ -170,15 +170,15 @@ def test_a_schedule_comes_before_jumps_where_the_model_has_none(
 def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(ratio: float, expected: bool) -> None:
     one: Any = SimpleNamespace(effect=object())
     tried = replace(judged(one, Agreement(8.0, 16.0), ratio, certain=True), ratio_error=0.001, carried=True)
-    assert tried.taken is expected
+    assert tried.accepted is expected
 
 
-@pytest.mark.parametrize(("gain", "taken"), [(None, True), (0.1, True), (-0.9, True), (-1.1, False)])
-def test_what_processes_explain_far_better_is_not_taken(gain: float | None, taken: bool) -> None:
+@pytest.mark.parametrize(("gain", "accepted"), [(None, True), (0.1, True), (-0.9, True), (-1.1, False)])
+def test_what_processes_explain_far_better_is_not_taken(gain: float | None, accepted: bool) -> None:
     one = replace(judged(candidate("lag", 90.0), Agreement(5.0, 5.0), 0.5, certain=True), gain=gain and SPECIFIC * gain)
     assert one.agrees
-    assert one.taken is taken
-    assert replace(one, carried=True).taken is (taken and not (gain is not None and gain < 0.0))
+    assert one.accepted is accepted
+    assert replace(one, carried=True).accepted is (accepted and not (gain is not None and gain < 0.0))
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_what_few_repetitions_name_is_not_taken(monkeypatch: pytest.MonkeyPatch)
     result = chosen([candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)], "trim", monkeypatch)
     for share in (0.0, 0.4):
         unnamed = replace(result, named_in=share)
-        assert unnamed.taken is None
+        assert unnamed.accepted is None
         assert unnamed.leading is result.tried[0]
     for share in (None, 0.5, 1.0):
-        assert replace(result, named_in=share).taken is result.tried[-1]
+        assert replace(result, named_in=share).accepted is result.tried[-1]

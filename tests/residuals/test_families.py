@@ -12,8 +12,8 @@ from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.residuals.baseline import start_model, starting_columns
 from brv_hypo.residuals.families import beside_processes
-from brv_hypo.residuals.fitted_model import settled_state
-from brv_hypo.residuals.linearisation import see
+from brv_hypo.residuals.fitted_model import converged_state
+from brv_hypo.residuals.linearisation import correct
 from tests.studies.independent.flights import Made, make_flight
 
 CONFIG = TraceConfig(max_steps=2, maximum_likelihood=False, effects=("lag", "magnus", "damping", "trim", "gyro_bias"))
@@ -69,9 +69,9 @@ def test_the_account_goes_from_constant_coefficients_to_the_last_model() -> None
 def test_nothing_added_leaves_nothing_to_want() -> None:
     made = flight("damping_alpha")
     model = start_model((made.flight,), ())
-    seen = see((made.flight,), model, CONFIG)
-    model = replace(model, columns=starting_columns(model, seen.frame))
-    state = settled_state((made.flight,), model, CONFIG)
+    data = correct((made.flight,), model, CONFIG)
+    model = replace(model, columns=starting_columns(model, data.frame))
+    state = converged_state((made.flight,), model, CONFIG)
     beside = beside_processes(state, state.model, CONFIG)
     assert beside.terms == {}
     assert beside.unwanted([]) == ()

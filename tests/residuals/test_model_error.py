@@ -18,7 +18,7 @@ from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals import Prediction, Trace, predict
 from brv_hypo.residuals.baseline import start_model
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.linearisation import Seen, see
+from brv_hypo.residuals.linearisation import Corrected, correct
 from brv_hypo.residuals.prediction_interval import error_at, lasting, model_error
 from brv_hypo.residuals.saved import ModelError, SavedColumn, SavedModel
 from tests.chains import traced_trim, trimmed
@@ -40,50 +40,50 @@ JUMP = SavedColumn(
 
 
 @pytest.fixture(scope="module")
-def seen() -> Seen:
+def data() -> Corrected:
     flight = nominal().flight
     falling = replace(flight, mach=np.linspace(12.0, 6.0, flight.samples))
-    return see((falling,), start_model((falling,), ()), TraceConfig())
+    return correct((falling,), start_model((falling,), ()), TraceConfig())
 
 
-def left_at(seen: Seen, sigma: Any, seed: int = 1) -> ResidualMoments:
+def left_at(data: Corrected, sigma: Any, seed: int = 1) -> ResidualMoments:
     """Residual moments of that standard deviation, number or (rows,), beside the noise."""
     rng = np.random.default_rng(seed)
-    known = residual_moments(seen.frame, seen.records, seen.frame.observed)
+    known = residual_moments(data.frame, data.records, data.frame.observed)
     size = np.hypot(known.noise, sigma)
     body = size * (rng.standard_normal(size.size) + 1j * rng.standard_normal(size.size))
     return replace(known, body=body)
 
 
-def noise_of(seen: Seen) -> float:
-    return float(np.median(residual_moments(seen.frame, seen.records, seen.frame.observed).noise))
+def noise_of(data: Corrected) -> float:
+    return float(np.median(residual_moments(data.frame, data.records, data.frame.observed).noise))
 
 
 @pytest.mark.parametrize("times", [2.0, 10.0])
-def test_what_is_left_beyond_the_noise_comes_back(seen: Seen, times: float) -> None:
-    noise = noise_of(seen)
-    found = model_error(seen, left_at(seen, times * noise), left_at(seen, 2.0 * times * noise))
+def test_what_is_left_beyond_the_noise_comes_back(data: Corrected, times: float) -> None:
+    noise = noise_of(data)
+    found = model_error(data, left_at(data, times * noise), left_at(data, 2.0 * times * noise))
     assert np.all(np.diff(found.mach) > 0.0)
     assert np.sqrt(np.mean(np.square(found.own))) == pytest.approx(times * noise, rel=0.15)
     assert np.sqrt(np.mean(np.square(found.elsewhere))) == pytest.approx(2.0 * times * noise, rel=0.15)
 
 
-def test_a_model_that_leaves_noise_alone_adds_little_to_it(seen: Seen) -> None:
-    found = model_error(seen, left_at(seen, 0.0), left_at(seen, 0.0))
-    noise = noise_of(seen)
+def test_a_model_that_leaves_noise_alone_adds_little_to_it(data: Corrected) -> None:
+    found = model_error(data, left_at(data, 0.0), left_at(data, 0.0))
+    noise = noise_of(data)
     assert np.sqrt(np.mean(np.square(found.own))) < 0.4 * noise
 
 
-def test_noise_alone_seldom_leaves_anything_on_any_stretch(seen: Seen) -> None:
+def test_noise_alone_seldom_leaves_anything_on_any_stretch(data: Corrected) -> None:
     """Of many stretches, some leave more than all but one in twenty would."""
-    told = [model_error(seen, left_at(seen, 0.0, seed), left_at(seen, 0.0, seed)).own for seed in range(100)]
-    assert len(told[0]) > 4
-    assert sum(any(each) for each in told) <= 10
+    found = [model_error(data, left_at(data, 0.0, seed), left_at(data, 0.0, seed)).own for seed in range(100)]
+    assert len(found[0]) > 4
+    assert sum(any(each) for each in found) <= 10
 
 
-def test_it_is_told_where_it_was_left(seen: Seen) -> None:
-    mach = seen.reconstructions[0].motion.mach[seen.samples_of(0)]
-    found = model_error(seen, left_at(seen, np.where(mach > 9.0, 1e-3, 0.0)), left_at(seen, 0.0))
+def test_it_is_told_where_it_was_left(data: Corrected) -> None:
+    mach = data.reconstructions[0].motion.mach[data.samples_of(0)]
+    found = model_error(data, left_at(data, np.where(mach > 9.0, 1e-3, 0.0)), left_at(data, 0.0))
     low, high = error_at(found, np.array([6.5, 11.5]), elsewhere=False)
     assert low < 0.1 * high
     assert high == pytest.approx(1e-3, rel=0.25)
@@ -91,7 +91,7 @@ def test_it_is_told_where_it_was_left(seen: Seen) -> None:
 
 def test_without_a_mach_number_there_is_one_value() -> None:
     flight = nominal().flight
-    unknown = see((replace(flight, mach=None),), start_model((flight,), ()), TraceConfig())
+    unknown = correct((replace(flight, mach=None),), start_model((flight,), ()), TraceConfig())
     found = model_error(unknown, left_at(unknown, 1e-3), left_at(unknown, 1e-3))
     assert found.mach == ()
     assert found.own[0] == pytest.approx(1e-3, rel=0.2)

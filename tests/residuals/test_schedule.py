@@ -18,8 +18,8 @@ from brv_hypo.motion.measurement import BENT
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import has_schedule, scheduled, start_model, starting_columns, static_moment, tolerated
 from brv_hypo.residuals.choice import follows_mach, is_schedule, schedules_first
-from brv_hypo.residuals.fitted_model import taken_out
-from brv_hypo.residuals.linearisation import see
+from brv_hypo.residuals.fitted_model import next_corrections
+from brv_hypo.residuals.linearisation import correct
 from tests.flights import nominal
 
 machs = st.floats(0.5, 30.0)
@@ -96,8 +96,8 @@ def _falling() -> Any:
 def test_the_schedule_is_known_by_its_prior() -> None:
     flight = _falling()
     model = start_model((flight,), (), "scheduled")
-    seen = see((flight,), model, TraceConfig())
-    model = scheduled(replace(model, columns=starting_columns(model, seen.frame)), seen)
+    data = correct((flight,), model, TraceConfig())
+    model = scheduled(replace(model, columns=starting_columns(model, data.frame)), data)
     names = [mechanism.name for mechanism in tolerated(model, flight)]
     assert names.count(SlopeSchedule.name) == 1
     assert not any(column.mechanism == SlopeSchedule.name for column in model.columns)
@@ -107,9 +107,9 @@ def test_what_is_taken_out_of_a_record_is_plausible() -> None:
     flight = nominal().flight
     model = start_model((flight,), ())
     size = flight.instruments.gyro_bias[1]
-    found = taken_out(0, flight, model, {("gyro_bias", "q"): 40.0 * size}, {})
+    found = next_corrections(0, flight, model, {("gyro_bias", "q"): 40.0 * size}, {})
     assert found["gyro_bias", "q"] == pytest.approx(3.0 * size)
-    assert taken_out(0, flight, model, {("gyro_bias", "q"): -size}, {})["gyro_bias", "q"] == -size
+    assert next_corrections(0, flight, model, {("gyro_bias", "q"): -size}, {})["gyro_bias", "q"] == -size
 
 
 @pytest.mark.parametrize(("gain", "expected"), [(100.0, True), (60.0, True), (40.0, False)])

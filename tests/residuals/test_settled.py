@@ -12,9 +12,9 @@ from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.regression.linear import covariance_of
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import start_model, starting_columns, tolerated, with_priors
-from brv_hypo.residuals.candidates_at_step import bare_look, look
-from brv_hypo.residuals.fitted_model import State, settled_state, state_of
-from brv_hypo.residuals.linearisation import see
+from brv_hypo.residuals.candidates_at_step import analyse_step, baseline_analysis
+from brv_hypo.residuals.fitted_model import State, converged_state, state_of
+from brv_hypo.residuals.linearisation import correct
 from brv_hypo.residuals.problem import linearised_at, problem_of
 from brv_hypo.residuals.static_slope import whole_fit
 from tests.chains import TRIM, traced_trim
@@ -30,24 +30,24 @@ def state() -> State:
     """A moment that begins and ends, with the knots that a fit gave it."""
     flights = (pulse().flight,)
     model = start_model(flights, [find("bodyfixed")])
-    columns = starting_columns(model, see(flights, model, CONFIG).frame)
+    columns = starting_columns(model, correct(flights, model, CONFIG).frame)
     model = replace(model, columns=(*columns, *fitted("bodyfixed").selected))
-    return settled_state(flights, model, CONFIG)
+    return converged_state(flights, model, CONFIG)
 
 
 @pytest.mark.thorough
 def test_a_step_begins_from_the_state_as_it_settled(state: State) -> None:
-    here = look(state.seen, state.model, state.linear, (), (), CONFIG)
-    again = state_of(state.model, state.seen, here.problem, state.linear)
+    here = analyse_step(state.data, state.model, state.linear, (), (), CONFIG)
+    again = state_of(state.model, state.data, here.problem, state.linear)
     assert again.errors.mean_square == pytest.approx(state.errors.mean_square, rel=0.02)
     assert again.held_out.mean_square == pytest.approx(state.held_out.mean_square, rel=0.02)
 
 
 @pytest.mark.thorough
 def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: State) -> None:
-    here = bare_look(state.seen, state.model, state.linear, CONFIG)
+    here = baseline_analysis(state.data, state.model, state.linear, CONFIG, state.problem.rows.noise)
     _, covariance = whole_fit(here)
-    problem = here.problem.on(state.seen.whole)
+    problem = here.problem.on(state.data.whole)
     design = problem.whole_design(here.null.frame, here.null.columns)
     values = np.linalg.lstsq(design, problem.raw_response, rcond=None)[0]
     known = covariance_of(design, problem.raw_response - design @ values, problem.samples, 1.0)
@@ -78,12 +78,12 @@ def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_bette
     flights = (sized(232010, "reynolds_stiffness").made.flight,)
     config = CONFIG.model_copy(update={"baseline": "constant"})
     model = start_model(flights, [find("mach_stiffness")], "constant")
-    seen = see(flights, model, config)
-    motion, always = seen.reconstructions[0].motion, TimeBasis("constant")
+    data = correct(flights, model, config)
+    motion, always = data.reconstructions[0].motion, TimeBasis("constant")
     terms = find("mach_stiffness").terms(motion, {})
     powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
-    model = with_priors(replace(model, columns=(*starting_columns(model, seen.frame), *powers)), seen)
-    state = settled_state(flights, model, config)
-    linear = linearised_at(state.seen, state.model, state.values)
-    again = state_of(state.model, state.seen, problem_of(state.seen, state.model, linear, config), linear)
+    model = with_priors(replace(model, columns=(*starting_columns(model, data.frame), *powers)), data)
+    state = converged_state(flights, model, config)
+    linear = linearised_at(state.data, state.model, state.values)
+    again = state_of(state.model, state.data, problem_of(state.data, state.model, linear, config), linear)
     assert again.errors.mean_square > 0.98 * state.errors.mean_square

@@ -12,8 +12,8 @@ from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals import TraceConfig
 from brv_hypo.residuals.baseline import start_model, starting_columns
 from brv_hypo.residuals.candidates_at_step import generic_name
-from brv_hypo.residuals.fitted_model import State, settled_state
-from brv_hypo.residuals.linearisation import Model, see
+from brv_hypo.residuals.fitted_model import State, converged_state
+from brv_hypo.residuals.linearisation import Model, correct
 from brv_hypo.residuals.result import Errors, Residual, Step, lasting_steps
 from brv_hypo.residuals.trace_loop import unwanted, without
 from tests.ranking.pulse import fitted, pulse
@@ -25,7 +25,7 @@ def model_of(*names: str) -> Model:
     """Constant coefficients, the moment that was planted, and other effects."""
     flights = (pulse().flight,)
     model = start_model(flights, [find(name) for name in ("bodyfixed", *names)])
-    frame = see(flights, model, CONFIG).frame
+    frame = correct(flights, model, CONFIG).frame
     terms = {name: find(name).terms(frame.motions[0], {}) for name in names}
     others = tuple(
         Regressor(name, term.name, (), TimeBasis("constant"), term.units) for name in names for term in terms[name]
@@ -36,7 +36,7 @@ def model_of(*names: str) -> Model:
 
 @pytest.fixture(scope="module")
 def state() -> State:
-    return settled_state((pulse().flight,), model_of("magnus", "trim", "mach_stiffness"), CONFIG)
+    return converged_state((pulse().flight,), model_of("magnus", "trim", "mach_stiffness"), CONFIG)
 
 
 @pytest.mark.thorough
@@ -68,13 +68,13 @@ def test_a_description_has_a_name_that_the_model_does_not_hold() -> None:
     assert generic_name(Model({}, ())) == "discovered_1"
 
 
-def step(number: int, added: str | None, *taken_out: str) -> Step:
+def step(number: int, added: str | None, *next_corrections: str) -> Step:
     nothing = Errors(fit=1.0, held_out=1.0)
     return Step(
         step=number,
         residual=Residual.model_construct(),
         candidates=(),
-        taken_out=taken_out,
+        taken_out=next_corrections,
         added=added,
         error_before=nothing,
         error_after=None,

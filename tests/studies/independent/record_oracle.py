@@ -20,8 +20,8 @@ from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors, without_bend
 from brv_hypo.residuals.config import Baseline, TraceConfig
-from brv_hypo.residuals.fitted_model import State, settled_state
-from brv_hypo.residuals.linearisation import see
+from brv_hypo.residuals.fitted_model import State, converged_state
+from brv_hypo.residuals.linearisation import correct
 from tests.studies.independent.flights import Made
 
 _PLANTED = "what was planted"
@@ -33,14 +33,14 @@ def baseline_state(
     """The loop's first model on the record, all terms of `known` mechanisms beside it; `bent`: with its bend."""
     config = TraceConfig(baseline=baseline)
     model = start_model((flight,), (), baseline)
-    first = see((flight,), model, config)
+    first = correct((flight,), model, config)
     model = with_priors(replace(model, columns=starting_columns(model, first.frame)), first)
     if not bent:
         model = without_bend(model)
     motion, always = first.reconstructions[0].motion, TimeBasis("constant")
     own = tuple(Regressor(each.name, term.name, (), always, "1") for each in known for term in each.terms(motion, {}))
     mechanisms = {**model.mechanisms, **{each.name: each for each in known}}
-    return settled_state((flight,), replace(model, mechanisms=mechanisms, columns=(*model.columns, *own)), config)
+    return converged_state((flight,), replace(model, mechanisms=mechanisms, columns=(*model.columns, *own)), config)
 
 
 def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool = True) -> tuple[float, ...]:
@@ -60,7 +60,7 @@ def f_ratio_of_error(state: State, effect: RecordEffect, component: str, size: f
 def f_ratio_of_moment(state: State, mechanism: Mechanism, values: Sequence[float]) -> float:
     """F of a mechanism's terms at these values, throughout."""
     problem, always = state.problem, TimeBasis("constant")
-    names = [term.name for term in mechanism.terms(state.seen.reconstructions[0].motion, {})]
+    names = [term.name for term in mechanism.terms(state.data.reconstructions[0].motion, {})]
     columns = [Regressor(mechanism.name, name, (), always, "1") for name in names]
     moment = problem.design(problem.frame.with_mechanisms([mechanism]), columns) @ np.array(values)
     return _beside_baseline(problem, moment)

@@ -60,9 +60,9 @@ def with_moment(
 
 def _normal_force(flight: Flight, state: State) -> FloatArray:
     """The transverse specific force (n,) per unit of chi, m/s^2."""
-    slope = state.seen.reconstructions[0].normal_force_ratio
+    slope = state.data.reconstructions[0].normal_force_ratio
     known = np.where(np.isfinite(slope), slope, 0.0)
-    return np.asarray(state.seen.records[0].force_scale * known, dtype=float)
+    return np.asarray(state.data.records[0].force_scale * known, dtype=float)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class _Course:
 
 
 def _course(flight: Flight, state: State, lift: FloatArray) -> _Course:
-    motion = state.seen.reconstructions[0].motion
+    motion = state.data.reconstructions[0].motion
     count = (flight.samples - 1) * 2 * _STEPS + 1
     time = np.interp(np.arange(count) / (2 * _STEPS), np.arange(flight.samples), flight.time)
 
@@ -143,7 +143,7 @@ _HISTORIES = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 
 def _own_moments(state: State, motion: Motion) -> tuple[list[FloatArray], FloatArray]:
     """Of the model: the static moment's parts without alpha, with alpha and with its cube, and damping (n,) each."""
-    _, others = state.problem.solution(state.seen.frame, state.model.columns)
+    _, others = state.problem.solution(state.data.frame, state.model.columns)
     columns: dict[Regressor, float] = dict(zip(state.model.columns, state.values, strict=True))
     columns |= increments(state.problem, others)
     static, damping = [np.zeros(motion.time.size) for _ in range(3)], np.zeros(motion.time.size)

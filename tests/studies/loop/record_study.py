@@ -28,9 +28,9 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.residuals.baseline import is_bend
-from brv_hypo.residuals.candidates_at_step import Look, look
+from brv_hypo.residuals.candidates_at_step import Analysis, analyse_step
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.fitted_model import State, settled_state
+from brv_hypo.residuals.fitted_model import State, converged_state
 from brv_hypo.residuals.problem import with_efficiency
 from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Trace
@@ -47,7 +47,7 @@ class Ground:
     flight: Flight
     model: SavedModel
     state: State
-    here: Look
+    here: Analysis
 
 
 def ground(flight: Flight, steps: int) -> Ground:
@@ -62,8 +62,10 @@ def standing_on(flight: Flight, found: SavedModel) -> Ground:
     """The record with a model that was found on it."""
     settings = TraceConfig(maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
-        state = settled_state((flight,), restored(found, (flight,)), settings)
-        here = look(state.seen, state.model, state.linear, (), (), settings.model_copy(update={"discover": False}))
+        state = converged_state((flight,), restored(found, (flight,)), settings)
+        here = analyse_step(
+            state.data, state.model, state.linear, (), (), settings.model_copy(update={"discover": False})
+        )
     return Ground(flight, found, state, here)
 
 
@@ -79,7 +81,7 @@ def planted(base: Ground, effect: str, times: float, seed: int, onset: float | N
         return _with_error(base, item, times, draw)
     if item.parameters():
         raise UnanswerableError(f"{effect} looks back in time; what is planted acts on the motion of the instant alone")
-    motion = base.state.seen.reconstructions[0].motion
+    motion = base.state.data.reconstructions[0].motion
     asked = _unbent(base) if is_bend(item, motion) else base
     names = [term.name for term in item.terms(motion, {})]
     direction = draw.standard_normal(len(names)) if item.terms_enter_together else np.eye(len(names))[-1]
@@ -112,12 +114,12 @@ def limits_there(
     give as much again: the second is what there is of it beside the model, at its time and with its terms.
     """
     model = restored(base.model, (flight,))
-    names = [term.name for term in item.terms(base.state.seen.reconstructions[0].motion, {})]
+    names = [term.name for term in item.terms(base.state.data.reconstructions[0].motion, {})]
     own = tuple(Regressor(item.name, name, (), _course(onset), "1") for name in names)
     settings = TraceConfig(maximum_likelihood=False)
     both = replace(model, mechanisms={**model.mechanisms, item.name: item}, columns=(*model.columns, *own))
     with threadpool_limits(limits=1, user_api="blas"):
-        problem = settled_state((flight,), both, settings).problem
+        problem = converged_state((flight,), both, settings).problem
         problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
         others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
         moment = problem.design(problem.frame, last) @ values
@@ -131,7 +133,7 @@ def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.rando
     """The record with an error of one component of an instrument, of those that have errors so large."""
     settings = TraceConfig(discover=False, maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
-        here = look(base.state.seen, base.state.model, base.state.linear, (), (effect,), settings)
+        here = analyse_step(base.state.data, base.state.model, base.state.linear, (), (effect,), settings)
     problem = with_efficiency(here.problem, here.null)
     limits = {
         component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
@@ -151,7 +153,7 @@ def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.rando
     return effect.perturb(base.flight, component.name, value), told
 
 
-def _limit(here: Look, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None) -> float:
+def _limit(here: Analysis, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None) -> float:
     """Detection limit along a direction of the terms, as a multiple of it.
 
     A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective

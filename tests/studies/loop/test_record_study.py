@@ -9,7 +9,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import Flight
 from brv_hypo.mechanisms import Mechanism, find
 from brv_hypo.residuals import TraceConfig, trace
-from brv_hypo.residuals.fitted_model import State, settled_state
+from brv_hypo.residuals.fitted_model import State, converged_state
 from brv_hypo.residuals.restore import restored
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
@@ -30,7 +30,7 @@ def base() -> Ground:
 def state() -> State:
     """What the flight's least-squares problem is linearised about."""
     flights = (trimmed().flight,)
-    return settled_state(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
+    return converged_state(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
 
 
 @pytest.mark.thorough

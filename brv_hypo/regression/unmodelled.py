@@ -1,4 +1,4 @@
-"""`UnlistedMoment`: a smooth or slowly turning moment that no listed mechanism has, tried in a mechanism's place."""
+"""`UnmodelledMoment`: a smooth or slowly turning moment that no listed mechanism has, tried in a mechanism's place."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from brv_hypo.regression.free_moment import SHAPES, shape_of
 from brv_hypo.regression.problem import Problem
 
 
-class UnlistedMoment(Mechanism):
+class UnmodelledMoment(Mechanism):
     """The shapes of a body's moment in its crossflow (Maple and Synge 1949) by name, acting in stretches of time."""
 
     name = "unlisted_moment"
@@ -43,7 +43,7 @@ def _terms_of(name: str, motion: Motion) -> tuple[Term, ...]:
     )
 
 
-def unlisted_moments(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> tuple[UnlistedMoment, ...]:
+def unmodelled_moments(problem: Problem, listed: Sequence[Mechanism], beyond: float) -> tuple[UnmodelledMoment, ...]:
     """One of each shape with more than the share `beyond` of its rms beyond what each listed mechanism reproduces.
 
     Over all flights. A mechanism with nonlinear parameters has no shape of its own, and leaves all of them.
@@ -51,7 +51,7 @@ def unlisted_moments(problem: Problem, listed: Sequence[Mechanism], beyond: floa
     motions = problem.frame.motions
     known = shapes_of(listed, motions)
     return tuple(
-        UnlistedMoment(shapes=(name,))
+        UnmodelledMoment(shapes=(name,))
         for name in SHAPES
         for components in [over(motions, partial(shape_of, name))]
         if all(left_of(components, basis) > beyond for basis in known)
@@ -146,5 +146,5 @@ def fastest_turning(motion: Motion) -> float:
 
 def plain_columns(fit: HypothesisFit) -> tuple[Regressor, ...]:
     """The selected columns without those that are characteristic of a mechanism."""
-    telling = {(mechanism.name, term) for mechanism in fit.mechanisms for term in mechanism.characteristic}
-    return tuple(column for column in fit.selected if (column.mechanism, column.term) not in telling)
+    specific = {(mechanism.name, term) for mechanism in fit.mechanisms for term in mechanism.characteristic}
+    return tuple(column for column in fit.selected if (column.mechanism, column.term) not in specific)
