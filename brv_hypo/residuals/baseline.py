@@ -96,9 +96,14 @@ def _bent(model: Model, data: Corrected) -> Model:
     return replace(model, mechanisms={**model.mechanisms, bend.name: bend})
 
 
-def without_bend(model: Model) -> Model:
-    """The model whose static moment is in proportion to the angle of attack, but for what its columns say."""
-    return replace(model, mechanisms={n: m for n, m in model.mechanisms.items() if n != StaticBend.name})
+def without(model: Model, names: Sequence[str]) -> Model:
+    """The model without the moments of these effects."""
+    return replace(
+        model,
+        mechanisms={name: mechanism for name, mechanism in model.mechanisms.items() if name not in names},
+        columns=tuple(column for column in model.columns if column.mechanism not in names),
+        added=tuple(name for name in model.added if name not in names),
+    )
 
 
 def is_bend(mechanism: Mechanism, motion: Motion) -> bool:

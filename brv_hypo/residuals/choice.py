@@ -50,7 +50,7 @@ class Tried:
     certain: bool
     carried: bool
     gain: float | None = None
-    """Of the log evidence beside all processes; None where that was not asked."""
+    """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
 
     @property
     def accepted(self) -> bool:

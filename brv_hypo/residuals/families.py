@@ -72,7 +72,23 @@ class Beside:
 
     def gain(self, name: str) -> float:
         """By how much an effect raises the log evidence beside the others."""
-        return self.whole.level - self.evidence([each for each in self.terms if each != name]).level
+        return self.whole.level - self._without(name).level
+
+    def gain_in_place(self, name: str) -> float:
+        """The same, where it acts instead of the processes of its family."""
+        others = {group.family for group in self.rows.groups} - {self.families[name]}
+        return self.evidence(list(self.terms), sorted(others)).level - self._without(name).level
+
+    def rest_of_family(self, name: str) -> float:
+        """What processes of an effect's family explain beside it, over what it explains itself."""
+        others = [terms for each, terms in self.terms.items() if each != name]
+        residuals = [_residual(self.rows, some) for some in (others, list(self.terms.values()))]
+        residuals += [self.evidence(list(self.terms), [self.families[name]]).residual]
+        before, after, rest = (float(each @ each) for each in residuals)
+        return (after - rest) / max(before - after, 1e-300)
+
+    def _without(self, name: str) -> Evidence:
+        return self.evidence([each for each in self.terms if each != name])
 
     def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
         """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.

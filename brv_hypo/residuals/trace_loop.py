@@ -50,7 +50,7 @@ from brv_hypo.residuals.baseline import (
     start_model,
     starting_columns,
     with_priors,
-    without_bend,
+    without,
 )
 from brv_hypo.residuals.candidates import Candidate, adjusted, confounded, with_columns
 from brv_hypo.residuals.candidates_at_step import Analysis, analyse_step
@@ -68,7 +68,7 @@ from brv_hypo.residuals.result import Account, Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import LoopEnd, summary, term_estimates
 from brv_hypo.settings import settings_of
-from brv_hypo.thresholds import SPECIFIC
+from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
 
 
 def named_in(beside: Beside, offered: Sequence[Candidate], name: str, data: Corrected, config: TraceConfig) -> float:
@@ -139,16 +139,6 @@ def unwanted(state: State, names: Sequence[str], config: TraceConfig) -> tuple[s
     first = min(k for k, column in enumerate(model.columns) if column.mechanism in removable)
     before = replace(model, columns=model.columns[:first])
     return beside_processes(state, before, config).unwanted(removable)
-
-
-def without(model: Model, names: Sequence[str]) -> Model:
-    """The model without the moments of these effects."""
-    return replace(
-        model,
-        mechanisms={name: mechanism for name, mechanism in model.mechanisms.items() if name not in names},
-        columns=tuple(column for column in model.columns if column.mechanism not in names),
-        added=tuple(name for name in model.added if name not in names),
-    )
 
 
 # ---- The final model of a trace, refined by maximum likelihood on the measurements themselves ----
@@ -262,11 +252,11 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> T
 
 def confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
     """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
-    final model, or leave that model inadequate.
+    final model, leave that model inadequate, or those of the effect's family have much to explain beside it.
     """
     gains = {name: beside.gain(name) for name in beside.terms}
     adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
-    kept = {name for name, gain in gains.items() if gain >= SPECIFIC and adequate}
+    kept = {n for n, gain in gains.items() if gain >= SPECIFIC and adequate and beside.rest_of_family(n) <= FAMILY_REST}
     return tuple(
         step.model_copy(update={"standing": "hint"}) if step.standing == "finding" and step.added not in kept else step
         for step in steps
@@ -274,20 +264,14 @@ def confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
 
 
 def _declared(mechanisms: Sequence[Mechanism], data: Corrected) -> tuple[Regressor, ...]:
-    """Every term of mechanisms whose courses leave nothing to choose."""
-    motion, always = data.reconstructions[0].motion, TimeBasis("constant")
+    """Every term of mechanisms that leave no choice in time, of all flights together or of each."""
+    motion, always, several = data.reconstructions[0].motion, TimeBasis("constant"), len(data.flights) > 1
     return tuple(
         term_column(m, term, (), always, flight)
         for m in mechanisms
-        for flight in _flights_with_own(m, data)
+        for flight in (range(len(data.flights)) if several and m.of_each_flight(data.flights[0]) else (None,))
         for term in m.terms(motion, {})
     )
-
-
-def _flights_with_own(mechanism: Mechanism, data: Corrected) -> Sequence[int | None]:
-    """The flights that have columns of their own; None for all together."""
-    own = len(data.flights) > 1 and mechanism.of_each_flight(data.flights[0])
-    return range(len(data.flights)) if own else (None,)
 
 
 def _candidates(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
@@ -378,7 +362,7 @@ class _Loop:
         Every effect is tried beside the bend that bodies have. That this one has any is asked once nothing else is
         added, of a model without it.
         """
-        model = without_bend(state.model)
+        model = without(state.model, [StaticBend.name])
         bare, config = first_state(model, state.data, self.config), self.config.model_copy(update={"discover": False})
         here = analyse_step(bare.data, model, bare.linear, bends, (), config)
         bare = state_of(model, bare.data, here.problem, bare.linear)
@@ -427,7 +411,8 @@ class _Loop:
 
         def gain_of(found: State) -> float:
             there = beside_processes(found, state.model, self.config, found.data.fitted)
-            return there.gain(found.model.added[-1])
+            name = found.model.added[-1]
+            return max(there.gain(name), min(there.gain_in_place(name), 0.0))
 
         choice = choose(here, state, discovery, self.config.significance, add, white, known, gain_of)
         if choice.accepted is None:
@@ -441,15 +426,12 @@ class _Loop:
 
 def _counting(choice: Choice, significance: float) -> Discovery | None:
     """The description in generic terms, where it is significant and no name took its place."""
-    found = choice.discovery
+    found, accepted = choice.discovery, choice.accepted
     if found is None:
         return None
-    if choice.accepted is not None and choice.accepted.candidate is not found.candidate:
-        similar = confounded(choice.accepted.candidate, choice.ranked)
-        return found if found.candidate.name in similar else None
-    if adjusted(choice.ranked)[found.candidate.name] > significance:
-        return None
-    return found
+    if accepted is not None and accepted.candidate is not found.candidate:
+        return found if found.candidate.name in confounded(accepted.candidate, choice.ranked) else None
+    return found if adjusted(choice.ranked)[found.candidate.name] <= significance else None
 
 
 def _may_join(mechanism: Mechanism, model: Model, flights: int) -> bool:

@@ -35,22 +35,18 @@ class Static(MomentProcess):
     name, family, splines = "static_change", "stiffness", 16
     title = "static moment that changes along the flight"
     turn: ClassVar[complex] = 1.0
+    powers: ClassVar[tuple[int, ...]] = (1,)
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """One, in the plane of alpha, or across it by `turn`."""
-        return (np.asarray(self.turn * motion.alpha),)
+        """Powers of alpha, in its plane, or across it by `turn`."""
+        return tuple(np.asarray(self.turn * motion.alpha**power) for power in self.powers)
 
 
-class Bend(MomentProcess):
+class Bend(Static):
     """Static moment that is not linear in alpha."""
 
-    name, family, splines = "static_bend", "stiffness", 5
+    name, splines, powers = "static_bend", 5, (2, 3)
     title = "static moment that bends with the angle of attack"
-    turn: ClassVar[complex] = 1.0
-
-    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """Square and cube."""
-        return np.asarray(self.turn * motion.alpha**2), np.asarray(self.turn * motion.alpha**3)
 
 
 class Side(Static):

@@ -10,12 +10,12 @@ from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.residuals import TraceConfig
-from brv_hypo.residuals.baseline import start_model, starting_columns
+from brv_hypo.residuals.baseline import start_model, starting_columns, without
 from brv_hypo.residuals.candidates_at_step import generic_name
 from brv_hypo.residuals.fitted_model import State, converged_state
 from brv_hypo.residuals.linearisation import Model, correct
 from brv_hypo.residuals.result import Errors, Residual, Step, lasting_steps
-from brv_hypo.residuals.trace_loop import unwanted, without
+from brv_hypo.residuals.trace_loop import unwanted
 from tests.ranking.pulse import fitted, pulse
 
 CONFIG = TraceConfig(maximum_likelihood=False)

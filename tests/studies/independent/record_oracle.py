@@ -13,12 +13,13 @@ import numpy as np
 
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Mechanism, RecordEffect, Term
+from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem, given_column
-from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors, without_bend
+from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors, without
 from brv_hypo.residuals.config import Baseline, TraceConfig
 from brv_hypo.residuals.fitted_model import State, converged_state
 from brv_hypo.residuals.linearisation import correct
@@ -36,7 +37,7 @@ def baseline_state(
     first = correct((flight,), model, config)
     model = with_priors(replace(model, columns=starting_columns(model, first.frame)), first)
     if not bent:
-        model = without_bend(model)
+        model = without(model, [StaticBend.name])
     motion, always = first.reconstructions[0].motion, TimeBasis("constant")
     own = tuple(Regressor(each.name, term.name, (), always, "1") for each in known for term in each.terms(motion, {}))
     mechanisms = {**model.mechanisms, **{each.name: each for each in known}}
