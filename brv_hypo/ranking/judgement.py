@@ -153,6 +153,9 @@ def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence, scale: float) 
     if fit.selected and not follows_static_moment(fit.mechanisms):
         terms = np.arange(fit.baseline_size, count)
         covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
+    knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
+    step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
+    covariance[knots, knots] += step**2 / 12.0
     found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
 

@@ -411,8 +411,7 @@ class _Loop:
 
         def gain_of(found: State) -> float:
             there = beside_processes(found, state.model, self.config, found.data.fitted)
-            name = found.model.added[-1]
-            return max(there.gain(name), min(there.gain_in_place(name), 0.0))
+            return max(there.gain(own := found.model.added[-1]), min(there.gain_in_place(own), 0.0))
 
         choice = choose(here, state, discovery, self.config.significance, add, white, known, gain_of)
         if choice.accepted is None:
