@@ -78,7 +78,7 @@ def test_fits_have_the_criterion_coefficients_and_errors_of_their_evidence() -> 
 
 
 def test_errors_of_coefficients_hold_what_pressure_and_inertia_are_known_to() -> None:
-    """Half a percent each, in every coefficient of a moment alike; knots have nothing of it."""
+    """Half a percent each, in every coefficient of a moment alike; knots have a sample's own instead."""
     found = judged_cone("bodyfixed")
     fit, own = found.fits[found.leader], found.evidences[found.leader]
     more = fit.joint_covariance - own.covariance
@@ -88,7 +88,9 @@ def test_errors_of_coefficients_hold_what_pressure_and_inertia_are_known_to() ->
     sizes = [instruments.dynamic_pressure_scale[0], instruments.inertia[0]]
     expected = sum(size**2 for size in sizes) * np.outer(fit.values[terms], fit.values[terms])
     assert more[terms, terms] == pytest.approx(expected, rel=0.05)
-    assert np.count_nonzero(more) == np.count_nonzero(more[terms, terms])
+    knots = [len(fit.columns) + k for k, each in enumerate(fit.nonlinear) if each.kind == "knot"]
+    assert np.diag(more)[knots] == pytest.approx(found.problem.records[0].flight.step ** 2 / 12.0)
+    assert np.count_nonzero(more) == np.count_nonzero(more[terms, terms]) + len(knots)
 
 
 def test_what_was_planted_leads_and_the_baseline_does_where_nothing_was() -> None:
