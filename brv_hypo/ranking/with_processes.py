@@ -20,7 +20,7 @@ from brv_hypo.regression.fit import HypothesisFit, solved
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import nonlinear_parameters
+from brv_hypo.regression.refinement import KNOT_MARGIN, nonlinear_parameters
 
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
@@ -41,8 +41,7 @@ def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> 
     fit, pairs = pair[0], [pair]
     if len(fit.mechanisms) == 1:
         like, time = replace(fit, frame=frame.with_mechanisms(fit.mechanisms)), frame.coefficient_time
-        starts = [-np.inf, *(column.time_basis.start for column in fit.selected), np.inf]
-        own = np.unique(np.clip(starts, time.min(), time.max()))
+        own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
         found = [acting(problem, like, fit.mechanisms, null, edges) for edges in (even_edges(frame, PLAIN_EDGES), own)]
         pairs += [each for each in found if each is not None]
     best = max(pairs, key=lambda each: each[1].level)
@@ -61,11 +60,12 @@ def acting(
     mechanism, best = max(found, key=lambda each: each[1].peak)
     frame = like.frame.with_mechanisms([mechanism])
     always, time = "constant" in mechanism.time_variation, frame.coefficient_time
-    reach = float(np.min(np.diff(edges)))
+    reach, shortest = float(np.min(np.diff(edges))), KNOT_MARGIN * (time.max() - time.min()) / (PLAIN_EDGES - 1)
     for _ in range(FINER if edges.size > 2 else 0):
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
-        best = max(regions(null, like.frame, mechanism, closer, [best.theta]), key=lambda each: each.peak)
+        nearer = regions(null, like.frame, mechanism, closer, [best.theta])
+        best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=lambda each: each.peak)
         reach *= 2.0 / (FINER_EDGES - 1)
     columns = [
         term_column(
