@@ -197,12 +197,12 @@ def outcome_text(step: Step) -> str:
     """What was added, and the errors before and after; those of the specific force where an error of the record was."""
     before, after = step.error_before, step.error_after
     if step.added is None or after is None:
-        # what was significant in the fit, and why it was not added; the last of them where no repetition names it
+        # what was significant in the fit, and why it was not added; the last of them where few repetitions name it
         unnamed = step.refused[-1:] if step.named_in == 0.0 else ()
         worse = [name for name in step.refused if name not in (*unnamed, *step.unwanted)]
         reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
         reasons += [f"processes explain the flight far better than {', '.join(step.unwanted)}"] if step.unwanted else []
-        why = "; ".join([*reasons, *(f"no repetition names {name}" for name in unnamed)])
+        why = "; ".join([*reasons, *(f"few repetitions name {name}" for name in unnamed)])
         errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
         return f"added nothing{f' ({why})' if why else ''}; {errors}"
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")
