@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -38,8 +40,7 @@ def test_side_moments_are_not_named_sticking(seed: int, truth: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "truth", "grade", "colour"),
-    [(69174, "vortex", "laboratory", 0.0), pytest.param(69069, "magnus", "laboratory", 0.61, marks=pytest.mark.slow)],
+    ("seed", "truth", "grade", "colour"), [pytest.param(69069, "magnus", "laboratory", 0.61, marks=pytest.mark.slow)]
 )
 def test_a_side_moment_instead_of_sticking_is_found_to_be_one(seed: int, truth: str, grade: str, colour: float) -> None:
     """Steps and delays of sticking follow it; a moment along the crossflow's normal follows it better."""
@@ -48,16 +49,19 @@ def test_a_side_moment_instead_of_sticking_is_found_to_be_one(seed: int, truth: 
     assert "side moment" in verdict.reason
 
 
-def test_a_side_moment_within_what_processes_do_is_not_named_sticking() -> None:
-    """A Magnus moment of 0.1 % of all that moves the vehicle."""
-    assert said(draw_flight(68144, truth="magnus", grade="industrial")).winner in (None, "none")
+@pytest.mark.parametrize(("seed", "truth", "grade"), [(68144, "magnus", "industrial"), (69174, "vortex", "laboratory")])
+def test_a_side_moment_within_what_processes_do_is_not_named_sticking(seed: int, truth: str, grade: str) -> None:
+    """A Magnus moment of 0.1 % of all that moves the vehicle; one by alpha^2, which is the process `side_bend`."""
+    assert said(draw_flight(seed, truth=truth, grade=grade)).winner in (None, "none")
 
 
 def test_a_moment_that_turns_in_the_body_is_not_named_body_fixed() -> None:
     """Steps of a body-fixed moment follow it, and the process of a body-fixed moment that changes does."""
     verdict = said(draw_flight(620005, truth="rotating", grade="tactical"))
     assert verdict.outcome == "none adequate"
-    assert "turning in the body at 3.0" in verdict.reason
+    found = re.search(r"turning in the body at ([0-9.]+) rad/s", verdict.reason)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(3.0, abs=0.05)
 
 
 @pytest.mark.parametrize(
