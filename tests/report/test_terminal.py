@@ -101,7 +101,7 @@ def test_warnings_follow_the_conclusion() -> None:
         (
             0.0,
             ("lag", "trim"),
-            "added nothing (lag did not lower the held-out error; few repetitions name trim); error",
+            "added nothing (lag did not lower the held-out error; few runs name trim); error",
         ),
     ],
 )
