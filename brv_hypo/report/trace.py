@@ -202,7 +202,7 @@ def outcome_text(step: Step) -> str:
         worse = [name for name in step.refused if name not in (*unnamed, *step.unwanted)]
         reasons = [f"{', '.join(worse)} did not lower the held-out error"] if worse else []
         reasons += [f"processes explain the flight far better than {', '.join(step.unwanted)}"] if step.unwanted else []
-        why = "; ".join([*reasons, *(f"few runs name {name}" for name in unnamed)])
+        why = "; ".join([*reasons, *(f"few repetitions name {name}" for name in unnamed)])
         errors = f"error {number(before.fit)} in the fit, {number(before.held_out)} held out"
         return f"added nothing{f' ({why})' if why else ''}; {errors}"
     what = f"added {step.added}" + (f" ({step.description})" if step.description else "")

@@ -100,8 +100,7 @@ class FlightLeftOut(NullIsNaN):
 class Step(NullIsNaN):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
-    `refused` is what counts in the fitted part and does not lower the held-out error, or, the last where `named_in` is
-    0, what few repetitions name.
+    `refused` is significant in the fitted part and does not lower the held-out error, or few repetitions name it.
     `error_before`, `error_after` are those of the moment coefficients; `force_error_before`, `force_error_after` those
     of the specific force across the axis, (m/s^2)^2, in which an error of the record may show alone.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other

@@ -411,7 +411,8 @@ class _Loop:
 
         def gain_of(found: State) -> float:
             there = beside_processes(found, state.model, self.config, found.data.fitted)
-            return max(there.gain(own := found.model.added[-1]), min(there.gain_in_place(own), 0.0))
+            gain = there.gain(own := found.model.added[-1])
+            return gain if gain >= 0.0 else max(gain, min(there.gain_in_place(own), 0.0))
 
         choice = choose(here, state, discovery, self.config.significance, add, white, known, gain_of)
         if choice.accepted is None:

@@ -98,7 +98,11 @@ def test_warnings_follow_the_conclusion() -> None:
     [
         (None, (), "added nothing; error"),
         (None, ("lag", "trim"), "added nothing (lag, trim did not lower the held-out error); error"),
-        (0.0, ("lag", "trim"), "added nothing (lag did not lower the held-out error; few runs name trim); error"),
+        (
+            0.0,
+            ("lag", "trim"),
+            "added nothing (lag did not lower the held-out error; few repetitions name trim); error",
+        ),
     ],
 )
 def test_a_step_says_why_it_added_nothing(named_in, refused, words) -> None:
