@@ -25,7 +25,7 @@ from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.limits import scale_variance
 from brv_hypo.ranking.preparation import cleaned, shared_problem, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
-from brv_hypo.ranking.with_processes import moved, plainest
+from brv_hypo.ranking.with_processes import moved, plainest, widened
 from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -41,6 +41,7 @@ from brv_hypo.regression.refinement import FINAL, ROUGH, Steps
 from brv_hypo.regression.uncertainty import with_design
 
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
+WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
 
 
@@ -110,6 +111,8 @@ def judged(
             plainest(problem, (each, own), null, at) if each.selected and own.level > least else (each, own)
             for each, own in zip(fits, first, strict=True)
         ]
+        high = max(own.level for _, own in pairs) - WIDENED
+        pairs = [widened(problem, each) if each[1].level > high else each for each in pairs]
         best = max(range(len(pairs)), key=lambda k: pairs[k][1].level)
         pairs[best] = moved(problem, pairs[best], closely=True)
         evidences = [own for _, own in pairs]

@@ -15,12 +15,12 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column
-from brv_hypo.ranking.limits import even_edges, regions
+from brv_hypo.ranking.limits import Shape, even_edges, regions
 from brv_hypo.regression.fit import HypothesisFit, solved
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import KNOT_MARGIN, nonlinear_parameters
+from brv_hypo.regression.refinement import KNOT_MARGIN, middle, nonlinear_parameters
 
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
@@ -30,6 +30,8 @@ _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evide
 FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
+FURTHER = 2  # regions beside the first in which one mechanism acts, at most
+WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
 Pair = tuple[HypothesisFit, Evidence]
 
@@ -44,8 +46,77 @@ def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> 
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
         found = [acting(problem, like, fit.mechanisms, null, edges) for edges in (even_edges(frame, PLAIN_EDGES), own)]
         pairs += [each for each in found if each is not None]
-    best = max(pairs, key=lambda each: each[1].level)
-    return moved(problem, _completed(problem, _without_unwanted(problem, best)))
+    best = _grown(problem, max(pairs[1:] or pairs, key=_level))
+    return moved(problem, _completed(problem, _without_unwanted(problem, max([*pairs, best], key=_level))))
+
+
+def _level(pair: Pair) -> float:
+    return pair[1].level
+
+
+def _grown(problem: Problem, pair: Pair) -> Pair:
+    """With further times between which the one mechanism acts, while the evidence clearly wants them."""
+    for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
+        fit, own = pair
+        (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
+        found = regions(own, frame, mechanism, even_edges(frame, PLAIN_EDGES), [fit.selected[0].theta])
+        best = max(found, key=lambda each: each.peak, default=None)
+        if best is None or 0.5 * best.peak < _LINEAR:
+            break
+        further = _acting_between(mechanism, best, frame)
+        there = moved(problem, fitted(problem, fit, (*fit.selected, *further), own))
+        if there[1].level < own.level + _LINEAR:
+            break
+        pair = there
+    return pair
+
+
+def _acting_between(mechanism: Mechanism, shape: Shape, frame: RateFrame) -> list[Regressor]:
+    """The changes with which a mechanism acts in a region alone."""
+    always, time = "constant" in mechanism.time_variation, frame.coefficient_time
+    return [
+        term_column(
+            mechanism, term, shape.theta, TimeBasis("jump", edge) if edge > time.min() else TimeBasis("constant")
+        )
+        for edge in shape.region
+        if edge < time.max() and (edge > time.min() or always)
+        for term in mechanism.terms(frame.motions[0], dict(shape.theta))
+    ]
+
+
+def widened(problem: Problem, pair: Pair) -> Pair:
+    """With changes coming on over a time instead of at once, where the evidence clearly wants that."""
+    sharp = pair
+    while True:
+        fit, own = pair
+        jumps = {column.time_basis for column in fit.selected if column.time_basis.kind == "jump"}
+        found = [(*_best_width(fit, own, jump), jump) for jump in sorted(jumps, key=middle)]
+        wide, gain, jump = max(found, key=lambda each: each[1], default=(None, 0.0, None))
+        if wide is None or gain < _LINEAR:
+            break
+        over = [replace(c, time_basis=wide, units=wide.units(c.units)) for c in fit.selected]
+        columns = [new if old.time_basis == jump else old for old, new in zip(fit.selected, over, strict=True)]
+        there = moved(problem, fitted(problem, fit, columns, own))
+        if there[1].level < own.level + _LINEAR:
+            break
+        pair = there
+    return pair if pair is sharp else _without_unwanted(problem, pair)
+
+
+def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[TimeBasis, float]:
+    """The ramp in the place of a jump that gains most with the coefficients as they are, and by how many nats."""
+    frame = own.rows.frame_of(fit)
+    mine = [k for k, column in enumerate(fit.selected) if column.time_basis == jump]
+    values = own.values[fit.baseline_size :][mine]
+    halves = 0.5 * np.ptp(frame.coefficient_time) * np.array(WIDTHS)
+    ramps = [TimeBasis("ramp", jump.start - half, jump.start + half) for half in halves.tolist()]
+    tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
+    rows = own.rows.of_moments(frame, tried).reshape(-1, len(ramps), len(mine)) @ values / (2.0 * halves)
+    sharp = own.rows.of_moments(frame, [fit.selected[k] for k in mine]) @ values
+    information, right = own.projected_products(rows - sharp[:, np.newaxis])
+    gains = 0.5 * right**2 / np.diag(information)
+    best = int(np.argmax(gains))
+    return ramps[best], float(gains[best])
 
 
 def acting(
@@ -59,7 +130,7 @@ def acting(
         return None
     mechanism, best = max(found, key=lambda each: each[1].peak)
     frame = like.frame.with_mechanisms([mechanism])
-    always, time = "constant" in mechanism.time_variation, frame.coefficient_time
+    time = frame.coefficient_time
     reach, shortest = float(np.min(np.diff(edges))), KNOT_MARGIN * (time.max() - time.min()) / (PLAIN_EDGES - 1)
     for _ in range(FINER if edges.size > 2 else 0):
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
@@ -67,14 +138,7 @@ def acting(
         nearer = regions(null, like.frame, mechanism, closer, [best.theta])
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=lambda each: each.peak)
         reach *= 2.0 / (FINER_EDGES - 1)
-    columns = [
-        term_column(
-            mechanism, term, best.theta, TimeBasis("jump", edge) if edge > time.min() else TimeBasis("constant")
-        )
-        for edge in best.region
-        if edge < time.max() and (edge > time.min() or always)
-        for term in mechanism.terms(frame.motions[0], dict(best.theta))
-    ]
+    columns = _acting_between(mechanism, best, frame)
     own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
     return moved(problem, fitted(problem, own, columns, null))
 
@@ -85,7 +149,7 @@ def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor],
     fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
     parameters = nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots)
     fit = replace(fit, nonlinear=parameters)
-    return fit, maximised(rows, rows.terms(fit), start.at[: 1 + len(rows.groups)])
+    return fit, maximised(rows, rows.terms(fit), start.at)
 
 
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
@@ -149,7 +213,11 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
     while True:
         fit, own = pair
         bases = sorted({(column.time_basis, column.theta) for column in fit.selected}, key=lambda each: each[0].start)
-        close = [(a, b[0].start) for a, b in pairwise(bases) if b[1] == a[1] and 0.0 < b[0].start - a[0].start < step]
+        close = [
+            (a, b[0].start)
+            for a, b in pairwise(bases)
+            if b[1] == a[1] and a[0].kind == b[0].kind == "jump" and 0.0 < b[0].start - a[0].start < step
+        ]
         if close:
             (early, theta), start = close[0]
             joined = replace(early, start=start)

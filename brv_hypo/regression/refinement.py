@@ -31,6 +31,8 @@ from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
+# Of an onset: the least width in the knots' spacing, and the largest in the record's length.
+NARROWEST, WIDEST = 0.05, 0.5
 KNOT_MARGIN = 0.25  # of the knots' spacing, by which one stays away from the ends of the record
 
 
@@ -47,9 +49,11 @@ FINAL = Steps(REFIT_STEPS, REFIT_GAIN)  # of one that is reported, or linearised
 
 @dataclass(frozen=True)
 class Nonlinear:
-    """One continuous parameter, in `units`, and the columns that it moves: a theta of a mechanism, or a knot."""
+    """One continuous parameter, in `units`, and the columns that it moves: a theta of a mechanism, a knot, or the width
+    of an onset that a ramp with an end describes; its knot is the middle.
+    """
 
-    kind: Literal["theta", "knot"]
+    kind: Literal["theta", "knot", "width"]
     name: str
     mechanism: str
     value: float
@@ -73,10 +77,28 @@ class Nonlinear:
         return tuple(self._moved(column, value) if j in self.columns else column for j, column in enumerate(columns))
 
     def _moved(self, column: Regressor, value: float) -> Regressor:
-        if self.kind == "knot":
-            return column.at(column.theta, TimeBasis(column.time_basis.kind, value, column.time_basis.stop))
+        if self.kind != "theta":
+            return column.at(column.theta, _with_edge(column.time_basis, self.kind, value))
         theta = tuple((key, value if key == self.name else old) for key, old in column.theta)
         return column.at(theta, column.time_basis)
+
+
+def middle(basis: TimeBasis) -> float:
+    """When a change happens, s: of a ramp with an end the middle."""
+    return 0.5 * (basis.start + basis.stop) if has_width(basis) else basis.start
+
+
+def has_width(basis: TimeBasis) -> bool:
+    """Whether it is an onset that takes time: a ramp with an end."""
+    return basis.kind == "ramp" and math.isfinite(basis.stop)
+
+
+def _with_edge(basis: TimeBasis, kind: str, value: float) -> TimeBasis:
+    """With another knot, or another width about it (s)."""
+    if not has_width(basis):
+        return TimeBasis(basis.kind, value, basis.stop)
+    at, width = (value, basis.stop - basis.start) if kind == "knot" else (middle(basis), value)
+    return TimeBasis("ramp", at - 0.5 * width, at + 0.5 * width)
 
 
 @dataclass(frozen=True)
@@ -147,18 +169,23 @@ def nonlinear_parameters(
     """
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())
-    found: dict[tuple[Literal["theta", "knot"], str, float, str, int | None], list[int]] = {}
+    found: dict[tuple[Literal["theta", "knot", "width"], str, float, str, TimeBasis | int | None], list[int]] = {}
     for j, column in enumerate(columns[baseline_size:], start=baseline_size):
         for name, value in column.theta:
             found.setdefault(("theta", column.mechanism, value, name, None), []).append(j)
-        if column.time_basis.kind != "constant" and reach > 0.0:
-            place = (column.mechanism, column.time_basis.start, "knot", column.flight)
-            found.setdefault(("knot", *place), []).append(j)
+        basis = column.time_basis
+        if basis.kind != "constant" and reach > 0.0:
+            found.setdefault(("knot", column.mechanism, middle(basis), "knot", column.flight), []).append(j)
+            if has_width(basis):
+                place = (column.mechanism, basis.stop - basis.start, "onset width", basis)
+                found.setdefault(("width", *place), []).append(j)
     out = []
     for (kind, mechanism, value, name, _), members in found.items():
         if kind == "knot":
             inside = (min(start + KNOT_MARGIN * reach, value), max(stop - KNOT_MARGIN * reach, value))
             bounds, units = (max(value - reach, inside[0]), min(value + reach, inside[1])), "s"
+        elif kind == "width":
+            bounds, units = (min(NARROWEST * reach, value), max(WIDEST * (stop - start), value)), "s"
         else:
             parameter = next(p for p in frame.mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units

@@ -6,7 +6,7 @@ Flight k has seed SEED + k and the kind k of `imperfections.KINDS` (`--world all
 size; `--world tolerances`: none). Nothing and one of the five mechanisms take turns, one in three empty; the mechanism
 has 30 to 100 % of its full size, in the world of tolerances 3 to 100 %, log-uniform.
 Counts come with exact 95 % intervals (Clopper and Pearson 1934). Of right names, stated errors are counted: every
-value of the mechanism, its delay and its onset, against what was planted.
+value of the mechanism, its delay and the knot nearest to one of its edges, against what was planted.
 """
 
 from __future__ import annotations
@@ -109,7 +109,9 @@ def fly(seed: int, number: int, grade: str, world: str) -> Outcome | str:
 
 
 def misses(made: Made, found: Comparison) -> dict[str, float]:
-    """What the leader states, less what was planted, in standard errors: values at mid-region, delays, onsets."""
+    """What the leader states, less what was planted, in standard errors: values at mid-region, delays, the knot that is
+    nearest to when the mechanism begins or ends.
+    """
     planted, fitted = made.true.planted, found.ranking[0]
     angle = planted.values.get("angle", 0.0)
     true = {
@@ -132,8 +134,10 @@ def misses(made: Made, found: Comparison) -> dict[str, float]:
     delays = [each for each in fitted.derived if each.name.endswith(" delay")]
     onsets = [each for each in fitted.derived if each.name.endswith(" knot")]
     out |= {each.name: (each.value - planted.delay) / each.std_error for each in delays[:1]}
-    first = min(onsets, key=lambda each: abs(each.value - planted.start), default=None)
-    return out | ({} if first is None else {"onset": (first.value - planted.start) / first.std_error})
+    edges = (planted.start, planted.stop)
+    found = [(each, edge) for each in onsets for edge in edges]
+    near = min(found, key=lambda each: abs(each[0].value - each[1]), default=None)
+    return out | ({} if near is None else {"knot": (near[0].value - near[1]) / near[0].std_error})
 
 
 def line(found: Outcome) -> str:
