@@ -162,6 +162,7 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     listed = [
         Candidate(fit.name, own.level - 0.5 * fit.bound_cost, own.held_out, _impossible(fit))
         for fit, own in zip(beside.fits, beside.evidences, strict=True)
+        if fit.selected or not fit.mechanisms  # of a mechanism that the data do not determine nothing is known
     ]
     instead = [
         Candidate(each.fit.name, each.evidence.level, each.evidence.held_out, words=each.words)

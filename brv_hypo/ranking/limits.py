@@ -39,6 +39,8 @@ class Shape:
     theta: Theta
     region: tuple[float, float]
     """From where to where it acts, s."""
+    width: float = 0.0
+    """s over which it comes on, about the first of these."""
 
     def largest(self, allowed: float) -> float:
         """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate."""
@@ -130,14 +132,30 @@ def even_edges(frame: RateFrame, count: int) -> FloatArray:
 
 
 def regions(
-    evidence: Evidence, frame: RateFrame, mechanism: Mechanism, edges: FloatArray, thetas: Sequence[Theta] = ()
+    evidence: Evidence,
+    frame: RateFrame,
+    mechanism: Mechanism,
+    edges: FloatArray,
+    thetas: Sequence[Theta] = (),
+    widths: Sequence[int] = (0,),
 ) -> list[Shape]:
-    """Every region between two edges, at every theta of a dense grid, or of those given."""
+    """Every region between two edges, at every theta of a dense grid, or of those given; it comes on over so many parts
+    between neighbouring edges, which are even unless that is 0.
+    """
     acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
-    return [shape for theta in grid for shape in _shapes(evidence, acting, mechanism, theta, edges)]
+    return [shape for theta in grid for shape in _shapes(evidence, acting, mechanism, theta, edges, widths)]
 
 
-def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, edges: FloatArray) -> list[Shape]:
+def _weights(count: int, start: int, stop: int, width: int) -> FloatArray:
+    """How much of each of so many parts (count,) a region holds that comes on over `width` of them."""
+    place = np.arange(count) + 0.5
+    rise = np.clip((place - start) / width + 0.5, 0.0, 1.0) if width else place > start
+    return np.asarray(rise * (place < stop), dtype=float)
+
+
+def _shapes(
+    evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, edges: FloatArray, widths: Sequence[int]
+) -> list[Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
@@ -149,8 +167,14 @@ def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: T
     ]
     rows, moments = evidence.rows.of_moments(frame, parts), frame.moments(parts)
     count, terms = edges.size - 1, len(names)
-    ends = [(a, b) for a in range(count) for b in range(a + 1, count + 1)]
-    inside = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends], dtype=float)
+    ends = [
+        (a, b, width)
+        for width in widths
+        for a in range(width // 2, count)
+        for b in range(a + max(width // 2, 1), count + 1)
+    ]
+    inside = np.array([_weights(count, *each) for each in ends])
+    part = float(np.min(np.diff(edges)))
 
     def over_regions(products: FloatArray) -> FloatArray:
         """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
@@ -168,6 +192,14 @@ def _shapes(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: T
     estimate = np.linalg.solve(information[determined], right[determined][..., np.newaxis])[..., 0]
     peak = np.einsum("ra,rab,rb->r", estimate, information[determined], estimate)
     return [
-        Shape(float(peak[k]), estimate[k], information[j], gram[j], theta, (float(edges[a]), float(edges[b])))
-        for k, (j, (a, b)) in enumerate((j, ends[j]) for j in determined.tolist())
+        Shape(
+            float(peak[k]),
+            estimate[k],
+            information[j],
+            gram[j],
+            theta,
+            (float(edges[a]), float(edges[b])),
+            width * part,
+        )
+        for k, (j, (a, b, width)) in enumerate((j, ends[j]) for j in determined.tolist())
     ]

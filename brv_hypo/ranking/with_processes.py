@@ -31,6 +31,7 @@ FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about e
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
+ONSETS = (0, 2, 4)  # parts between those times, over which it may come on
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
 Pair = tuple[HypothesisFit, Evidence]
@@ -44,7 +45,10 @@ def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> 
     if len(fit.mechanisms) == 1:
         like, time = replace(fit, frame=frame.with_mechanisms(fit.mechanisms)), frame.coefficient_time
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-        found = [acting(problem, like, fit.mechanisms, null, edges) for edges in (even_edges(frame, PLAIN_EDGES), own)]
+        found = [
+            acting(problem, like, fit.mechanisms, null, even_edges(frame, PLAIN_EDGES), ONSETS),
+            acting(problem, like, fit.mechanisms, null, own),
+        ]
         pairs += [each for each in found if each is not None]
     best = _grown(problem, max(pairs[1:] or pairs, key=_level))
     return moved(problem, _completed(problem, _without_unwanted(problem, max([*pairs, best], key=_level))))
@@ -55,11 +59,13 @@ def _level(pair: Pair) -> float:
 
 
 def _grown(problem: Problem, pair: Pair) -> Pair:
-    """With further times between which the one mechanism acts, while the evidence clearly wants them."""
+    """With onsets that take time, and further times between which the one mechanism acts, where the evidence clearly
+    wants them.
+    """
     for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
-        fit, own = pair
+        fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
-        found = regions(own, frame, mechanism, even_edges(frame, PLAIN_EDGES), [fit.selected[0].theta])
+        found = regions(own, frame, mechanism, even_edges(frame, PLAIN_EDGES), [fit.selected[0].theta], ONSETS)
         best = max(found, key=lambda each: each.peak, default=None)
         if best is None or 0.5 * best.peak < _LINEAR:
             break
@@ -74,14 +80,14 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
 def _acting_between(mechanism: Mechanism, shape: Shape, frame: RateFrame) -> list[Regressor]:
     """The changes with which a mechanism acts in a region alone."""
     always, time = "constant" in mechanism.time_variation, frame.coefficient_time
-    return [
-        term_column(
-            mechanism, term, shape.theta, TimeBasis("jump", edge) if edge > time.min() else TimeBasis("constant")
-        )
-        for edge in shape.region
-        if edge < time.max() and (edge > time.min() or always)
-        for term in mechanism.terms(frame.motions[0], dict(shape.theta))
-    ]
+    first, last = shape.region
+    half, bases = 0.5 * shape.width, [TimeBasis("jump", last)] if last < time.max() else []
+    if half > 0.0:
+        bases.insert(0, TimeBasis("ramp", first - half, first + half))
+    elif first > time.min() or always:
+        bases.insert(0, TimeBasis("jump", first) if first > time.min() else TimeBasis("constant"))
+    terms = mechanism.terms(frame.motions[0], dict(shape.theta))
+    return [term_column(mechanism, term, shape.theta, basis) for basis in bases for term in terms]
 
 
 def widened(problem: Problem, pair: Pair) -> Pair:
@@ -108,8 +114,16 @@ def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[Tim
     frame = own.rows.frame_of(fit)
     mine = [k for k, column in enumerate(fit.selected) if column.time_basis == jump]
     values = own.values[fit.baseline_size :][mine]
-    halves = 0.5 * np.ptp(frame.coefficient_time) * np.array(WIDTHS)
-    ramps = [TimeBasis("ramp", jump.start - half, jump.start + half) for half in halves.tolist()]
+    time, shifts = frame.coefficient_time, np.linspace(-1.0, 1.0, 5)
+    halves = np.repeat(0.5 * np.ptp(time) * np.array(WIDTHS), shifts.size)
+    middles = jump.start + halves * np.tile(shifts, len(WIDTHS))
+    inside = (middles - halves > time.min()) & (middles + halves < time.max())
+    halves, middles = halves[inside], middles[inside]
+    ramps = [
+        TimeBasis("ramp", at - half, at + half) for at, half in zip(middles.tolist(), halves.tolist(), strict=True)
+    ]
+    if not ramps:
+        return jump, 0.0
     tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
     rows = own.rows.of_moments(frame, tried).reshape(-1, len(ramps), len(mine)) @ values / (2.0 * halves)
     sharp = own.rows.of_moments(frame, [fit.selected[k] for k in mine]) @ values
@@ -120,19 +134,24 @@ def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[Tim
 
 
 def acting(
-    problem: Problem, like: HypothesisFit, mechanisms: Sequence[Mechanism], null: Evidence, edges: FloatArray
+    problem: Problem,
+    like: HypothesisFit,
+    mechanisms: Sequence[Mechanism],
+    null: Evidence,
+    edges: FloatArray,
+    onsets: Sequence[int] = (0,),
 ) -> Pair | None:
     """One of several mechanisms, that which explains most between two of these times, as a hypothesis like another;
-    None where none is determined.
+    None where none is determined. It may come on over so many parts between times that are even.
     """
-    found = [(each, shape) for each in mechanisms for shape in regions(null, like.frame, each, edges)]
+    found = [(m, shape) for m in mechanisms for shape in regions(null, like.frame, m, edges, widths=onsets)]
     if not found:
         return None
     mechanism, best = max(found, key=lambda each: each[1].peak)
     frame = like.frame.with_mechanisms([mechanism])
     time = frame.coefficient_time
     reach, shortest = float(np.min(np.diff(edges))), KNOT_MARGIN * (time.max() - time.min()) / (PLAIN_EDGES - 1)
-    for _ in range(FINER if edges.size > 2 else 0):
+    for _ in range(FINER if edges.size > 2 and best.width == 0.0 else 0):
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
         nearer = regions(null, like.frame, mechanism, closer, [best.theta])

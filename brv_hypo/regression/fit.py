@@ -133,8 +133,9 @@ def fit_hypothesis(
     """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
 
     The best subset of each size on the grid of knots and delays is refined, and so is the best model so far with the
-    best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term. Its search
-    ends early where it stays far behind `best_rival`, the least criterion of the others so far.
+    best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term, unless the
+    data determine none. Its search ends early where it stays far behind `best_rival`, the least criterion of the others
+    so far.
     """
     if not mechanisms:
         return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
@@ -162,8 +163,7 @@ def fit_hypothesis(
         behind = size >= SEARCH_SIZES_TRIED and best.information > best_rival + SEARCH_OUT_OF_REACH
         if worse == SEARCH_PATIENCE or behind:
             break
-    assert best is not None
-    return best
+    return best or empty
 
 
 def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:

@@ -31,8 +31,7 @@ from brv_hypo.regression.reduced import Batch, Fitted, Reduced
 
 # Values of a parameter that differ relatively by less are one.
 _SAME = 1e-12
-# Of an onset: the least width in the knots' spacing, and the largest in the record's length.
-NARROWEST, WIDEST = 0.05, 0.5
+NARROWEST = 0.05  # of the knots' spacing: the least width of an onset
 KNOT_MARGIN = 0.25  # of the knots' spacing, by which one stays away from the ends of the record
 
 
@@ -185,7 +184,8 @@ def nonlinear_parameters(
             inside = (min(start + KNOT_MARGIN * reach, value), max(stop - KNOT_MARGIN * reach, value))
             bounds, units = (max(value - reach, inside[0]), min(value + reach, inside[1])), "s"
         elif kind == "width":
-            bounds, units = (min(NARROWEST * reach, value), max(WIDEST * (stop - start), value)), "s"
+            at = middle(columns[members[0]].time_basis)
+            bounds, units = (min(NARROWEST * reach, value), max(2.0 * min(at - start, stop - at), value)), "s"
         else:
             parameter = next(p for p in frame.mechanisms[mechanism].parameters() if p.name == name)
             bounds, units = parameter.bounds, parameter.units

@@ -58,7 +58,8 @@ def try_mechanism(problem: Problem, sharp: Problem, null: HypothesisFit, mechani
     effect, a noise raised to it hides delays and knots. On several flights the best ones on the grids.
     """
     if len(problem.records) == 1:
-        fits = [_solved_again(problem, fit_hypothesis(sharp, mechanism.name, (mechanism,)))]
+        found = fit_hypothesis(sharp, mechanism.name, (mechanism,))
+        fits = [_solved_again(problem, found)] if found.selected else []
     else:
         fits = _on_grid(problem, mechanism)
     return candidate_of(problem, null, likeliest(fits), mechanism.name, "mechanism") if fits else None

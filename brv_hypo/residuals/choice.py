@@ -51,11 +51,18 @@ class Tried:
     carried: bool
     gain: float | None = None
     """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
+    of_majority: bool = True
+    """Whether it is of the family of processes that explains most of the residual."""
 
     @property
     def accepted(self) -> bool:
-        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all."""
+        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all.
+
+        What the evidence does not want beside them has to be of the family that explains most, or has no name.
+        """
         least = 0.0 if self.carried else -SPECIFIC
+        if self.gain is not None and self.gain < SPECIFIC and self.candidate.kind != "discovered":
+            return self.agrees and self.gain > least and self.of_majority
         return self.agrees and (self.gain is None or self.gain > least)
 
     @property
@@ -97,7 +104,7 @@ class Choice:
 
     @property
     def unwanted(self) -> tuple[str, ...]:
-        """Those that the held-out part agrees with, but processes explain far better."""
+        """Those that the held-out part agrees with, but processes explain far better, or are mostly of another family."""
         return tuple(each.candidate.name for each in self.tried if each.agrees and not each.accepted)
 
     @property
@@ -124,14 +131,14 @@ def choose(
     add: Callable[[Candidate], State],
     residual_is_white: bool = False,
     scheduled: bool = True,
-    gain_of: Callable[[State], float] | None = None,
+    weighed: Callable[[State], tuple[float, bool]] | None = None,
 ) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
-    tolerance that every fit allows it. `scheduled` says that the
-    model has a schedule by Mach number; `gain_of` is what the last effect of a model gains beside all processes.
+    tolerance that every fit allows it. `scheduled` says that the model has a schedule by Mach number; `weighed`: what
+    the last effect of a model gains beside all processes, and whether it is of the family that explains most.
     """
     held = {column.mechanism for column in here.problem.baseline}
     ranked = tuple(_ranked(here, discovery, held))
@@ -150,8 +157,9 @@ def choose(
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             break
         found = _try(here, state, candidate, certain, add)
-        if found.agrees and gain_of is not None:
-            found = replace(found, gain=gain_of(found.state))
+        if found.agrees and weighed is not None:
+            gain, of_majority = weighed(found.state)
+            found = replace(found, gain=gain, of_majority=of_majority)
         tried.append(found)
         if tried[-1].accepted or len(tried) == LOOP_TRIES:
             break

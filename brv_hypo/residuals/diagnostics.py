@@ -24,10 +24,12 @@ from brv_hypo.residuals.candidates_at_step import Analysis
 from brv_hypo.residuals.linearisation import Corrected
 from brv_hypo.residuals.problem import left_by
 from brv_hypo.residuals.result import Residual
+from brv_hypo.thresholds import NOISE_EXCESS
 
 
 def find(analysis: Analysis, left: ResidualMoments) -> Residual:
-    """Test what the model of `analysis` leaves; `left` are its residual moments.
+    """Test what the model of `analysis` leaves; `left` are its residual moments. White is only what is no larger than
+    noise.
 
     Of several flights, size and place are told of the one where most is left against its noise.
     """
@@ -40,16 +42,16 @@ def find(analysis: Analysis, left: ResidualMoments) -> Residual:
     time = motion.time[samples]
     sigma = left.noise[rows]
     body = np.where(usable, left.body[rows], 0.0)
-    p_value = _whiteness(analysis)
+    p_value, size = _whiteness(analysis), _noise_ratio(analysis.data, left, number)
     channels = _channels(body, motion.windward_meridian[samples])
     worst = max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable]))
     frequency = _dominant(body, usable, float(np.median(np.diff(time))))
     return Residual(
         flight=number if several else None,
         rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
-        white=p_value > WHITE_CHANCE,
+        white=p_value > WHITE_CHANCE and size < NOISE_EXCESS,
         p_value=p_value,
-        noise_ratio=_noise_ratio(analysis.data, left, number),
+        noise_ratio=size,
         worst_channel=worst,
         worst_region_s=_worst_region(time, _by_region(time, body, usable)),
         dominant_frequency_hz=frequency,

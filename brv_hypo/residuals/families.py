@@ -165,6 +165,12 @@ class Beside:
         shares = [_share(family, fall, squares[0], histories.get(family)) for family, fall in falls.items()]
         return tuple(sorted(shares, key=lambda each: -each.share))
 
+    @cached_property
+    def majority(self) -> str | None:
+        """The family of processes that explains more than all others together; None where none does."""
+        found = self.shares([])
+        return found[0].family if found and 2.0 * found[0].share > sum(each.share for each in found) else None
+
     def _selected(self, names: Sequence[str]) -> list[tuple[tuple[str, ...], Evidence]]:
         """Families one after another, each the one that raises the evidence most; two at once where no one does."""
         every = tuple(dict.fromkeys(group.family for group in self.rows.groups))

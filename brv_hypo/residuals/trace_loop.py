@@ -409,12 +409,13 @@ class _Loop:
 
         known = has_schedule(state.model)
 
-        def gain_of(found: State) -> float:
+        def weighed(found: State) -> tuple[float, bool]:
             there = beside_processes(found, state.model, self.config, found.data.fitted)
             gain = there.gain(own := found.model.added[-1])
-            return gain if gain >= 0.0 else max(gain, min(there.gain_in_place(own), 0.0))
+            gain = gain if gain >= 0.0 else max(gain, min(there.gain_in_place(own), 0.0))
+            return gain, gain >= SPECIFIC or beside.majority == there.families[own]
 
-        choice = choose(here, state, discovery, self.config.significance, add, white, known, gain_of)
+        choice = choose(here, state, discovery, self.config.significance, add, white, known, weighed)
         if choice.accepted is None:
             return choice
         name = choice.accepted.candidate.name
