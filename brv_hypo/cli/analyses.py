@@ -11,7 +11,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.session import Session, as_json, in_session
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.atomic import write_whole
-from brv_hypo.io.mappings import YAML_ENDINGS, read_json
+from brv_hypo.io.reading import YAML_ENDINGS, read_json
 from brv_hypo.io.text import one_line
 
 if TYPE_CHECKING:

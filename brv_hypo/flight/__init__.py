@@ -16,7 +16,7 @@ Foreign records (csv, parquet, mat) come in through `brv_hypo.importing`.
 from brv_hypo.flight.format import FlightSource, Quantity, flights_of, load_flight, load_truth, one_flight, save_flight
 from brv_hypo.flight.inspection import Inspection, Noise, Phase, find_phases, inspect_flight, white_noise
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, RecordFault, RecordTrial, Vehicle
-from brv_hypo.io.hdf5 import Dataset, Tree, read_tree, write_tree
+from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
 
 __all__ = [
     "CHANNELS",

@@ -50,7 +50,7 @@ from brv_hypo.flight.tolerances import (
     with_stated,
 )
 from brv_hypo.flight.units import SI, Dimension, to_si
-from brv_hypo.io.hdf5 import Dataset, Tree, read_tree, write_tree
+from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
 from brv_hypo.io.text import counted, meant, naming, nearest, one_line, refusal
 from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 

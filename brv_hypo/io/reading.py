@@ -1,12 +1,22 @@
-"""Regular files only: a pipe never ends, a device has no size, and a budget needs both."""
+"""Text files within budgets: regular files only, as text, and YAML and JSON as plain mappings.
+
+A pipe never ends, a device has no size, and a budget needs both. YAML knows aliases, with which a few lines stand for
+gigabytes, and dates, which no setting of ours is: what aliases stand for is counted before it is built, and dates
+remain text.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from brv_hypo.errors import BrvHypoError, UsageError
+from brv_hypo.io.text import one_line
 
 _KINDS = {
     stat.S_IFDIR: "a directory",
@@ -67,3 +77,138 @@ def read_text(path: str | Path, expected: str, most_bytes: int) -> str:
             f"{path}: cannot be read: byte {failure.start} is not UTF-8 text, expected {expected}. "
             "Likely cause: a binary file, or another encoding. Remedy: save it as UTF-8."
         ) from None
+
+
+# ---- YAML and JSON as plain mappings ----
+
+
+YAML_ENDINGS = (".yaml", ".yml")
+YAML_BYTES = 512 * 1024  # the longest configuration that comes along has 4 kB
+YAML_VALUES = 50_000  # values that a YAML file may stand for, aliases expanded
+JSON_BYTES = 64 * 1024 * 1024  # a result with every series in it has some megabytes
+DEEPEST = 40  # levels of nesting
+LARGEST_WHOLE = 2**63  # whole numbers are read below this size, as arrays hold them
+
+_DATES = "tag:yaml.org,2002:timestamp"
+
+
+def read_yaml(path: str | Path, expected: str) -> dict[str, Any]:
+    """The mapping in a YAML file; {} where it is empty. `expected` says what it should hold.
+
+    Raises UsageError with the place where it is no YAML, no mapping, or beyond the budgets.
+    """
+    text = read_text(path, expected, YAML_BYTES)
+    try:
+        content = _load(text)
+    except yaml.MarkedYAMLError as failure:
+        raise UsageError(f"{path}: cannot be read: it is not YAML{_place(failure)}. Correct the file.") from None
+    except yaml.YAMLError as failure:
+        raise UsageError(
+            f"{path}: cannot be read: it is not YAML: {one_line(str(failure))}. Correct the file."
+        ) from None
+    except RecursionError:
+        raise UsageError(f"{path}: cannot be read: it is nested too deep. Expected {expected}.") from None
+    return _mapping(content, path, expected)
+
+
+def read_json(path: str | Path, expected: str) -> dict[str, Any]:
+    """The mapping in a JSON file; `expected` says what it should hold.
+
+    Raises UsageError with the place where it is no JSON, no mapping, or beyond the budgets.
+    """
+    text = read_text(path, expected, JSON_BYTES)
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as failure:
+        raise UsageError(
+            f"{path}: cannot be read: it is not JSON that can be used ({one_line(str(failure))}), "
+            f"expected {expected}. Likely cause: another file, or one cut short."
+        ) from None
+    return _mapping(content, path, expected)
+
+
+def _mapping(content: Any, path: str | Path, expected: str) -> dict[str, Any]:
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise UsageError(f"{path} holds {type(content).__name__}, expected a mapping: {expected}.")
+    odd = next((key for key in content if not isinstance(key, str)), None)
+    if odd is not None:
+        raise UsageError(f"{path}: found the key {one_line(repr(odd))}, expected names. Put text in quotes.")
+    return content
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain data only, to a limited depth; dates stay text."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012 - as the base class declares it
+        first: [(tag, pattern) for tag, pattern in resolvers if tag != _DATES]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """As the base class, with the depth counted."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise yaml.MarkedYAMLError(problem=f"more than {DEEPEST} levels of nesting", problem_mark=self.get_mark())
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """As the base class; what a value's own type refuses is a refusal with its place."""
+        try:
+            value = super().construct_object(node, deep)
+        except yaml.YAMLError:
+            raise
+        except Exception as failure:  # the constructors raise errors of many kinds
+            raise yaml.MarkedYAMLError(
+                problem=f"a value that cannot be read ({type(failure).__name__}: {failure})",
+                problem_mark=node.start_mark,
+            ) from None
+        if isinstance(value, int) and abs(value) >= LARGEST_WHOLE:
+            raise yaml.MarkedYAMLError(
+                problem=f"a whole number of {len(node.value)} digits", problem_mark=node.start_mark
+            )
+        return value
+
+
+def _load(text: str) -> Any:
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _expanded(node, {}, set())
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
+
+
+def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
+    """How many values a node stands for; raises MarkedYAMLError for too many, and where it holds itself."""
+    if id(node) in known:
+        return known[id(node)]
+    if id(node) in above:
+        raise yaml.MarkedYAMLError(problem="an alias of what it stands in", problem_mark=node.start_mark)
+    total = 1
+    if not isinstance(node, yaml.ScalarNode):
+        pairs = isinstance(node, yaml.MappingNode)
+        parts = [part for pair in node.value for part in pair] if pairs else node.value
+        above.add(id(node))
+        total += sum(_expanded(part, known, above) for part in parts)
+        above.discard(id(node))
+    if total > YAML_VALUES:
+        raise yaml.MarkedYAMLError(
+            problem=f"aliases or lists that stand for more than {YAML_VALUES} values", problem_mark=node.start_mark
+        )
+    known[id(node)] = total
+    return total
+
+
+def _place(failure: yaml.MarkedYAMLError) -> str:
+    mark = failure.problem_mark or failure.context_mark
+    where = "" if mark is None else f", line {mark.line + 1}, column {mark.column + 1}"
+    what = " ".join(part for part in (failure.context, failure.problem) if part)
+    return f"{where}: {one_line(what)}"
