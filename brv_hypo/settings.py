@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import to_json
 
 from brv_hypo.errors import UsageError
-from brv_hypo.io.reading import read_yaml
+from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import meant, one_line
 
 Settings = TypeVar("Settings", bound=BaseModel)

@@ -22,7 +22,7 @@ from typing import ParamSpec
 import typer
 
 from brv_hypo.errors import BrvHypoError, UsageError
-from brv_hypo.io.atomic import remove_open_temporaries
+from brv_hypo.io.files import remove_open_temporaries
 from brv_hypo.io.text import printable
 
 GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal

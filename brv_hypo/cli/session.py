@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from brv_hypo.cli import options
 from brv_hypo.cli.exits import guarded
 from brv_hypo.errors import UsageError
-from brv_hypo.io.atomic import check_target, write_whole
+from brv_hypo.io.files import check_target, write_whole
 from brv_hypo.io.text import printable
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ class Session:
     def _print(self, *renderables: Any) -> None:
         if self.json_only:
             return
-        from brv_hypo.report.style import plain_console
+        from brv_hypo.report.terminal import plain_console
 
         console = plain_console()
         for renderable in renderables:

@@ -252,20 +252,20 @@ def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
 
 
 def save_flight(
-    flight: Flight,
+    flight: Flight | Record,
     path: str | Path,
     *,
     truth: Mapping[str, Any] | None = None,
     raw: Sequence[RawTable] = (),
     overwrite: bool = False,
 ) -> None:
-    """Write `flight` as a format 1 file in SI; samples outside its segments become NaN.
+    """Write a flight, or a record as flown, as a format 1 file in SI; samples outside a flight's segments become NaN.
 
     `truth` holds what was planted: numbers, arrays, `Quantity`, text, or mappings of these (subgroups). `raw` are the
     tables that the flight was made from, kept as they were read; no analysis reads them.
     The file is written whole or not at all. Raises UsageError where it exists and `overwrite` is false.
     """
-    record = unassemble(flight)
+    record = flight if isinstance(flight, Record) else unassemble(flight)
     header = {"format": FORMAT, "format_version": FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
     channels = {"time": record.time, **record.channels}

@@ -106,7 +106,7 @@ def instruments_from(source: str, record: Instruments) -> Instruments:
     if not path.suffix and not path.exists():
         hint = meant(source, GRADES, "or a YAML file of tolerances")
         raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)}{hint and f' ({hint})'}.")
-    from brv_hypo.io.reading import read_yaml
+    from brv_hypo.io.mappings import read_yaml
 
     return tolerances_of(read_yaml(path, "tolerances"), record, str(path))
 

@@ -171,7 +171,7 @@ class RecordMap(_Entry):
 
 def read_map(path: str | Path) -> RecordMap:
     """The validated map at `path`. Raises UsageError, naming the entry that is wrong."""
-    from brv_hypo.io.reading import read_yaml
+    from brv_hypo.io.mappings import read_yaml
 
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")

@@ -1,7 +1,7 @@
 """Binary files: HDF5 in and out as a plain tree of datasets with units, columns of Parquet and MATLAB files by name.
 
 All are read in `io.sandbox`: headers are checked against the budget before anything is read, and only what is
-requested is opened. `write_tree` writes a file whole or not at all, by `io.atomic`.
+requested is opened. `write_tree` writes a file whole or not at all, by `io.files`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.io.atomic import check_target, write_whole
-from brv_hypo.io.reading import check_regular
+from brv_hypo.io.files import check_regular, check_target, write_whole
 from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 from brv_hypo.io.text import one_line
 

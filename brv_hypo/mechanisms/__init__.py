@@ -6,7 +6,7 @@ registry.py        finds what is installed, by name, and the nuisances of every 
 checked.py         calls of plugins, whose answers are checked
 yaml_mechanism.py  mechanisms that a YAML file defines
 conformance.py       named checks that every plugin must pass
-template/          a plugin package to start from
+template/          a plugin package to start from, with $placeholders, which `brv-hypo mechanisms new` fills in
 """
 
 from brv_hypo.mechanisms.contract import (

@@ -30,7 +30,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.io.reading import YAML_ENDINGS, read_yaml
+from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
 

@@ -12,13 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.io.text import counted, hypothesis
+from brv_hypo.io.text import counted, hypothesis, probability
 from brv_hypo.ranking.result import CoefficientSeries, Comparison, FlightSummary, RankedHypothesis, Series, SizeSeries
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Role, Texts, Values
 from brv_hypo.report.motion_charts import PLAIN, Drawn, Moments, Scale, Setting, caption, cut_text, framed
-from brv_hypo.report.style import probability
 
 LEADING = 2
 """Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""

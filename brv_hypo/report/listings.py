@@ -9,11 +9,11 @@ from typing import Any
 
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
+from brv_hypo.io.text import number, share
 from brv_hypo.mechanisms.conformance import Outcome
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import OWN, Installed
 from brv_hypo.report.document import Block, Table, Texts
-from brv_hypo.report.style import number, share
 from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.version import version
 

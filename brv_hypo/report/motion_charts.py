@@ -22,6 +22,7 @@ from scipy.signal import welch
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import RecordFault
+from brv_hypo.io.text import share
 from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
@@ -37,7 +38,6 @@ from brv_hypo.report.document import (
     Values,
     wrapped_degrees,
 )
-from brv_hypo.report.style import share
 
 _BULK = (0.01, 0.99)
 """Quantiles of the values that a frame always holds."""

@@ -12,12 +12,12 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.io.text import interval, number
 from brv_hypo.motion import Reconstruction
 from brv_hypo.motion.kinematics import body_attitude
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Chart, Document, Line, Panel, Picture, Table, Texts
 from brv_hypo.report.motion_charts import Setting
-from brv_hypo.report.style import interval, number
 from brv_hypo.report.tables import motion_known
 
 _FORCES = (("ax", "a<sub>x</sub>, m/s²"), ("ay", "a<sub>y</sub>, m/s²"), ("az", "a<sub>z</sub>, m/s²"))

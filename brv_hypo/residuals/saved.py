@@ -14,7 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from brv_hypo.errors import UsageError
-from brv_hypo.io.reading import YAML_ENDINGS, read_json, read_yaml
+from brv_hypo.io.mappings import YAML_ENDINGS, read_json, read_yaml
 from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile

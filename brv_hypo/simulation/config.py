@@ -19,7 +19,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
-from brv_hypo.io.reading import kind_of, read_yaml
+from brv_hypo.io.files import kind_of
+from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import meant, nearest, one_line
 from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.registry import record_effects

@@ -21,11 +21,8 @@ from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation import rotation
-from brv_hypo.simulation.air import WindProfile
 from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig, per_flight
-from brv_hypo.simulation.rotation import cross
-from brv_hypo.simulation.vehicle import RATES, AirData, initial_state, system
+from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
 
@@ -107,7 +104,7 @@ def wind_profile(configs: Sequence[SimulationConfig]) -> WindProfile | None:
         return None
     still = np.zeros((configs[0].samples, 3))
     body = np.stack([still if wind is None else -wind for wind in known], axis=1)
-    air = rotation.to_frame(start.body_axes, np.moveaxis(body, -1, 0))
+    air = transform(start.body_axes, np.moveaxis(body, -1, 0))
     first = configs[0]
     return WindProfile(first.start.time, 1.0 / first.sample_rate, air)
 

@@ -14,8 +14,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.rotation import dot
-from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System
+from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System, dot
 
 
 class History:

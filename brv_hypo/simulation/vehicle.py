@@ -1,27 +1,235 @@
-"""The vehicle in flight: forces, moments and the rate of the state, for a batch of flights at one instant.
+"""The vehicle in flight: attitude, air and what is planted; forces, moments and the rate of the state, for a batch.
 
 State (13, ...): position and velocity in a non-rotating frame (x along the initial track, y to its right, z down,
-origin at sea level under the start), attitude quaternion body to frame, rates p, q, r. All functions are elementwise
-over the trailing axes: (flights,) in the integration, (nodes, flights) over a whole record. `system` builds the
-equations of motion (Eq. 2.2 to 2.4) of a batch from its configurations, `initial_state` its first state.
+origin at sea level under the start), attitude quaternion (w, x, y, z) body to frame, rates p, q, r. Arrays carry their
+components first: quaternions (4, ...), vectors (3, ...), matrices (3, 3, ...). All functions are elementwise over the
+trailing axes: (flights,) in the integration, (nodes, flights) over a whole record. `system` builds the equations of
+motion (Eq. 2.2 to 2.4) of a batch from its configurations, `initial_state` its first state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any, Literal
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.mechanisms import find
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
+from brv_hypo.model.moment import summed
+from brv_hypo.model.term import TimeBasis, delays_among
 from brv_hypo.motion.kinematics import angle_rates, body_from_plane, windward_meridian
 from brv_hypo.motion.motion import Motion, nearest_turn
-from brv_hypo.simulation import rotation
-from brv_hypo.simulation.air import WindProfile, WindStep, standard_air
-from brv_hypo.simulation.config import AerodynamicsConfig, SimulationConfig, per_flight
-from brv_hypo.simulation.planted import Planted, planted
+from brv_hypo.simulation.config import AerodynamicsConfig, PlantedConfig, SimulationConfig, per_flight
+
+# ---- Attitude as a quaternion, body to frame: no singularity at any attitude ----
+
+
+def attitude_matrix(attitude: FloatArray) -> FloatArray:
+    """Body to frame, (3, 3, ...); scale of the quaternion drops out, so that stages need no normalising."""
+    w, x, y, z = attitude * np.sqrt(2.0 / dot(attitude, attitude))
+    xx, yy, zz = x * x, y * y, z * z
+    xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
+    return np.array(
+        [[1.0 - yy - zz, xy - wz, xz + wy], [xy + wz, 1.0 - xx - zz, yz - wx], [xz - wy, yz + wx, 1.0 - xx - yy]]
+    )
+
+
+def transform(tensor: FloatArray, vector: FloatArray) -> FloatArray:
+    """A tensor (3, 3, ...) applied to a vector; the rotation of a body takes body axes to the frame."""
+    return np.asarray(np.einsum("ij...,j...->i...", tensor, vector), dtype=float)
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Sum of products over the components."""
+    return np.asarray(np.einsum("i...,i...->...", a, b), dtype=float)
+
+
+def to_body(rotation: FloatArray, frame: FloatArray) -> FloatArray:
+    """A frame vector in body axes."""
+    return transform(rotation.swapaxes(0, 1), frame)
+
+
+def attitude_rate(attitude: FloatArray, rates: FloatArray) -> FloatArray:
+    """d/dt of the quaternion at body rates p, q, r (rad/s): half its product with (0, p, q, r)."""
+    w, x, y, z = attitude
+    p, q, r = 0.5 * rates
+    return np.array([-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p])
+
+
+def from_pitch_roll(pitch: FloatArray, roll: FloatArray) -> FloatArray:
+    """The attitude after a pitch, then a roll about the new x axis (rad)."""
+    cp, sp, cr, sr = np.cos(pitch / 2), np.sin(pitch / 2), np.cos(roll / 2), np.sin(roll / 2)
+    return np.array([cp * cr, cp * sr, sp * cr, -sp * sr])
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a x b, components first (numpy's own is an order of magnitude slower on a single vector)."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+# ---- The air: standard atmosphere, a step of the wind, and the wind that record effects leave unaccounted for ----
+
+
+LOWEST, HIGHEST = -5000.0, 81000.0
+_SPACING = 50.0
+
+
+@dataclass(frozen=True)
+class Air:
+    """Density kg/m^3, speed of sound m/s, dynamic viscosity Pa s."""
+
+    density: FloatArray
+    speed_of_sound: FloatArray
+    viscosity: FloatArray
+
+
+def standard_air(altitude: FloatArray) -> Air:
+    """Air at `altitude` (m, any shape), within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them."""
+    values = _table()(np.minimum(np.maximum(altitude, LOWEST), HIGHEST))
+    return Air(np.exp(values[..., 0]), values[..., 1], values[..., 2])
+
+
+@lru_cache(maxsize=1)
+def _table() -> CubicSpline:
+    from ambiance import Atmosphere
+
+    altitude = np.arange(LOWEST, HIGHEST + 1.0, _SPACING)
+    air = Atmosphere(altitude)
+    return CubicSpline(altitude, np.stack([np.log(air.density), air.speed_of_sound, air.dynamic_viscosity], axis=-1))
+
+
+@dataclass(frozen=True)
+class WindStep:
+    """`EnvironmentConfig.wind_step` for a batch: at time (flights,) s the air begins to move.
+
+    `after` (3, flights) m/s, in the frame, is its velocity from then on.
+    """
+
+    time: FloatArray
+    after: FloatArray
+
+    def velocity(self, time: FloatArray) -> FloatArray:
+        """Velocity of the air in the frame, (3, ...) m/s, at `time` (..., flights) s."""
+        shape = (3,) + (1,) * (time.ndim - 1) + self.after.shape[1:]
+        return np.asarray(self.after.reshape(shape) * (time >= self.time), dtype=float)
+
+
+@dataclass(frozen=True)
+class WindProfile:
+    """A wind along the record: `samples` (3, n, flights) m/s in the frame, `spacing` s apart from `begin` s on.
+
+    Straight between its samples, and held before the first and after the last.
+    """
+
+    begin: float
+    spacing: float
+    samples: FloatArray
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2, at `time` (..., flights) s."""
+        last = self.samples.shape[1] - 1
+        place = (time - self.begin) / self.spacing
+        held = np.minimum(np.maximum(place, 0.0), last)
+        left = np.minimum(held.astype(np.intp), last - 1)
+        flight = np.arange(self.samples.shape[2])
+        before = self.samples[:, left, flight]
+        change = self.samples[:, left + 1, flight] - before
+        return before + (held - left) * change, change * ((held == place) / self.spacing)
+
+
+# ---- Planted mechanisms: the installed definitions, evaluated at the running state ----
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One mechanism in all flights of a batch: theta and coefficients (flights,), or one number."""
+
+    mechanism: Mechanism
+    theta: Mapping[str, float]
+    coefficients: Mapping[str, FloatArray]
+    time_basis: TimeBasis
+
+    def contribution(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """C_N' and C_Z' that the mechanism adds, on the motion's shape."""
+        time_basis = self.time_basis(motion.time)
+        terms = [term for term in self.mechanism.terms(motion, self.theta) if term.name in self.coefficients]
+        weights = [self.coefficients[term.name] * time_basis for term in terms]
+        return (
+            summed((term.in_plane for term in terms), weights, motion.alpha),
+            summed((term.out_of_plane for term in terms), weights, motion.alpha),
+        )
+
+    def edges(self) -> FloatArray:
+        """Times (s) at which the time basis has a jump or a kink."""
+        found = np.concatenate([np.ravel(self.time_basis.start), np.ravel(self.time_basis.stop)])
+        return np.asarray(found[np.isfinite(found)], dtype=float)
+
+    def delays(self) -> FloatArray:
+        """The delays (s) among theta, every flight's."""
+        late_by = delays_among(self.mechanism.parameters())
+        found = [np.ravel(self.theta[parameter.name]) * parameter.seconds for parameter in late_by]
+        return np.unique(np.concatenate([np.zeros(0), *found]))
+
+
+def planted(configs: Sequence[SimulationConfig], place: Literal["mechanisms", "asymmetries"]) -> tuple[Planted, ...]:
+    """The mechanisms, or the vehicle's asymmetries, of a batch: all its configurations have the same, in one order."""
+    return tuple(_planted(configs, place, index) for index in range(len(getattr(configs[0], place))))
+
+
+def check_terms(items: Sequence[Planted], motion: Motion) -> None:
+    """Raise UsageError for a coefficient of a term that its mechanism does not have."""
+    for item in items:
+        known = [term.name for term in item.mechanism.terms(motion, item.theta)]
+        unknown = [name for name in item.coefficients if name not in known]
+        if unknown:
+            raise UsageError(
+                f"mechanism '{item.mechanism.name}' has no term '{unknown[0]}'; its terms are "
+                f"{', '.join(known)}. Correct the key under `terms`."
+            )
+
+
+def _planted(configs: Sequence[SimulationConfig], place: str, index: int) -> Planted:
+    entry: PlantedConfig = getattr(configs[0], place)[index]
+    mechanism = find(entry.mechanism, entry.options)
+    if isinstance(mechanism, MomentProcess):  # its splines lie over the flight
+        start = configs[0].start.time
+        span = {"start": start, "stop": start + configs[0].duration}
+        mechanism = find(entry.mechanism, {**span, **entry.options})
+    _check_theta(mechanism, entry)
+
+    def column(*path: str, missing: float = np.nan) -> Any:
+        values = per_flight(configs, place, index, *path, missing=missing)
+        # One number where flights agree: mechanisms are written for scalar theta.
+        return float(values[0]) if np.all(values == values[0]) else values
+
+    return Planted(
+        mechanism,
+        {name: column("theta", name) for name in entry.theta},
+        {name: column("terms", name) for name in entry.terms},
+        TimeBasis(entry.kind, column("start", missing=-np.inf), column("stop", missing=np.inf)),
+    )
+
+
+def _check_theta(mechanism: Mechanism, entry: PlantedConfig) -> None:
+    expected = {parameter.name for parameter in mechanism.parameters()}
+    if expected != set(entry.theta):
+        raise UsageError(
+            f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected "
+            f"{sorted(expected)}. Give each parameter of the mechanism one value under `theta`."
+        )
+    if entry.kind == "ramp" and entry.start is None:
+        raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")
+
+
+# ---- The equations of motion ----
+
 
 POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 STATES = 13
@@ -100,17 +308,17 @@ class System:
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
-        turn = rotation.matrix(state[ATTITUDE])
+        turn = attitude_matrix(state[ATTITUDE])
         gravity, altitude = self.gravity_and_altitude(state[POSITION])
         wind, wind_rate = self.wind(time)
-        velocity = rotation.to_body(turn, state[VELOCITY] - wind)
+        velocity = to_body(turn, state[VELOCITY] - wind)
         crossed = velocity[1] + 1j * velocity[2]
-        speed = np.sqrt(rotation.dot(velocity, velocity))
+        speed = np.sqrt(dot(velocity, velocity))
         air = standard_air(altitude)
         density = air.density if self.density is None else self.density
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
-        velocity_rate = rotation.to_body(turn, gravity - wind_rate) + force - rotation.cross(state[RATES], velocity)
+        velocity_rate = to_body(turn, gravity - wind_rate) + force - cross(state[RATES], velocity)
         return AirData(
             rotation=turn,
             velocity=velocity,
@@ -122,7 +330,7 @@ class System:
             reynolds=density * speed * self.reference_length / air.viscosity,
             crossflow=crossed / speed,
             specific_force=force,
-            acceleration=gravity + rotation.to_frame(turn, force),
+            acceleration=gravity + transform(turn, force),
         )
 
     def motion(
@@ -135,7 +343,7 @@ class System:
     ) -> Motion:
         """What mechanisms see at this state; the meridian is the turn nearest to `near` (rad)."""
         xi_rate = (air.velocity_rate[1] + 1j * air.velocity_rate[2]) / air.speed - air.crossflow * (
-            rotation.dot(air.velocity, air.velocity_rate) / air.speed**2
+            dot(air.velocity, air.velocity_rate) / air.speed**2
         )
         alpha_rate, meridian_rate = angle_rates(air.crossflow, xi_rate)
         p, q, r = state[RATES]
@@ -179,14 +387,14 @@ class System:
         scale = air.dynamic_pressure * self.reference_area * self.reference_length
         roll = self.coefficients["C_l0"] + self.coefficients["C_lp"] * motion.p * motion.rate_factor
         moment = scale * np.array([roll, transverse.real, transverse.imag])
-        momentum = rotation.transform(self.inertia, rates)
-        angular = rotation.transform(self.inertia_inverse, moment - rotation.cross(rates, momentum))
-        return np.concatenate([state[VELOCITY], air.acceleration, rotation.rate(state[ATTITUDE], rates), angular])
+        momentum = transform(self.inertia, rates)
+        angular = transform(self.inertia_inverse, moment - cross(rates, momentum))
+        return np.concatenate([state[VELOCITY], air.acceleration, attitude_rate(state[ATTITUDE], rates), angular])
 
     def body_moments(self, state: FloatArray, angular: FloatArray, air: AirData) -> FloatArray:
         """C_l, C_m, C_n (3, ...) from angular accelerations (3, ...) rad/s^2: Euler's equations, inverted."""
-        momentum = rotation.transform(self.inertia, state[RATES])
-        moment = rotation.transform(self.inertia, angular) + rotation.cross(state[RATES], momentum)
+        momentum = transform(self.inertia, state[RATES])
+        moment = transform(self.inertia, angular) + cross(state[RATES], momentum)
         scale = air.dynamic_pressure * self.reference_area * self.reference_length
         return np.asarray(np.divide(moment, scale, out=np.zeros_like(moment), where=scale > 0.0))
 
@@ -194,7 +402,7 @@ class System:
         """Gravity (3, ...) m/s^2 in the frame and altitude m; inverse-square."""
         x, y, z = position
         down = np.array([-x, -y, EARTH_RADIUS - z])
-        radius = np.sqrt(rotation.dot(down, down))
+        radius = np.sqrt(dot(down, down))
         return down * (self.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
 
     def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
@@ -255,7 +463,7 @@ def initial_state(configs: Sequence[SimulationConfig], equations: System) -> Flo
     state[2] = -per_flight(configs, "start", "altitude")
     state[VELOCITY] = per_flight(configs, "start", "velocity") * along
     state[VELOCITY] += equations.wind(per_flight(configs, "start", "time"))[0]
-    state[ATTITUDE] = rotation.from_pitch_roll(path + per_flight(configs, "start", "alpha"), meridian)
+    state[ATTITUDE] = from_pitch_roll(path + per_flight(configs, "start", "alpha"), meridian)
     state[RATES] = np.array([per_flight(configs, "start", "roll_rate"), transverse.real, transverse.imag])
     return state
 

@@ -23,9 +23,7 @@ from brv_hypo.ranking import compare
 from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth, simulate
 from brv_hypo.simulation.config import PlantedConfig
-from brv_hypo.study.config import NONE, StudyConfig
-from brv_hypo.study.draws import Draw, corrupted, flight_config
-from brv_hypo.study.planted_faults import fault_called
+from brv_hypo.study.config import NONE, Draw, StudyConfig, corrupted, fault_called, flight_config
 
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
 

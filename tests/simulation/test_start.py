@@ -8,9 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.simulation import load_config
-from brv_hypo.simulation.air import standard_air
-from brv_hypo.simulation.rotation import from_pitch_roll, matrix, rate
-from brv_hypo.simulation.vehicle import initial_state, system
+from brv_hypo.simulation.vehicle import (
+    attitude_matrix,
+    attitude_rate,
+    from_pitch_roll,
+    initial_state,
+    standard_air,
+    system,
+)
 
 angles = st.floats(-3.0, 3.0)
 CONE = load_config("research_cone").model_dump(exclude={"plantable"})
@@ -29,7 +34,7 @@ def test_standard_air(altitude: float, density: float, speed_of_sound: float) ->
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4).filter(lambda q: np.hypot(*q[:2]) > 0.1))
 def test_rotations_are_proper_at_any_scale_of_the_quaternion(quaternion: list[float]) -> None:
-    turn = matrix(np.array(quaternion))
+    turn = attitude_matrix(np.array(quaternion))
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
 
@@ -40,9 +45,9 @@ def test_the_quaternions_rate_turns_the_axes_at_the_body_rates(
 ) -> None:
     """d(matrix)/dt = matrix [omega x], by central difference."""
     attitude, omega = from_pitch_roll(np.array(pitch), np.array(roll)), np.array(rates)
-    change = 1e-6 * rate(attitude, omega)
-    slope = (matrix(attitude + change) - matrix(attitude - change)) / 2e-6
-    np.testing.assert_allclose(slope, matrix(attitude) @ np.cross(np.eye(3), omega), atol=1e-8)
+    change = 1e-6 * attitude_rate(attitude, omega)
+    slope = (attitude_matrix(attitude + change) - attitude_matrix(attitude - change)) / 2e-6
+    np.testing.assert_allclose(slope, attitude_matrix(attitude) @ np.cross(np.eye(3), omega), atol=1e-8)
 
 
 @given(

@@ -20,7 +20,7 @@ from brv_hypo.flight.record import Record, RecordFault
 from brv_hypo.flight.tolerances import GRADES
 from brv_hypo.motion import try_record
 from brv_hypo.simulation import SimulationConfig, load_config, simulate_batch
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.config import planted_faults
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 PLANTED: tuple[tuple[str, ...], ...] = ((), ("lag",), ("bodyfixed",), ("sticking",), ("damping",), ("inplane",))

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.study import StudyConfig, run, run_study, summarise
-from brv_hypo.study.config import DrawsConfig, FaultDraws
-from brv_hypo.study.draws import corrupted, draws
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.config import DrawsConfig, FaultDraws, corrupted, draws, planted_faults
 from brv_hypo.study.trial import fly
 from tests.flights import nominal
 from tests.studies.record_faults import records

@@ -2,7 +2,7 @@
 
 By hand: python -m tests.studies.independent.faulty_records --seed 1000 --flights 1 --jobs 1
 
-Every vehicle with every truth, FLIGHTS times, sound and with one fault at a time (`brv_hypo.study.planted_faults`) or
+Every vehicle with every truth, FLIGHTS times, sound and with one fault at a time (`brv_hypo.study.config`) or
 one blemish that no trial has to name: gaps, samples that are no number, channels that are missing or zero, stamps
 given twice, coarse digits, stamps that jitter, an inertia 5 % off. Where no fault is named and the record is not
 refused, it is compared; with `--trial` it is not, and blemishes are left out. `--only` asks some of both alone.
@@ -25,7 +25,7 @@ from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import Record, RecordFault, validated
 from brv_hypo.motion import try_record
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.config import planted_faults
 from tests.studies.independent.flights import draw_flight
 from tests.studies.independent.instruments import GRADES
 from tests.studies.independent.mechanisms import LISTED
