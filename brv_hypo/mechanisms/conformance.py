@@ -274,7 +274,7 @@ def has_sane_parameters(mechanism: Mechanism) -> None:
 
 
 def keeps_the_shape(mechanism: Mechanism) -> None:
-    """Its columns have the motion's shape: (n,) over a record, (batch,) and (batch, 1) in a simulation."""
+    """Its columns have the motion's shape: (n,) over a record, (1,) in a simulation, or any other."""
     time = uniform_time(_SHORT)
     for sampled in (time, time[:1], time[:, np.newaxis]):
         for term in mechanism.terms(sample_motion(sampled), _thetas(mechanism)[0]):

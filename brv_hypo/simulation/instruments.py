@@ -21,7 +21,7 @@ from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig, per_flight
+from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig
 from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
@@ -44,9 +44,9 @@ def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True)
 class Start:
-    """A batch at its first instant: what its records would hold if that lasted; its motion; body axes in the frame."""
+    """A flight at its first instant: what its record would hold if that lasted; its motion; body axes in the frame."""
 
-    records: tuple[Flight, ...]
+    record: Flight
     motion: Motion
     body_axes: FloatArray
 
@@ -59,8 +59,8 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     factor = config.instruments.draw
     if factor == 0.0:
         return config
-    start = start_of((config,))
-    (record,) = start.records
+    start = start_of(config)
+    record = start.record
     errors = {name: dict(values) for name, values in config.instruments.errors.items()}
     for effect in nuisance_effects():
         components = effect.components(record)
@@ -88,41 +88,31 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
     return flight
 
 
-def wind_profile(configs: Sequence[SimulationConfig]) -> WindProfile | None:
-    """The wind that the errors of a batch leave unaccounted for; None where they hold none.
+def wind_profile(config: SimulationConfig) -> WindProfile | None:
+    """The wind that the errors of a flight leave unaccounted for; None where they hold none.
 
     A record that is said to know less of the wind than there is flew in that much more of it.
     """
-    if not any(config.instruments.errors for config in configs):
+    if not config.instruments.errors:
         return None
-    start = start_of(configs)
-    known = [
-        with_errors(record, config.instruments.errors).wind
-        for record, config in zip(start.records, configs, strict=True)
-    ]
-    if all(wind is None for wind in known):
+    start = start_of(config)
+    known = with_errors(start.record, config.instruments.errors).wind
+    if known is None:
         return None
-    still = np.zeros((configs[0].samples, 3))
-    body = np.stack([still if wind is None else -wind for wind in known], axis=1)
-    air = transform(start.body_axes, np.moveaxis(body, -1, 0))
-    first = configs[0]
-    return WindProfile(first.start.time, 1.0 / first.sample_rate, air)
+    return WindProfile(config.start.time, 1.0 / config.sample_rate, transform(start.body_axes, -known.T))
 
 
-def start_of(configs: Sequence[SimulationConfig]) -> Start:
-    """The first instant of a batch."""
-    equations = system(configs)
-    state = initial_state(configs, equations)
-    instant = per_flight(configs, "start", "time")
+def start_of(config: SimulationConfig) -> Start:
+    """The first instant of a flight."""
+    equations = system(config)
+    state = initial_state(equations)
+    instant = np.array([config.start.time])
     air = equations.air_data(instant, state)
-    channels = true_channels(state, air)
-    records = []
-    for i, config in enumerate(configs):
-        time = config.start.time + np.arange(config.samples) / config.sample_rate
-        lasting: dict[str, Any] = {name: np.full(time.size, values[i]) for name, values in channels.items()}
-        vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
-        records.append(Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting))
-    return Start(tuple(records), equations.motion(instant, state, air), air.rotation)
+    time = config.start.time + np.arange(config.samples) / config.sample_rate
+    lasting: dict[str, Any] = {name: np.full(time.size, value) for name, value in true_channels(state, air).items()}
+    vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
+    record = Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting)
+    return Start(record, equations.motion(instant, state, air), air.rotation)
 
 
 def _drawn_asymmetries(record: Flight, motion: Motion, factor: float, seed: int) -> tuple[PlantedConfig, ...]:

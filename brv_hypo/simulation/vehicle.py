@@ -1,10 +1,10 @@
-"""The vehicle in flight: attitude, air and what is planted; forces, moments and the rate of the state, for a batch.
+"""The vehicle in flight: attitude, air and what is planted; forces, moments and the rate of the state.
 
 State (13, ...): position and velocity in a non-rotating frame (x along the initial track, y to its right, z down,
 origin at sea level under the start), attitude quaternion (w, x, y, z) body to frame, rates p, q, r. Arrays carry their
 components first: quaternions (4, ...), vectors (3, ...), matrices (3, 3, ...). All functions are elementwise over the
-trailing axes: (flights,) in the integration, (nodes, flights) over a whole record. `system` builds the equations of
-motion (Eq. 2.2 to 2.4) of a batch from its configurations, `initial_state` its first state.
+trailing axis: (1,) in the integration, (nodes,) over a whole record. `system` builds the equations of motion (Eq. 2.2
+to 2.4) from a configuration, `initial_state` their first state.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any, Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -26,7 +25,7 @@ from brv_hypo.model.moment import summed
 from brv_hypo.model.term import TimeBasis, delays_among
 from brv_hypo.motion.kinematics import angle_rates, body_from_plane, windward_meridian
 from brv_hypo.motion.motion import Motion, nearest_turn
-from brv_hypo.simulation.config import AerodynamicsConfig, PlantedConfig, SimulationConfig, per_flight
+from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 
 # ---- Attitude as a quaternion, body to frame: no singularity at any attitude ----
 
@@ -106,24 +105,8 @@ def _table() -> CubicSpline:
 
 
 @dataclass(frozen=True)
-class WindStep:
-    """`EnvironmentConfig.wind_step` for a batch: at time (flights,) s the air begins to move.
-
-    `after` (3, flights) m/s, in the frame, is its velocity from then on.
-    """
-
-    time: FloatArray
-    after: FloatArray
-
-    def velocity(self, time: FloatArray) -> FloatArray:
-        """Velocity of the air in the frame, (3, ...) m/s, at `time` (..., flights) s."""
-        shape = (3,) + (1,) * (time.ndim - 1) + self.after.shape[1:]
-        return np.asarray(self.after.reshape(shape) * (time >= self.time), dtype=float)
-
-
-@dataclass(frozen=True)
 class WindProfile:
-    """A wind along the record: `samples` (3, n, flights) m/s in the frame, `spacing` s apart from `begin` s on.
+    """A wind along the record: `samples` (3, n) m/s in the frame, `spacing` s apart from `begin` s on.
 
     Straight between its samples, and held before the first and after the last.
     """
@@ -133,14 +116,13 @@ class WindProfile:
     samples: FloatArray
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2, at `time` (..., flights) s."""
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2, at `time` (...) s."""
         last = self.samples.shape[1] - 1
         place = (time - self.begin) / self.spacing
         held = np.minimum(np.maximum(place, 0.0), last)
         left = np.minimum(held.astype(np.intp), last - 1)
-        flight = np.arange(self.samples.shape[2])
-        before = self.samples[:, left, flight]
-        change = self.samples[:, left + 1, flight] - before
+        before = self.samples[:, left]
+        change = self.samples[:, left + 1] - before
         return before + (held - left) * change, change * ((held == place) / self.spacing)
 
 
@@ -149,11 +131,11 @@ class WindProfile:
 
 @dataclass(frozen=True)
 class Planted:
-    """One mechanism in all flights of a batch: theta and coefficients (flights,), or one number."""
+    """One mechanism with its theta, coefficients and time basis."""
 
     mechanism: Mechanism
     theta: Mapping[str, float]
-    coefficients: Mapping[str, FloatArray]
+    coefficients: Mapping[str, float]
     time_basis: TimeBasis
 
     def contribution(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
@@ -166,66 +148,45 @@ class Planted:
             summed((term.out_of_plane for term in terms), weights, motion.alpha),
         )
 
-    def edges(self) -> FloatArray:
+    def edges(self) -> list[float]:
         """Times (s) at which the time basis has a jump or a kink."""
-        found = np.concatenate([np.ravel(self.time_basis.start), np.ravel(self.time_basis.stop)])
-        return np.asarray(found[np.isfinite(found)], dtype=float)
+        return [edge for edge in (self.time_basis.start, self.time_basis.stop) if np.isfinite(edge)]
 
-    def delays(self) -> FloatArray:
-        """The delays (s) among theta, every flight's."""
-        late_by = delays_among(self.mechanism.parameters())
-        found = [np.ravel(self.theta[parameter.name]) * parameter.seconds for parameter in late_by]
-        return np.unique(np.concatenate([np.zeros(0), *found]))
+    def delays(self) -> list[float]:
+        """The delays (s) among theta."""
+        return [self.theta[each.name] * each.seconds for each in delays_among(self.mechanism.parameters())]
 
-
-def planted(configs: Sequence[SimulationConfig], place: Literal["mechanisms", "asymmetries"]) -> tuple[Planted, ...]:
-    """The mechanisms, or the vehicle's asymmetries, of a batch: all its configurations have the same, in one order."""
-    return tuple(_planted(configs, place, index) for index in range(len(getattr(configs[0], place))))
-
-
-def check_terms(items: Sequence[Planted], motion: Motion) -> None:
-    """Raise UsageError for a coefficient of a term that its mechanism does not have."""
-    for item in items:
-        known = [term.name for term in item.mechanism.terms(motion, item.theta)]
-        unknown = [name for name in item.coefficients if name not in known]
+    def check_terms(self, motion: Motion) -> None:
+        """Raise UsageError for a coefficient of a term that the mechanism does not have."""
+        known = [term.name for term in self.mechanism.terms(motion, self.theta)]
+        unknown = [name for name in self.coefficients if name not in known]
         if unknown:
             raise UsageError(
-                f"mechanism '{item.mechanism.name}' has no term '{unknown[0]}'; its terms are "
+                f"mechanism '{self.mechanism.name}' has no term '{unknown[0]}'; its terms are "
                 f"{', '.join(known)}. Correct the key under `terms`."
             )
 
 
-def _planted(configs: Sequence[SimulationConfig], place: str, index: int) -> Planted:
-    entry: PlantedConfig = getattr(configs[0], place)[index]
-    mechanism = find(entry.mechanism, entry.options)
-    if isinstance(mechanism, MomentProcess):  # its splines lie over the flight
-        start = configs[0].start.time
-        span = {"start": start, "stop": start + configs[0].duration}
-        mechanism = find(entry.mechanism, {**span, **entry.options})
-    _check_theta(mechanism, entry)
-
-    def column(*path: str, missing: float = np.nan) -> Any:
-        values = per_flight(configs, place, index, *path, missing=missing)
-        # One number where flights agree: mechanisms are written for scalar theta.
-        return float(values[0]) if np.all(values == values[0]) else values
-
-    return Planted(
-        mechanism,
-        {name: column("theta", name) for name in entry.theta},
-        {name: column("terms", name) for name in entry.terms},
-        TimeBasis(entry.kind, column("start", missing=-np.inf), column("stop", missing=np.inf)),
-    )
-
-
-def _check_theta(mechanism: Mechanism, entry: PlantedConfig) -> None:
-    expected = {parameter.name for parameter in mechanism.parameters()}
-    if expected != set(entry.theta):
-        raise UsageError(
-            f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected "
-            f"{sorted(expected)}. Give each parameter of the mechanism one value under `theta`."
-        )
-    if entry.kind == "ramp" and entry.start is None:
-        raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")
+def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple[Planted, ...]:
+    """The mechanisms of a flight that `entries` of its configuration plant, looked up among those installed."""
+    found = []
+    for entry in entries:
+        mechanism = find(entry.mechanism, entry.options)
+        if isinstance(mechanism, MomentProcess):  # its splines lie over the flight
+            span = {"start": config.start.time, "stop": config.start.time + config.duration}
+            mechanism = find(entry.mechanism, {**span, **entry.options})
+        expected = {parameter.name for parameter in mechanism.parameters()}
+        if expected != set(entry.theta):
+            raise UsageError(
+                f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected "
+                f"{sorted(expected)}. Give each parameter of the mechanism one value under `theta`."
+            )
+        if entry.kind == "ramp" and entry.start is None:
+            raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")
+        start = -np.inf if entry.start is None else entry.start
+        stop = np.inf if entry.stop is None else entry.stop
+        found.append(Planted(mechanism, entry.theta, entry.terms, TimeBasis(entry.kind, start, stop)))
+    return tuple(found)
 
 
 # ---- The equations of motion ----
@@ -236,16 +197,6 @@ STATES = 13
 EARTH_RADIUS = 6.371e6
 
 Past = Callable[[FloatArray], Motion]
-
-
-class RunningMotion(Motion):
-    """A motion at the running state; a delay may differ from flight to flight."""
-
-    def delayed(self, tau: float | FloatArray) -> Motion:
-        """The motion tau earlier; tau is one number or (flights,)."""
-        if self.history is None or isinstance(tau, float | int):
-            return super().delayed(tau)  # type: ignore[arg-type]
-        return self.history(tau)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -278,33 +229,25 @@ class AirData:
 
 @dataclass(frozen=True)
 class System:
-    """The equations of motion of a batch."""
+    """The equations of motion of a flight (Eq. 2.2 to 2.4)."""
 
-    mass: FloatArray
-    """(flights,) kg."""
-    inertia: FloatArray
-    """Tensor (3, 3, flights) kg m^2."""
-    reference_length: FloatArray
-    """(flights,) m."""
-    reference_area: FloatArray
-    """(flights,) m^2."""
-    coefficients: dict[str, FloatArray]
-    """Those of `AerodynamicsConfig`, each (flights,)."""
-    gravity: FloatArray
-    """At sea level (flights,) m/s^2."""
-    density: FloatArray | None
-    """(flights,) kg/m^3 where it is the same everywhere; None: the standard atmosphere's."""
-    wind_step: WindStep | None
-    """A step of the wind."""
+    config: SimulationConfig
     planted: tuple[Planted, ...]
     """Asymmetries, then mechanisms."""
     wind_profile: WindProfile | None = None
     """The wind that the errors of the record leave unaccounted for."""
 
     @cached_property
+    def inertia(self) -> FloatArray:
+        """Tensor (3, 3, 1) kg m^2."""
+        body = self.config.vehicle
+        rows = [[body.ixx, -body.ixy, -body.ixz], [-body.ixy, body.iyy, 0.0], [-body.ixz, 0.0, body.iyy]]
+        return np.array(rows, dtype=float)[:, :, np.newaxis]
+
+    @cached_property
     def inertia_inverse(self) -> FloatArray:
-        """Inverse of the tensor (3, 3, flights)."""
-        return np.asarray(np.moveaxis(np.linalg.inv(np.moveaxis(self.inertia, -1, 0)), 0, -1), dtype=float)
+        """Inverse of the tensor (3, 3, 1)."""
+        return np.asarray(np.linalg.inv(self.inertia[..., 0])[:, :, np.newaxis], dtype=float)
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
@@ -315,7 +258,8 @@ class System:
         crossed = velocity[1] + 1j * velocity[2]
         speed = np.sqrt(dot(velocity, velocity))
         air = standard_air(altitude)
-        density = air.density if self.density is None else self.density
+        constant = self.config.environment.constant_density
+        density = air.density if constant is None else constant
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
         velocity_rate = to_body(turn, gravity - wind_rate) + force - cross(state[RATES], velocity)
@@ -327,7 +271,7 @@ class System:
             altitude=altitude,
             dynamic_pressure=pressure,
             mach=speed / air.speed_of_sound,
-            reynolds=density * speed * self.reference_length / air.viscosity,
+            reynolds=density * speed * self.config.vehicle.reference_length / air.viscosity,
             crossflow=crossed / speed,
             specific_force=force,
             acceleration=gravity + transform(turn, force),
@@ -347,7 +291,7 @@ class System:
         )
         alpha_rate, meridian_rate = angle_rates(air.crossflow, xi_rate)
         p, q, r = state[RATES]
-        motion = RunningMotion(
+        motion = Motion(
             time=time,
             # Over the whole sphere (CONVENTIONS).
             alpha=np.arctan2(np.abs(air.crossflow) * air.speed, air.velocity[0]),
@@ -363,7 +307,7 @@ class System:
             mach=air.mach,
             reynolds=air.reynolds,
             in_plane_moment=np.zeros_like(air.speed),
-            reference_length=self.reference_length,  # type: ignore[arg-type]  # (flights,) where it varies
+            reference_length=self.config.vehicle.reference_length,
             history=None if past is None else lambda tau: past(time - tau),
         )
         return replace(motion, in_plane_moment=self._wind_fixed_moment(motion))
@@ -371,8 +315,8 @@ class System:
     def plane_moments(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """C_N' and C_Z': static moment, pitch damping and all that is planted."""
         damping = pitch_damping_term(motion)
-        in_plane = motion.in_plane_moment + self.coefficients["C_mq"] * damping.in_plane
-        out_of_plane = self.coefficients["C_mq"] * damping.out_of_plane
+        in_plane = motion.in_plane_moment + self.config.aerodynamics.C_mq * damping.in_plane
+        out_of_plane = self.config.aerodynamics.C_mq * damping.out_of_plane
         for item in self.planted:
             along, across = item.contribution(motion)
             out_of_plane = out_of_plane + across
@@ -382,10 +326,10 @@ class System:
 
     def state_rate(self, state: FloatArray, air: AirData, motion: Motion) -> FloatArray:
         """d/dt of the state (13, ...): a rigid body with its full inertia tensor (Eq. 2.2 to 2.4)."""
-        rates = state[RATES]
+        rates, aerodynamics = state[RATES], self.config.aerodynamics
         transverse = body_from_plane(*self.plane_moments(motion), motion.windward_meridian)
-        scale = air.dynamic_pressure * self.reference_area * self.reference_length
-        roll = self.coefficients["C_l0"] + self.coefficients["C_lp"] * motion.p * motion.rate_factor
+        scale = air.dynamic_pressure * self.config.vehicle.reference_area * self.config.vehicle.reference_length
+        roll = aerodynamics.C_l0 + aerodynamics.C_lp * motion.p * motion.rate_factor
         moment = scale * np.array([roll, transverse.real, transverse.imag])
         momentum = transform(self.inertia, rates)
         angular = transform(self.inertia_inverse, moment - cross(rates, momentum))
@@ -395,7 +339,7 @@ class System:
         """C_l, C_m, C_n (3, ...) from angular accelerations (3, ...) rad/s^2: Euler's equations, inverted."""
         momentum = transform(self.inertia, state[RATES])
         moment = transform(self.inertia, angular) + cross(state[RATES], momentum)
-        scale = air.dynamic_pressure * self.reference_area * self.reference_length
+        scale = air.dynamic_pressure * self.config.vehicle.reference_area * self.config.vehicle.reference_length
         return np.asarray(np.divide(moment, scale, out=np.zeros_like(moment), where=scale > 0.0))
 
     def gravity_and_altitude(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -403,11 +347,13 @@ class System:
         x, y, z = position
         down = np.array([-x, -y, EARTH_RADIUS - z])
         radius = np.sqrt(dot(down, down))
-        return down * (self.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
+        return down * (self.config.environment.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
 
     def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
         """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2; a step's change is not in it."""
-        step = 0.0 if self.wind_step is None else self.wind_step.velocity(time)
+        change, step = self.config.environment.wind_step, np.zeros((3,) + (1,) * time.ndim)
+        if change is not None:
+            step = np.reshape(change.velocity, step.shape) * (time >= change.time)
         if self.wind_profile is None:
             return step, 0.0
         velocity, rate = self.wind_profile.at(time)
@@ -415,69 +361,44 @@ class System:
 
     def _specific_force(self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray) -> FloatArray:
         """Axial and normal force per mass, (3, ...) in body axes; the normal force opposes the crossflow."""
-        scale = pressure * self.reference_area / self.mass
+        scale = pressure * self.config.vehicle.reference_area / self.config.vehicle.mass
         size = np.abs(crossed)
-        slope = scale * self.coefficients["C_Nalpha_force"] * np.arctan2(size, velocity[0])
+        slope = scale * self.config.aerodynamics.C_Nalpha_force * np.arctan2(size, velocity[0])
         normal = crossed * (slope / np.maximum(size, 1e-300))
-        return np.array([-scale * self.coefficients["C_A"], -normal.real, -normal.imag])
+        return np.array([-scale * self.config.aerodynamics.C_A, -normal.real, -normal.imag])
 
     def _wind_fixed_moment(self, motion: Motion) -> FloatArray:
         """C_mw of Eq. 5.1: the static terms, and planted mechanisms that are wind-fixed."""
-        offset, slope = static_terms(motion)
-        moment = self.coefficients["C_m0"] * offset.in_plane + self.coefficients["C_malpha"] * slope.in_plane
-        moment = moment + self.coefficients["C_malpha3"] * motion.alpha**3
+        (offset, slope), aerodynamics = static_terms(motion), self.config.aerodynamics
+        moment = aerodynamics.C_m0 * offset.in_plane + aerodynamics.C_malpha * slope.in_plane
+        moment = moment + aerodynamics.C_malpha3 * motion.alpha**3
         for item in self.planted:
             if item.mechanism.wind_fixed:
                 moment = moment + item.contribution(motion)[0]
         return np.asarray(moment, dtype=float)
 
 
-# ---- From configurations, one per flight, to the equations of motion of a batch and its first state ----
+# ---- From a configuration to the equations of motion and the first state ----
 
 
-def system(configs: Sequence[SimulationConfig]) -> System:
-    """The equations of motion of a batch; what is planted is looked up among the installed mechanisms."""
-    first = configs[0].environment
-    bodies = [config.vehicle for config in configs]
-    inertia = [[b.ixx, -b.ixy, -b.ixz, -b.ixy, b.iyy, 0.0, -b.ixz, 0.0, b.iyy] for b in bodies]
-    return System(
-        mass=per_flight(configs, "vehicle", "mass"),
-        inertia=np.moveaxis(np.reshape(np.array(inertia, dtype=float), (-1, 3, 3)), 0, -1),
-        reference_length=per_flight(configs, "vehicle", "reference_length"),
-        reference_area=per_flight(configs, "vehicle", "reference_area"),
-        coefficients={name: per_flight(configs, "aerodynamics", name) for name in AerodynamicsConfig.model_fields},
-        gravity=per_flight(configs, "environment", "gravity"),
-        density=None if first.constant_density is None else per_flight(configs, "environment", "constant_density"),
-        wind_step=None if first.wind_step is None else _wind_step(configs),
-        planted=(*planted(configs, "asymmetries"), *planted(configs, "mechanisms")),
-    )
+def system(config: SimulationConfig) -> System:
+    """The equations of motion of a flight; what is planted is looked up among the installed mechanisms."""
+    return System(config, (*planted(config, config.asymmetries), *planted(config, config.mechanisms)))
 
 
-def initial_state(configs: Sequence[SimulationConfig], equations: System) -> FloatArray:
-    """State (13, flights) at the start; alpha lies in the vertical plane of the track."""
-    path = per_flight(configs, "start", "flight_path_angle")
-    meridian = per_flight(configs, "start", "windward_meridian")
-    along = np.array([np.cos(path), np.zeros_like(path), -np.sin(path)])
-    transverse = np.array([_transverse_rate(config) for config in configs])
-    state = np.zeros((STATES, len(configs)))
-    state[2] = -per_flight(configs, "start", "altitude")
-    state[VELOCITY] = per_flight(configs, "start", "velocity") * along
-    state[VELOCITY] += equations.wind(per_flight(configs, "start", "time"))[0]
-    state[ATTITUDE] = from_pitch_roll(path + per_flight(configs, "start", "alpha"), meridian)
-    state[RATES] = np.array([per_flight(configs, "start", "roll_rate"), transverse.real, transverse.imag])
-    return state
-
-
-def _transverse_rate(config: SimulationConfig) -> complex:
-    """q + i r: as given, or such that alpha and its plane turn as asked on a straight path."""
-    start = config.start
+def initial_state(equations: System) -> FloatArray:
+    """State (13, 1) at the start; alpha lies in the vertical plane of the track."""
+    start = equations.config.start
+    path, meridian = np.array([start.flight_path_angle]), np.array([start.windward_meridian])
     if start.q is not None and start.r is not None:
-        return complex(start.q, start.r)
-    turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
-    return complex(turned * np.exp(-1j * start.windward_meridian))
-
-
-def _wind_step(configs: Sequence[SimulationConfig]) -> WindStep:
-    time = per_flight(configs, "environment", "wind_step", "time", missing=np.inf)
-    velocity = [per_flight(configs, "environment", "wind_step", "velocity", i, missing=0.0) for i in range(3)]
-    return WindStep(time, np.array(velocity))
+        transverse = complex(start.q, start.r)
+    else:  # such that alpha and its plane turn as asked on a straight path
+        turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
+        transverse = complex(turned * np.exp(-1j * start.windward_meridian))
+    state = np.zeros((STATES, 1))
+    state[2] = -start.altitude
+    state[VELOCITY] = start.velocity * np.array([np.cos(path), np.zeros(1), -np.sin(path)])
+    state[VELOCITY] += equations.wind(np.array([start.time]))[0]
+    state[ATTITUDE] = from_pitch_roll(path + start.alpha, meridian)
+    state[RATES, 0] = start.roll_rate, transverse.real, transverse.imag
+    return state

@@ -37,7 +37,7 @@ def body(*, density: float = 0.0, gravity: float = 0.0, **changes: object) -> Si
 
 
 def fly(config: SimulationConfig) -> Trajectory:
-    return flown((config,), system((config,)), lambda fraction: None)
+    return flown(system(config))
 
 
 def pointing(trajectory: Trajectory) -> ComplexArray:
@@ -49,7 +49,7 @@ def pointing(trajectory: Trajectory) -> ComplexArray:
 def momentum(config: SimulationConfig, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     """Angular momentum (3, n) in the frame and rotational energy (n,)."""
     rates = np.moveaxis(trajectory.states[:, RATES], 1, 0)
-    spin = transform(system((config,)).inertia, rates)
+    spin = transform(system(config).inertia, rates)
     turn = attitude_matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))
     return transform(turn, spin)[..., 0], 0.5 * np.sum(rates * spin, axis=0)[..., 0]
 
@@ -175,8 +175,8 @@ def test_wind_step_turns_the_air_velocity_at_once() -> None:
         start=still,
         environment={"constant_density": 0.0, "gravity": 0.0, "wind_step": {"time": 0.4, "velocity": [0.0, 70.0, 0.0]}},
     )
-    equations = system((config,))
-    trajectory = flown((config,), equations, lambda fraction: None)
+    equations = system(config)
+    trajectory = flown(equations)
     air = equations.air_data(trajectory.nodes[:, None], np.moveaxis(trajectory.states, 1, 0))
     expected = np.where(trajectory.nodes >= 0.4, -0.01, 0.0)
     np.testing.assert_allclose(air.crossflow[:, 0].real, expected, atol=1e-6)

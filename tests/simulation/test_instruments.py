@@ -28,8 +28,8 @@ def test_accelerometer_off_the_cg_feels_the_acceleration_of_its_place() -> None:
     """Against the second derivative of the place in the frame, less gravity, turned into the body."""
     place = [0.3, -0.2, 0.15]
     config = load_config({**CONE, "instruments": {}, "vehicle": CONE["vehicle"] | {"accelerometer_position": place}})
-    equations = system((config,))
-    trajectory = flown((config,), equations, lambda fraction: None)
+    equations = system(config)
+    trajectory = flown(equations)
     turn = attitude_matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[..., 0]
     position = trajectory.states[:, :3, 0].T
     there = position + transform(turn, np.array(place)[:, None] * np.ones(position.shape[1]))

@@ -72,8 +72,8 @@ def test_the_start_is_as_asked(alpha: float, meridian: float, path: float, alpha
     wind = {"time": -1.0, "velocity": [30.0, -20.0, 10.0]}
     air_free = {"constant_density": 0.0, "gravity": 0.0, "wind_step": wind}
     config = load_config({**CONE, "start": start, "environment": air_free})
-    equations = system((config,))
-    state, time = initial_state((config,), equations), np.zeros(1)
+    equations = system(config)
+    state, time = initial_state(equations), np.zeros(1)
     air = equations.air_data(time, state)
     motion = equations.motion(time, state, air, np.array([meridian]), None)
     assert motion.velocity[0] == pytest.approx(5000.0)
