@@ -297,9 +297,9 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from brv_hypo.version import version
+        from brv_hypo import __version__
 
-        typer.echo(f"brv-hypo {version()}")
+        typer.echo(f"brv-hypo {__version__}")
         raise typer.Exit
 
 

@@ -30,23 +30,6 @@ from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates
 from brv_hypo.motion.motion import Motion
 
-__all__ = [
-    "EFFECT_CHECKS",
-    "MECHANISM_CHECKS",
-    "PROCESS_CHECKS",
-    "Alias",
-    "Check",
-    "Nonconformity",
-    "Outcome",
-    "checks_of",
-    "conformance",
-    "relied_on",
-    "renamed",
-    "sample_flight",
-    "sample_motion",
-    "uniform_time",
-]
-
 # ---- The motion and the record that plugins are checked on: closed-form, so that the past is exact ----
 
 DURATION = 6.0

@@ -17,7 +17,7 @@ from brv_hypo.ranking.result import CoefficientSeries, Comparison, FlightSummary
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Role, Texts, Values
-from brv_hypo.report.motion_charts import PLAIN, Drawn, Moments, Scale, Setting, caption, cut_text, framed
+from brv_hypo.report.motion_charts import PLAIN, Drawn, Scale, Setting, caption, cut_text, framed
 
 LEADING = 2
 """Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""
@@ -156,8 +156,7 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     if series.roll_rate_rad_s:
         drawn.append(charts.attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
     drawn += _by_size(setting, [s for s in comparison.sizes if s.flight == index])
-    histories: dict[str, tuple[Moments, Role]] = {"measured": (measured, "measured")}
-    histories |= {f"less {m.name}": (m.moments, m.role) for m in residuals}
+    histories = [Drawn("measured", measured, "measured"), *(replace(m, name=f"less {m.name}") for m in residuals)]
     rates = charts.turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
     drawn.append(charts.spectrum_chart(setting, time, histories, rates))
     for name, _ in reversed(leading):

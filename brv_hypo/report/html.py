@@ -26,6 +26,7 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from pydantic import BaseModel
 
+from brv_hypo import __version__
 from brv_hypo.arrays import FloatArray
 from brv_hypo.report.document import (
     MOST_OF_A_PATH,
@@ -44,7 +45,6 @@ from brv_hypo.report.document import (
     shown_of,
     thinned,
 )
-from brv_hypo.version import version
 
 _UNEVEN = 1e-3
 """Share of a step by which times may be uneven and still be given as start and step."""
@@ -260,7 +260,7 @@ class Provenance:
         """Name and value of each entry."""
         records = ((f"record {path}", f"SHA-256 {digest}") for path, digest in self.records)
         made = (("settings", self.settings), ("made by", self.command))
-        return (("version", f"brv-hypo {version()}"), *records, *(row for row in made if row[1]))
+        return (("version", f"brv-hypo {__version__}"), *records, *(row for row in made if row[1]))
 
 
 def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> Provenance:

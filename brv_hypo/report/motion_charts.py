@@ -276,24 +276,24 @@ def motion_chart(
     return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 
 
-def spectrum_chart(
-    setting: Setting, time: Values, histories: Mapping[str, tuple[Moments, Role]], rates: Mapping[str, float]
-) -> Chart:
+def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], rates: Mapping[str, float]) -> Chart:
     """Spectra of moments, both planes together, with the frequencies (Hz) of `rates` marked."""
     sample_rate = 1.0 / float(np.median(np.diff(np.asarray(time, dtype=float))))
-    known = np.all([np.isfinite(values) for moments, _ in histories.values() for values in moments], axis=0)
+    known = np.all([np.isfinite(values) for each in histories for values in each.moments], axis=0)
     size = min(_SEGMENT, int(np.count_nonzero(known)))
-    spectra: dict[str, FloatArray] = {}
-    for name, (moments, _) in histories.items():
-        planes = [welch(np.asarray(values)[known], fs=sample_rate, nperseg=size) for values in moments]
-        frequency, power = np.asarray(planes[0][0]), planes[0][1] + planes[1][1]
-        spectra[name] = np.stack([frequency, np.maximum(power, np.finfo(float).tiny)])[:, 1:]  # from above zero
-    frequency, power = next(iter(spectra.values()))
-    most = float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
+    powers = []
+    for each in histories:
+        planes = [welch(np.asarray(values)[known], fs=sample_rate, nperseg=size) for values in each.moments]
+        frequency = np.asarray(planes[0][0])[1:]  # from above zero
+        powers.append(np.maximum(planes[0][1] + planes[1][1], np.finfo(float).tiny)[1:])
+    most = float(frequency[np.searchsorted(np.cumsum(powers[0]), _SHARE * np.sum(powers[0]))])
     marks = {name: at for name, at in rates.items() if np.isfinite(at)}
     highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
     shown = frequency <= highest
-    layers = [Line(frequency[shown], power[shown], histories[name][1], name) for name, (_, power) in spectra.items()]
+    layers = [
+        Line(frequency[shown], power[shown], each.role, each.name)
+        for each, power in zip(histories, powers, strict=True)
+    ]
     return Chart(
         f"spectrum{setting.suffix}",
         f"Spectrum{setting.which}",

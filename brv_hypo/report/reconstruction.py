@@ -17,7 +17,7 @@ from brv_hypo.motion import Reconstruction
 from brv_hypo.motion.kinematics import body_attitude
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Chart, Document, Line, Panel, Picture, Table, Texts
-from brv_hypo.report.motion_charts import Setting
+from brv_hypo.report.motion_charts import Drawn, Setting
 from brv_hypo.report.tables import motion_known
 
 _FORCES = (("ax", "a<sub>x</sub>, m/s²"), ("ay", "a<sub>y</sub>, m/s²"), ("az", "a<sub>z</sub>, m/s²"))
@@ -67,7 +67,7 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
         charts.moment_chart(setting, time, measured, result.moments.sigma[usable], ()),
         charts.attitude_chart(setting, *angles, motion.p),
         charts.moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
-        charts.spectrum_chart(setting, time, {"measured": (measured, "measured")}, rates),
+        charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured")], rates),
     ]
 
 

@@ -11,21 +11,8 @@ import numpy as np
 
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
-from brv_hypo.report.document import (
-    Band,
-    Bars,
-    Block,
-    Chart,
-    Document,
-    Line,
-    Panel,
-    Picture,
-    Role,
-    Table,
-    Texts,
-    thinned,
-)
-from brv_hypo.report.motion_charts import BODY, TIME, Drawn, Moments, Setting, caption, cut_text, framed, scale_of
+from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
+from brv_hypo.report.motion_charts import BODY, TIME, Drawn, Setting, caption, cut_text, framed, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
 from brv_hypo.residuals.result import ProcessHistory, Residual, StaticSlope, Step, Trace
@@ -39,12 +26,8 @@ def trace_charts(result: Trace) -> list[Chart]:
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
     time, measured = kept.time_s, kept.measured
-    histories: dict[str, tuple[Moments, Role]] = {
-        "measured": (measured, "measured"),
-        "before": (kept.before, "second"),
-        "after": (kept.after, "first"),
-    }
-    residuals = [Drawn(name, *histories[name]) for name in ("before", "after")]
+    residuals = [Drawn("before", kept.before, "second"), Drawn("after", kept.after, "first")]
+    histories = [Drawn("measured", measured, "measured"), *residuals]
     model = Drawn("model", charts.difference(measured, kept.after), "first")
     rates = charts.turning_rates(kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     heading = "Residual moments, before and after"

@@ -7,7 +7,10 @@ Runge-Kutta, and the past       integration.py
 Appendix B                      instruments.py: record effects and noise
 """
 
-from brv_hypo.simulation.config import SimulationConfig, config_names, config_path, load_config
-from brv_hypo.simulation.simulator import SimulatedFlight, Truth, simulate
-
-__all__ = ["SimulatedFlight", "SimulationConfig", "Truth", "config_names", "config_path", "load_config", "simulate"]
+from brv_hypo.simulation.config import SimulationConfig as SimulationConfig
+from brv_hypo.simulation.config import config_names as config_names
+from brv_hypo.simulation.config import config_path as config_path
+from brv_hypo.simulation.config import load_config as load_config
+from brv_hypo.simulation.simulator import SimulatedFlight as SimulatedFlight
+from brv_hypo.simulation.simulator import Truth as Truth
+from brv_hypo.simulation.simulator import simulate as simulate

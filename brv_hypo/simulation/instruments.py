@@ -42,15 +42,6 @@ def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
     return channels | {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
 
 
-@dataclass(frozen=True)
-class Start:
-    """A flight at its first instant: what its record would hold if that lasted; its motion; body axes in the frame."""
-
-    record: Flight
-    motion: Motion
-    body_axes: FloatArray
-
-
 def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     """The configuration with errors and asymmetries drawn from N(0, (draw * tolerance)^2), `draw` then 0.
 
@@ -59,8 +50,7 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     factor = config.instruments.draw
     if factor == 0.0:
         return config
-    start = start_of(config)
-    record = start.record
+    record, motion, _ = start_of(config)
     errors = {name: dict(values) for name, values in config.instruments.errors.items()}
     for effect in nuisance_effects():
         components = effect.components(record)
@@ -69,8 +59,13 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
         for component, value in zip(components, values, strict=True):
             own[component.name] = own.get(component.name, 0.0) + value
     instruments = config.instruments.model_copy(update={"errors": errors, "draw": 0.0})
-    found = _drawn_asymmetries(record, start.motion, factor, seed)
-    return config.model_copy(update={"instruments": instruments, "asymmetries": (*config.asymmetries, *found)})
+    asymmetries = list(config.asymmetries)
+    for mechanism in nuisance_mechanisms(record):  # constant in time, without nonlinear parameters
+        values = _values(mechanism.name, mechanism.tolerance(record) or (), factor, seed)
+        names = [term.name for term in mechanism.terms(motion, {})]
+        terms = dict(zip(names, values, strict=True))
+        asymmetries.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
+    return config.model_copy(update={"instruments": instruments, "asymmetries": tuple(asymmetries)})
 
 
 def with_errors(flight: Flight, errors: Errors) -> Flight:
@@ -95,15 +90,15 @@ def wind_profile(config: SimulationConfig) -> WindProfile | None:
     """
     if not config.instruments.errors:
         return None
-    start = start_of(config)
-    known = with_errors(start.record, config.instruments.errors).wind
+    record, _, body_axes = start_of(config)
+    known = with_errors(record, config.instruments.errors).wind
     if known is None:
         return None
-    return WindProfile(config.start.time, 1.0 / config.sample_rate, transform(start.body_axes, -known.T))
+    return WindProfile(config.start.time, 1.0 / config.sample_rate, transform(body_axes, -known.T))
 
 
-def start_of(config: SimulationConfig) -> Start:
-    """The first instant of a flight."""
+def start_of(config: SimulationConfig) -> tuple[Flight, Motion, FloatArray]:
+    """A flight at its first instant: what its record would hold if that lasted; its motion; body axes in the frame."""
     equations = system(config)
     state = initial_state(equations)
     instant = np.array([config.start.time])
@@ -112,18 +107,7 @@ def start_of(config: SimulationConfig) -> Start:
     lasting: dict[str, Any] = {name: np.full(time.size, value) for name, value in true_channels(state, air).items()}
     vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
     record = Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting)
-    return Start(record, equations.motion(instant, state, air), air.rotation)
-
-
-def _drawn_asymmetries(record: Flight, motion: Motion, factor: float, seed: int) -> tuple[PlantedConfig, ...]:
-    """Every carried mechanism, a tolerance of the vehicle: constant in time, without nonlinear parameters."""
-    found = []
-    for mechanism in nuisance_mechanisms(record):
-        values = _values(mechanism.name, mechanism.tolerance(record) or (), factor, seed)
-        names = [term.name for term in mechanism.terms(motion, {})]
-        terms = dict(zip(names, values, strict=True))
-        found.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
-    return tuple(found)
+    return record, equations.motion(instant, state, air), air.rotation
 
 
 def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list[float]:
@@ -184,7 +168,11 @@ def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Fli
     """What perfect instruments say at `time` (m,) s, of a vehicle that is as it was built."""
     averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
     vehicle = config.vehicle.declared()
-    force = specific_force_at(np.array(vehicle.accelerometer_position), signals)
+    # f = a_cg + omega_dot x r + omega x (omega x r), no gravity (errata E10, E11)
+    rates, force = (np.array([signals.channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
+    arm = np.array(vehicle.accelerometer_position)[:, np.newaxis] * np.ones_like(signals.nodes)
+    swing = cross(rates, cross(rates, arm))
+    force = force + cross(signals.angular_acceleration, arm) + swing
     true = {**signals.channels, **dict(zip(ACCELEROMETERS, force, strict=True)), "roll_rate_mag": signals.channels["p"]}
     delays = {name: gauge.delay for name, gauge in _gauges(config).items()}
     channels: dict[str, Any] = {
@@ -192,14 +180,6 @@ def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Fli
         for name in (*GYROS, *ACCELEROMETERS, *delays)
     }
     return Flight(time=time, vehicle=vehicle, instruments=config.instruments.declared(), **channels)
-
-
-def specific_force_at(position: FloatArray, signals: Signals) -> FloatArray:
-    """f = a_cg + omega_dot x r + omega x (omega x r), (3, n) m/s^2; no gravity (errata E10, E11)."""
-    rates, force = (np.array([signals.channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
-    arm = position[:, None] * np.ones_like(signals.nodes)
-    swing = cross(rates, cross(rates, arm))
-    return np.asarray(force + cross(signals.angular_acceleration, arm) + swing, dtype=float)
 
 
 def _sampled(nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float) -> FloatArray:

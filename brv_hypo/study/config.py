@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis
@@ -93,9 +93,6 @@ def fault_called(name: str) -> PlantedFault:
     return next(fault for fault in planted_faults() if fault.name == name)
 
 
-# ---- Faults of whole channels ----
-
-
 def _scaled(names: Sequence[str], factor: float) -> Corruption:
     return lambda record, _: _with(record, {name: factor * record.channels[name] for name in names})
 
@@ -106,9 +103,6 @@ def _swapped(one: str, other: str) -> Corruption:
 
 def _with(record: Record, changes: dict[str, FloatArray]) -> Record:
     return record.model_copy(update={"channels": {**record.channels, **changes}})
-
-
-# ---- Faults of the values of one channel ----
 
 
 def _changed(name: str, change: Callable[[FloatArray, Record, np.random.Generator], None]) -> Corruption:
@@ -142,9 +136,6 @@ def _spikes(values: FloatArray, record: Record, random: np.random.Generator) -> 
 def _burst(values: FloatArray, record: Record, random: np.random.Generator) -> None:
     at = _middle(record, random)
     values[at : at + int(random.integers(3, 20))] += PLANTED_SPIKE_SIGMAS * sigma_of_differences([values])
-
-
-# ---- Faults of the clock ----
 
 
 def _clock_step(record: Record, random: np.random.Generator) -> Record:
@@ -197,6 +188,13 @@ class FaultDraws(Section):
 
     share: Annotated[float, Field(ge=0.0, le=1.0)]
     kinds: tuple[str, ...] | None = Field(default=None, min_length=1)
+
+    def drawn(self, random: np.random.Generator) -> str:
+        """The name of a fault for one flight; empty for a sound record."""
+        if random.uniform() >= self.share:
+            return ""
+        kinds = self.kinds or tuple(fault.name for fault in planted_faults())
+        return kinds[int(random.integers(len(kinds)))]
 
     @model_validator(mode="after")
     def _known(self) -> FaultDraws:
@@ -319,15 +317,8 @@ def _draw(study: StudyConfig, vehicle: int, planted: int, repeat: int) -> Draw:
         windward_meridian=float(random.uniform(*ranges.windward_meridian)),
         gyro_noise=factor(ranges.gyro_noise),
         # From a stream of its own: with faults or without, the flights are the same.
-        fault=_fault(ranges.faults, np.random.default_rng([*seed, FAULTS])),
+        fault="" if ranges.faults is None else ranges.faults.drawn(np.random.default_rng([*seed, FAULTS])),
     )
-
-
-def _fault(faults: FaultDraws | None, random: np.random.Generator) -> str:
-    if faults is None or random.uniform() >= faults.share:
-        return ""
-    kinds = faults.kinds or tuple(fault.name for fault in planted_faults())
-    return kinds[int(random.integers(len(kinds)))]
 
 
 def corrupted(record: Record, draw: Draw) -> Record:
@@ -342,6 +333,16 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
     source = next(vehicle for vehicle in study.vehicles if Path(vehicle).stem == draw.vehicle)
     config = load_config(source, plant=() if draw.planted == NONE else tuple(draw.planted.split("+")))
     rate = study.sample_rate or config.sample_rate
+
+    def resized(entry: PlantedConfig) -> PlantedConfig:
+        changes = {
+            "terms": {name: value * draw.size for name, value in entry.terms.items()},
+            "theta": {name: value * draw.delay for name, value in entry.theta.items()},
+            "start": None if entry.start is None else entry.start + draw.onset_shift,
+            "stop": None if entry.stop is None else entry.stop + draw.onset_shift,
+        }
+        return entry.model_copy(update=changes)
+
     start = {
         "alpha": config.start.alpha * draw.alpha,
         "roll_rate": config.start.roll_rate * draw.roll_rate,
@@ -356,19 +357,9 @@ def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
         "step": 1.0 / (rate * max(1, round(1.0 / (rate * config.step)))),
         "start": config.start.model_copy(update=start),
         "instruments": config.instruments.model_copy(update=instruments),
-        "mechanisms": tuple(_resized(entry, draw) for entry in config.mechanisms),
+        "mechanisms": tuple(resized(entry) for entry in config.mechanisms),
     }
     return config.model_copy(update=changes)
-
-
-def _resized(entry: PlantedConfig, draw: Draw) -> PlantedConfig:
-    changes = {
-        "terms": {name: value * draw.size for name, value in entry.terms.items()},
-        "theta": {name: value * draw.delay for name, value in entry.theta.items()},
-        "start": None if entry.start is None else entry.start + draw.onset_shift,
-        "stop": None if entry.stop is None else entry.stop + draw.onset_shift,
-    }
-    return entry.model_copy(update=changes)
 
 
 def check_names(study: StudyConfig) -> None:

@@ -264,23 +264,23 @@ def coverages(outcomes: Sequence[Outcome]) -> tuple[Coverage, ...]:
     for outcome in outcomes:
         for estimate in outcome.estimates if outcome.right else ():
             groups.setdefault((outcome.planted, estimate.name, estimate.kind), []).append(estimate)
-    return tuple(_coverage(*group, estimates) for group, estimates in groups.items())
-
-
-def _coverage(planted: str, parameter: str, kind: str, estimates: Sequence[Estimate]) -> Coverage:
-    sigmas = np.abs([e.sigmas for e in estimates if e.sigmas is not None])
-    errors = [abs(e.value - e.truth) for e in estimates if e.value is not None]
-    nearest = np.sort(sigmas)[: int(np.ceil(0.9 * sigmas.size))]
-    return Coverage(
-        planted=planted,
-        parameter=parameter,
-        kind=kind,
-        units=next((e.units for e in estimates if e.units), "1"),
-        covered=share(int(np.sum(sigmas < SIGMAS)), sigmas.size),
-        missing=len(estimates) - sigmas.size,
-        rms_sigmas=float(np.sqrt(np.mean(nearest**2))) if sigmas.size else None,
-        median_error=float(np.median(errors)) if errors else None,
-    )
+    found = []
+    for (planted, parameter, kind), estimates in groups.items():
+        sigmas = np.abs([e.sigmas for e in estimates if e.sigmas is not None])
+        errors = [abs(e.value - e.truth) for e in estimates if e.value is not None]
+        nearest = np.sort(sigmas)[: int(np.ceil(0.9 * sigmas.size))]
+        coverage = Coverage(
+            planted=planted,
+            parameter=parameter,
+            kind=kind,
+            units=next((e.units for e in estimates if e.units), "1"),
+            covered=share(int(np.sum(sigmas < SIGMAS)), sigmas.size),
+            missing=len(estimates) - sigmas.size,
+            rms_sigmas=float(np.sqrt(np.mean(nearest**2))) if sigmas.size else None,
+            median_error=float(np.median(errors)) if errors else None,
+        )
+        found.append(coverage)
+    return tuple(found)
 
 
 # ---- What faults of the record do to verdicts: named, refused, or wrong without a warning ----

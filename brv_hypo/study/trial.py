@@ -135,16 +135,14 @@ def _rms(values: FloatArray) -> float:
 
 def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tuple[Estimate, ...]:
     """Each planted parameter beside its estimate, which may be missing."""
-    return tuple(estimate for entry in planted for estimate in _of_entry(entry, fitted))
-
-
-def _of_entry(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
-    terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
-    leading = max(terms, key=lambda term: term.f_ratio, default=None)
-    yield from _thetas(entry, fitted, leading)
-    yield from _knots(entry, fitted)
-    yield from _coefficients(entry, [term for term in terms if leading and term.delay_s == leading.delay_s])
-    yield from _derived(entry, fitted)
+    found: list[Estimate] = []
+    for entry in planted:
+        terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
+        leading = max(terms, key=lambda term: term.f_ratio, default=None)
+        late_alike = [term for term in terms if leading and term.delay_s == leading.delay_s]
+        found += [*_thetas(entry, fitted, leading), *_knots(entry, fitted)]
+        found += [*_coefficients(entry, late_alike), *_derived(entry, fitted)]
+    return tuple(found)
 
 
 def _thetas(entry: PlantedConfig, fitted: RankedHypothesis, leading: TermEstimate | None) -> Iterator[Estimate]:

@@ -35,7 +35,7 @@ def test_every_carried_effect_and_tolerance_of_the_vehicle_is_drawn_from_its_siz
     flights = [drawn(config, seed) for seed in SEEDS]
     assert flights[0].instruments.draw == 0.0
     assert set(flights[0].instruments.errors) == set(CARRIED)
-    record = start_of(config).record
+    record, _, _ = start_of(config)
     for name, effect in CARRIED.items():
         for component in effect.components(record):
             values = [f.instruments.errors[name][component.name] for f in flights]

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from brv_hypo.errors import FlightRecordError
+from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.format import assemble
-from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import Record, RecordFault
 from brv_hypo.flight.tolerances import GRADES
 from brv_hypo.motion import try_record

@@ -20,8 +20,8 @@ from joblib import Parallel, delayed
 
 from brv_hypo import compare
 from brv_hypo.errors import FlightRecordError, UnanswerableError
+from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.format import assemble, unassemble
-from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import Record, RecordFault, validated
 from brv_hypo.motion import try_record
 from brv_hypo.ranking import CompareConfig
