@@ -167,8 +167,16 @@ def new_settings(
     ] = None,
 ) -> None:
     """Write a commented file of settings, to change and use."""
-    path = Path(f"{kind}.yaml") if output is None else output
-    text = _text(kind)
+    from brv_hypo.settings import commented
+    from brv_hypo.simulation import config_path
+
+    path, model = Path(f"{kind}.yaml") if output is None else output, _model(kind, KINDS)
+    # of simulations, studies and maps one that comes along, which needs more than defaults
+    along = {"simulate": (VEHICLE, ""), "study": (STUDY, "studies"), "import": (MAP, "maps")}
+    if kind in along:
+        text = config_path(*along[kind]).read_text(encoding="utf-8")
+    else:
+        text = commented(model, f"Settings of `brv-hypo {kind}`")
     session.claim(path)
     write_whole(path, text, overwrite=session.force)
     use = {
@@ -187,18 +195,6 @@ def schema(
 ) -> None:
     """Print the JSON schema of settings or of a result."""
     typer.echo(json.dumps(_model(kind, KINDS + RESULTS).model_json_schema(by_alias=True), indent=2))
-
-
-def _text(kind: str) -> str:
-    """The file's content; of simulations, studies and maps one that comes along, which needs more than defaults."""
-    from brv_hypo.settings import commented
-    from brv_hypo.simulation import config_path
-
-    model = _model(kind, KINDS)
-    along = {"simulate": (VEHICLE, ""), "study": (STUDY, "studies"), "import": (MAP, "maps")}
-    if kind in along:
-        return config_path(*along[kind]).read_text(encoding="utf-8")
-    return commented(model, f"Settings of `brv-hypo {kind}`")
 
 
 def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:

@@ -309,18 +309,12 @@ def read_record(path: str | Path) -> Record:
     """
     tree = read_tree(path, only=READ)
     with naming(path):
-        return _record_of(tree, str(path))
-
-
-def _record_of(tree: Tree, path: str) -> Record:
-    header = _header(tree.attributes)
-    check_present((*tree.datasets, *tree.unread))
-    if "time" not in tree.datasets:
-        raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
-    arrays = _in_si(tree.datasets, CHANNEL_DIMENSIONS, "")
-    return validated(
-        Record,
-        {
+        header = _header(tree.attributes)
+        check_present((*tree.datasets, *tree.unread))
+        if "time" not in tree.datasets:
+            raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
+        arrays = _in_si(tree.datasets, CHANNEL_DIMENSIONS, "")
+        content = {
             "time": arrays.pop("time"),
             "channels": arrays,
             "vehicle": _vehicle(tree.groups.get("vehicle")),
@@ -328,11 +322,11 @@ def _record_of(tree: Tree, path: str) -> Record:
             "planet": header.planet.strip().lower(),
             "title": one_line(header.title),
             "source": one_line(header.source),
-            "path": path,
+            "path": str(path),
             "recorded_units": {name: dataset.units or "" for name, dataset in tree.datasets.items()},
             "notes": (*map(one_line, header.history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
-        },
-    )
+        }
+        return validated(Record, content)
 
 
 def _header(attributes: Mapping[str, Any]) -> Header:

@@ -9,6 +9,7 @@ joined over the files and written as YAML.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -278,7 +279,11 @@ def _add(found: _Guessed, other: ForeignTable) -> None:
         found.vehicle = other
         return
     main, name = found.table.entries, other.recorder
-    other.align = _alignment(found.table, other)
+    if "ax" in main and "ax" in other.entries:  # what the other sensed of ax, if it runs as that of the main table
+        axial, entry = main["ax"].scale * found.table.values("ax"), other.entries["ax"]
+        with suppress(UsageError):
+            _, likeness = clock_offset(found.table.in_si("time"), axial, other.in_si("time"), other.values("ax"))
+            other.align = replace(entry, why=f"{entry.why}; it runs as ax does, correlation {likeness:.3f}")
     found.unsure += [f"{name}: {each}" for each in other.unsure if "no rest" not in each]
     if other.align is None:
         found.unsure.append(
@@ -295,19 +300,6 @@ def _add(found: _Guessed, other: ForeignTable) -> None:
                 entry = replace(entry, unsure=(*entry.unsure, doubt + entry.units))
             main[channel] = entry
     found.recorders.append(other)
-
-
-def _alignment(main: ForeignTable, other: ForeignTable) -> MapEntry | None:
-    """What another recorder sensed of ax, if it runs as ax of the main table does."""
-    if "ax" not in main.entries or "ax" not in other.entries:
-        return None
-    axial = main.entries["ax"].scale * main.values("ax")
-    try:
-        _, likeness = clock_offset(main.in_si("time"), axial, other.in_si("time"), other.values("ax"))
-    except UsageError:
-        return None
-    entry = other.entries["ax"]
-    return replace(entry, why=f"{entry.why}; it runs as ax does, correlation {likeness:.3f}")
 
 
 def _count_from_liftoff(found: _Guessed) -> None:

@@ -29,7 +29,9 @@ def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
 
     As Figures 5.1 to 5.4 of the report have them.
     """
-    nose = np.degrees(_pitch_and_yaw(flight))
+    _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
+    forward, right, down = attitude[:, :, 0].T  # of the nose
+    nose = np.degrees([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
     read = "In the body axes of the first sample, where both are zero. Biases of the gyros accumulate."
     histories = {
         "accelerations": {title: getattr(flight, name) for name, title in _FORCES},
@@ -43,13 +45,6 @@ def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
         panels = [Panel(title, [Line(flight.time, history, "measured")]) for title, history in values.items()]
         drawn.append(setting.chart(name, heading, panels, caption))
     return drawn
-
-
-def _pitch_and_yaw(flight: Flight) -> FloatArray:
-    """Angles (2, n) rad of the nose above and to the right of its first direction."""
-    _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
-    forward, right, down = attitude[:, :, 0].T
-    return np.stack([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
 
 
 def reconstruction_charts(result: Reconstruction) -> list[Chart]:

@@ -123,7 +123,13 @@ def trace_document(result: Trace) -> Document:
         _STOPPED[result.stopped],
         result.unexplained,
     )
-    blocks: list[Block] = [_account_table(result), *map(Picture, trace_charts(result))]
+    account = [
+        {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
+        for each in result.account
+    ]
+    account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
+    errors = Table(account, "mean square of the moment error, model by model", ("model",))
+    blocks: list[Block] = [errors, *map(Picture, trace_charts(result))]
     for step in result.steps:
         blocks += _step(step)
     if result.final_residual is not None:
@@ -144,16 +150,6 @@ def trace_document(result: Trace) -> Document:
         blocks=blocks,
         beside=() if result.picture is None else (Picture(families_chart(result.steps[0])),),
     )
-
-
-def _account_table(result: Trace) -> Table:
-    """The held-out error of one model after another, and of the noise."""
-    rows = [
-        {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
-        for each in result.account
-    ]
-    rows.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    return Table(rows, "mean square of the moment error, model by model", ("model",))
 
 
 def residual_text(residual: Residual) -> str:

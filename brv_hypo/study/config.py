@@ -8,7 +8,7 @@ name; `draws` makes the flights, `flight_config` and `corrupted` what was drawn.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -55,8 +55,8 @@ class PlantedFault:
 
 
 @cache
-def planted_faults() -> tuple[PlantedFault, ...]:
-    """Every fault of the study."""
+def planted_faults() -> Mapping[str, PlantedFault]:
+    """Every fault of the study, by its name."""
     found = [PlantedFault(f"sign of {n}", (n,), "sign", _scaled((n,), -1.0)) for n in INERTIAL_CHANNELS]
     found += [
         PlantedFault(f"{a} and {b} exchanged", (a, b), "axes", _swapped(a, b)) for a, b in (("q", "r"), ("ay", "az"))
@@ -74,8 +74,7 @@ def planted_faults() -> tuple[PlantedFault, ...]:
         ("dynamic_pressure", 1.0 / PSF, "psf tagged Pa"),
     ):
         found.append(PlantedFault(f"{label}: {channel}", (channel,), "units", _scaled((channel,), factor)))
-    return (
-        *found,
+    found += [
         PlantedFault("q stuck", ("q",), "stuck", _changed("q", _stuck)),
         PlantedFault("ay clipped", ("ay",), "clipped", _changed("ay", _clipped)),
         PlantedFault("az clipped", ("az",), "clipped", _changed("az", _clipped)),
@@ -85,12 +84,8 @@ def planted_faults() -> tuple[PlantedFault, ...]:
         PlantedFault("burst in ay", ("ay",), "spikes", _changed("ay", _burst)),
         PlantedFault("r dead", ("r",), "dead", _scaled(("r",), 0.0)),
         PlantedFault("az dead", ("az",), "dead", _scaled(("az",), 0.0)),
-    )
-
-
-def fault_called(name: str) -> PlantedFault:
-    """The fault of that name."""
-    return next(fault for fault in planted_faults() if fault.name == name)
+    ]
+    return {fault.name: fault for fault in found}
 
 
 def _scaled(names: Sequence[str], factor: float) -> Corruption:
@@ -193,12 +188,12 @@ class FaultDraws(Section):
         """The name of a fault for one flight; empty for a sound record."""
         if random.uniform() >= self.share:
             return ""
-        kinds = self.kinds or tuple(fault.name for fault in planted_faults())
+        kinds = self.kinds or tuple(planted_faults())
         return kinds[int(random.integers(len(kinds)))]
 
     @model_validator(mode="after")
     def _known(self) -> FaultDraws:
-        known = [fault.name for fault in planted_faults()]
+        known = list(planted_faults())
         for kind in self.kinds or ():
             if kind not in known:
                 hint = meant(kind, known, f"known are {', '.join(known)}", cutoff=0.4)
@@ -325,7 +320,7 @@ def corrupted(record: Record, draw: Draw) -> Record:
     """The record with the fault that was drawn; itself where it is sound."""
     if not draw.fault:
         return record
-    return fault_called(draw.fault).corrupt(record, np.random.default_rng([draw.seed, FAULTS]))
+    return planted_faults()[draw.fault].corrupt(record, np.random.default_rng([draw.seed, FAULTS]))
 
 
 def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:

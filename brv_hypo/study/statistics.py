@@ -137,25 +137,21 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
     scores = [
         sum((p - (name == outcome.planted)) ** 2 for name, p in outcome.probability.items()) for outcome in judged
     ]
+    leading = []  # the largest probability of each flight, and whether it is right
+    for outcome in judged:
+        name, p = max(outcome.probability.items(), key=lambda item: item[1])
+        leading.append((p, name == outcome.planted))
+    bins = []
+    for low, high in pairwise(EDGES):
+        inside = [(p, right) for p, right in leading if low <= p < high or p == high == EDGES[-1]]
+        mean = float(np.mean([p for p, _ in inside])) if inside else None
+        right = share(sum(right for _, right in inside), len(inside))
+        bins.append(CalibrationBin(low=low, high=high, mean_probability=mean, right=right))
     return Calibration(
         flights=len(judged),
-        bins=tuple(_bin(judged, low, high) for low, high in pairwise(EDGES)),
+        bins=tuple(bins),
         brier=float(np.mean(scores)) if judged else None,
         log_loss=float(np.mean([-np.log(max(o.probability[o.planted], LEAST)) for o in judged])) if judged else None,
-    )
-
-
-def _bin(outcomes: Sequence[Outcome], low: float, high: float) -> CalibrationBin:
-    inside = []
-    for outcome in outcomes:
-        name, p = max(outcome.probability.items(), key=lambda item: item[1])
-        if low <= p < high or p == high == EDGES[-1]:
-            inside.append((p, name == outcome.planted))
-    return CalibrationBin(
-        low=low,
-        high=high,
-        mean_probability=float(np.mean([p for p, _ in inside])) if inside else None,
-        right=share(sum(right for _, right in inside), len(inside)),
     )
 
 

@@ -23,7 +23,7 @@ from brv_hypo.ranking import compare
 from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth, simulate
 from brv_hypo.simulation.config import PlantedConfig
-from brv_hypo.study.config import NONE, Draw, StudyConfig, corrupted, fault_called, flight_config
+from brv_hypo.study.config import NONE, Draw, StudyConfig, corrupted, flight_config, planted_faults
 
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
 
@@ -227,7 +227,7 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
         return Outcome(**known, status="not compared", reason=_reason(error))
     faults, verdict, ranking = found.record.faults, found.verdict, found.ranking
     known["faults"] = tuple(f"{fault.channel}: {fault.fault}" for fault in faults)
-    known["fault_named"] = fault_called(draw.fault).named_by(faults) if draw.fault else None
+    known["fault_named"] = planted_faults()[draw.fault].named_by(faults) if draw.fault else None
     known["seconds"] = clock.perf_counter() - begun
     if not ranking:
         return Outcome(**known, status="refused", reason=verdict.reason)

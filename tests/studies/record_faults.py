@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for number, record in enumerate(records(options.seed, options.flights)):
         sound = _faults_of(record)
         alarms.append(bool(sound))
-        for fault in planted_faults():
+        for fault in planted_faults().values():
             if shows(record, fault.channels):
                 random = np.random.default_rng([options.seed, number])
                 found = _faults_of(fault.corrupt(record, random))

@@ -92,7 +92,7 @@ def records_of(
     found = [_tried(record, truth, SOUND, lambda faults: not faults, trial)]
     found += [
         _tried(fault.corrupt(record, random), truth, fault.name, fault.named_by, trial)
-        for fault in planted_faults()
+        for fault in planted_faults().values()
         if shows(record, fault.channels) and (only is None or fault.name in only)
     ]
     if trial:
@@ -130,9 +130,9 @@ def report(tried: Sequence[Tried]) -> Iterator[str]:
     yield f"{'fault':42s} {'records':>7s} {'named':>6s} {'refused':>8s} {'wrong':>6s}"
     for name in dict.fromkeys(each.fault for each in tried):
         yield _row(name, [each for each in tried if each.fault == name])
-    faulty = {fault.name for fault in planted_faults()}
+    faulty = {fault.name for fault in planted_faults().values()}
     yield _row("all faults", [each for each in tried if each.fault in faulty])
-    misread = {fault.name for fault in planted_faults() if fault.kind in {"sign", "axes", "units"}}
+    misread = {fault.name for fault in planted_faults().values() if fault.kind in {"sign", "axes", "units"}}
     yield _row("signs, axes and units", [each for each in tried if each.fault in misread])
     yield _row("all blemishes", [each for each in tried if each.fault in BLEMISHES])
 
