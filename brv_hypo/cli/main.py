@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from brv_hypo.cli import analyses, flights, options
-from brv_hypo.cli.exits import listen
-from brv_hypo.cli.session import Session, in_session
+from brv_hypo.cli.session import Session, in_session, listen
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import check_target, make_folder, whole_folder, write_whole
 from brv_hypo.io.text import meant

@@ -308,21 +308,18 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     folders = (Path(map_path).parent, source.parent)
     files: dict[str | None, Path] = {None: source}
     files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
-    raw = {name: _raw_table(path, mapping, name) for name, path in files.items()}
+    raw = {}
+    for name, path in files.items():
+        entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
+        if name is not None:
+            recorder = mapping.recorders[name]
+            entries += [recorder.time, *([recorder.align] if recorder.align else [])]
+        columns = read_columns(path, tuple(dict.fromkeys(entry.column for entry in entries)), mapping.delimiter)
+        raw[name] = RawTable(name or "main", columns, {entry.column: entry.units for entry in entries})
     with naming(source):
         record, faults, phases = _record(raw, mapping, source, folders)
     flight = assemble(record)
     return Imported(replace(flight, faults=(*faults, *flight.faults)), tuple(raw.values()), phases)
-
-
-def _raw_table(path: Path, mapping: RecordMap, name: str | None) -> RawTable:
-    """What the map takes from one recorder, as it was read; None is the main table."""
-    entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
-    if name is not None:
-        recorder = mapping.recorders[name]
-        entries += [recorder.time, *([recorder.align] if recorder.align else [])]
-    columns = read_columns(path, tuple(dict.fromkeys(entry.column for entry in entries)), mapping.delimiter)
-    return RawTable(name or "main", columns, {entry.column: entry.units for entry in entries})
 
 
 def _record(

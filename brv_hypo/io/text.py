@@ -27,7 +27,9 @@ def printable(text: str) -> str:
     """The text without control codes, marks that reorder it, and code points that no encoding has."""
     if text.isascii() and text.isprintable():
         return text
-    return "".join(c for c in text if c in _KEPT or not _is_control(c))
+    return "".join(
+        c for c in text if c in _KEPT or (unicodedata.category(c) not in ("Cc", "Cs") and c not in _REORDERING)
+    )
 
 
 def one_line(text: str) -> str:
@@ -57,10 +59,6 @@ def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6, 
     if not near:
         return otherwise
     return f"is '{near[0]}' meant?" if most == 1 else f"did you mean {' or '.join(near)}?"
-
-
-def _is_control(character: str) -> bool:
-    return unicodedata.category(character) in ("Cc", "Cs") or character in _REORDERING
 
 
 def refusal(dataset: str, found: str, expected: str, cause: str, remedy: str) -> FlightRecordError:

@@ -308,7 +308,7 @@ class SimulationConfig(Section):
     asymmetries: tuple[PlantedConfig, ...] = ()
     """Planted too, but the vehicle's within its tolerances, and not what the flight is about."""
     plantable: dict[str, tuple[PlantedConfig, ...]] = Field(default_factory=dict)
-    """Named sets of mechanisms to choose from (`planting`)."""
+    """Named sets of mechanisms to choose from (`load_config`)."""
 
     @model_validator(mode="after")
     def _whole_steps_per_sample(self) -> SimulationConfig:
@@ -339,11 +339,6 @@ class SimulationConfig(Section):
     def samples(self) -> int:
         """Samples in the record, both ends counted."""
         return int(self.duration * self.sample_rate + 1e-6) + 1
-
-    def planting(self, names: Sequence[str]) -> SimulationConfig:
-        """This configuration with the named sets of `plantable` added to `mechanisms`; else KeyError."""
-        chosen = tuple(item for name in names for item in self.plantable[name])
-        return self.model_copy(update={"mechanisms": (*self.mechanisms, *chosen)})
 
 
 # ---- Configurations from files and mappings, with refusals that say what to write instead ----
@@ -389,7 +384,8 @@ def load_config(source: ConfigSource, *, plant: Sequence[str] = ()) -> Simulatio
             f"'{unknown[0]}' is not plantable in '{config.title}'; its `plantable` block holds "
             f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `mechanisms`."
         )
-    return config.planting(plant) if plant else config
+    chosen = tuple(entry for name in plant for entry in config.plantable[name])
+    return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config
 
 
 def _read(source: Mapping[str, Any] | str | Path) -> SimulationConfig:

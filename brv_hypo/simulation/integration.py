@@ -153,12 +153,11 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
     """The trajectory from `state` (13, 1); `progress` is called with the fraction done."""
     nodes = on.nodes
     history = History(system, nodes, on.breaks)
-    needs_history = bool(system.planted)
 
     def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, Motion]:
         instant = np.full(1, time)
         air = system.air_data(instant, value)
-        motion = system.motion(instant, value, air, near, history.past if needs_history else None)
+        motion = system.motion(instant, value, air, near, history.past)
         return system.state_rate(value, air, motion), motion
 
     near = np.zeros(1)
