@@ -2,7 +2,7 @@
 
 record.py       `Flight`, `Vehicle`, `RecordFault`, and what a valid record holds (pydantic)
 tolerances.py   1-sigma tolerances of instruments, vehicle and air, by grade or stated
-format.py       format 1 on disk: `load_flight`, `save_flight`, `load_truth`; what functions take for a flight
+format.py       format 1 on disk: `load_flight`, `save_flight`; what functions take for a flight
 units.py        to SI, by pint
 cleaning.py     faults of single channels, masked on reading: stuck, clipped, dead, bursts, spikes
 clock.py        uniform time, gaps, steps of the clock, white noise
@@ -16,7 +16,6 @@ from brv_hypo.flight.format import FlightSource as FlightSource
 from brv_hypo.flight.format import Quantity as Quantity
 from brv_hypo.flight.format import flights_of as flights_of
 from brv_hypo.flight.format import load_flight as load_flight
-from brv_hypo.flight.format import load_truth as load_truth
 from brv_hypo.flight.format import one_flight as one_flight
 from brv_hypo.flight.format import save_flight as save_flight
 from brv_hypo.flight.inspection import find_phases as find_phases

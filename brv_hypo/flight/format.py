@@ -2,8 +2,8 @@
 
 The order of `assemble` is fixed: faults are masked; spikes are replaced; time is made uniform; short gaps are
 bridged; missing channels are derived; what is still missing cuts the flight into segments. `unassemble` goes back.
-Entrances: `load_flight`, `save_flight`, and `load_truth` for studies and tests; `one_flight` and `flights_of` for
-what a function takes for a flight: a path, a `Flight`, a simulated flight, or a sequence of these.
+Entrances: `load_flight`, `save_flight`; `one_flight` and `flights_of` for what a function takes for a flight: a path,
+a `Flight`, a simulated flight, or a sequence of these.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments)
     return whole, notes
 
 
-# ---- Format 1 on disk: `load_flight`, `save_flight`, and `load_truth` for studies and tests ----
+# ---- Format 1 on disk: `load_flight`, `save_flight` ----
 
 
 # All that is read of a record; the rest of the file is never opened.
@@ -291,15 +291,6 @@ def save_flight(
         groups=groups,
     )
     write_tree(path, tree, overwrite=overwrite)
-
-
-def load_truth(path: str | Path) -> dict[str, Any]:
-    """What was planted in a simulated flight, as nested dicts of arrays, numbers and text; {} without any.
-
-    For studies and tests alone: nothing that analyses a flight may call this.
-    """
-    truth = read_tree(path, only={"truth": None}).groups.get("truth")
-    return {} if truth is None else _plain_tree(truth)
 
 
 def read_record(path: str | Path) -> Record:
@@ -459,11 +450,6 @@ def _truth_tree(truth: Mapping[str, Any]) -> Tree:
         else:
             datasets[name] = Dataset(np.asarray(value), SI["dimensionless"])
     return Tree(attributes, datasets, groups)
-
-
-def _plain_tree(tree: Tree) -> dict[str, Any]:
-    values = {name: dataset.values[()] for name, dataset in tree.datasets.items()}
-    return {**tree.attributes, **values, **{name: _plain_tree(below) for name, below in tree.groups.items()}}
 
 
 # ---- What a function takes for a flight: a path, a `Flight`, a simulated flight, or a sequence of these ----

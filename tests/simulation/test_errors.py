@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.flight import load_flight, load_truth
+from brv_hypo.flight import load_flight
 from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.mechanisms import RecordEffect, installed, record_effects
 from brv_hypo.mechanisms.registry import record_processes
@@ -18,6 +18,7 @@ from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
 from brv_hypo.simulation.instruments import drawn, start_of, with_errors
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
+from tests.truth import load_truth
 
 SHORT = {"duration": 0.5, "sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
 CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | SHORT
