@@ -71,13 +71,6 @@ def _families(comparison: Comparison) -> Chart:
     return Chart("families", "Processes by family", "of the static moment, %", panels, caption=read)
 
 
-def _leading(comparison: Comparison) -> list[tuple[str, Role]]:
-    """The hypotheses to draw with their roles: the baseline below, for contrast, and the leader last, on top."""
-    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
-    roles: tuple[Role, ...] = ("first", "second")
-    return [("none", "none"), *reversed(list(zip(first, roles, strict=False)))]
-
-
 def _sizes(comparison: Comparison) -> Chart:
     """Mallows' C_p over the number of terms, counted from the least so that a logarithmic axis holds all."""
     rows = [row for row in comparison.ranking if np.isfinite(row.cp)]
@@ -138,7 +131,10 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     )
     time, measured, sigma = series.time_s, series.measured, series.sigma
     angles = (series.alpha_rad, series.windward_meridian_rad)
-    leading = _leading(comparison)
+    # the baseline below, for contrast, and the leader last, on top
+    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
+    roles: tuple[Role, ...] = ("first", "second")
+    leading: list[tuple[str, Role]] = [("none", "none"), *reversed(list(zip(first, roles, strict=False)))]
     fitted = {name: series.fitted[name] for name, _ in leading if name in series.fitted}
     models = [Drawn(hypothesis(name), fitted[name], role) for name, role in leading if name in fitted]
     residuals = [replace(m, moments=charts.difference(measured, m.moments)) for m in models]

@@ -13,7 +13,7 @@ one scale.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -385,8 +385,8 @@ def _intervals(path: PlanePath) -> Iterator[Panel]:
         yield Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first])
 
 
-def share_bars(shares: Mapping[str, float], role: Role) -> list[Panel]:
+def share_bars(shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share) -> list[Panel]:
     """Bars of those that are known, in percent; nothing where none is."""
     known = {name: value for name, value in shares.items() if np.isfinite(value)}
-    percent, texts = [100.0 * value for value in known.values()], list(map(share, known.values()))
+    percent, texts = [100.0 * value for value in known.values()], list(map(written, known.values()))
     return [Panel("", [Bars(list(known), percent, texts, role)])] if known else []

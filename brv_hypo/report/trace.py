@@ -11,7 +11,7 @@ import numpy as np
 
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
-from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
+from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, TIME, Drawn, Setting, caption, cut_text, framed, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
@@ -278,8 +278,8 @@ def prediction_charts(result: Prediction) -> list[Chart]:
     regions = {f"{interval((region.start_s, region.stop_s))} s": region.ratio for region in result.regions}
     return [
         band_chart(result),
-        Chart("errors", "Errors of the moments", title, [_bars(errors)]),
-        Chart("regions", "Frozen model, by region", title, [_bars(regions)]),
+        Chart("errors", "Errors of the moments", title, charts.share_bars(errors, "first", _percent)),
+        Chart("regions", "Frozen model, by region", title, charts.share_bars(regions, "first", _percent)),
     ]
 
 
@@ -300,11 +300,6 @@ def band_chart(result: Prediction) -> Chart:
         "that it was found on."
     )
     return Chart("band", heading, TIME, panels, over_time=True, range=span, caption=read)
-
-
-def _bars(shares: dict[str, float]) -> Panel:
-    percent = [100.0 * value for value in shares.values()]
-    return Panel("", [Bars(list(shares), percent, list(map(_percent, shares.values())))])
 
 
 def _percent(ratio: float) -> str:

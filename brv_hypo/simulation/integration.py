@@ -30,7 +30,8 @@ class History:
         self.nodes = nodes
         self.states = np.zeros((nodes.size, STATES, 1))
         self.rates = np.zeros_like(self.states)
-        self._rates_before = np.zeros_like(self.states)
+        """That follow each node; `rates_before` lead up to it, which differ at a break."""
+        self.rates_before = np.zeros_like(self.states)
         self.meridians = np.zeros((nodes.size, 1))
         self._breaks = breaks
         self._last = 0
@@ -40,13 +41,9 @@ class History:
         """The state of a node with the rate that follows it."""
         self.states[node], self.rates[node], self.meridians[node] = state, rate, meridian
         if not self._breaks[node]:
-            self._rates_before[node] = rate
+            self.rates_before[node] = rate
         self._last = node
         self._recent.clear()
-
-    def store_before(self, node: int, rate: FloatArray) -> None:
-        """The rate that leads up to a break."""
-        self._rates_before[node] = rate
 
     def past(self, time: FloatArray) -> Motion:
         """The motion at `time` (1,) s; before the start it is steady (see `Motion.delayed`)."""
@@ -83,7 +80,7 @@ class History:
             (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left]
             + (s3 - 2.0 * s2 + s) * step * self.rates[left]
             + (3.0 * s2 - 2.0 * s3) * self.states[right]
-            + (s3 - s2) * step * self._rates_before[right],
+            + (s3 - s2) * step * self.rates_before[right],
             dtype=float,
         )
 
@@ -182,7 +179,7 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
             state = state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
             state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
         if on.breaks[node + 1]:
-            history.store_before(node + 1, rate(before, state, near)[0])
+            history.rates_before[node + 1] = rate(before, state, near)[0]
         if progress is not None and node % 64 == 0:
             progress(node / nodes.size)
     final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]

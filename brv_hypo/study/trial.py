@@ -139,9 +139,9 @@ def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tup
     for entry in planted:
         terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
         leading = max(terms, key=lambda term: term.f_ratio, default=None)
-        late_alike = [term for term in terms if leading and term.delay_s == leading.delay_s]
+        of_the_delay = [term for term in terms if leading and term.delay_s == leading.delay_s]
         found += [*_thetas(entry, fitted, leading), *_knots(entry, fitted)]
-        found += [*_coefficients(entry, late_alike), *_derived(entry, fitted)]
+        found += [*_coefficients(entry, of_the_delay), *_derived(entry, fitted)]
     return tuple(found)
 
 
