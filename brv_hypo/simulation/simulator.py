@@ -16,13 +16,14 @@ import yaml
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight.derived import HIGHEST_ALTITUDE
 from brv_hypo.flight.format import Quantity, assemble, save_flight
 from brv_hypo.flight.record import Flight, Record
 from brv_hypo.results import Histories
 from brv_hypo.simulation.config import ConfigSource, SimulationConfig, load_config, numbers
 from brv_hypo.simulation.instruments import Signals, drawn, recorded, true_channels, wind_profile
 from brv_hypo.simulation.integration import Progress, Trajectory, break_times, grid, integrate
-from brv_hypo.simulation.vehicle import HIGHEST, RATES, AirData, System, initial_state, planted, system
+from brv_hypo.simulation.vehicle import RATES, AirData, System, initial_state, planted, system
 
 # ---- A simulated flight: what the instruments say, and what is true ----
 
@@ -168,10 +169,10 @@ def flown(equations: System, progress: Progress | None = None) -> Trajectory:
             "check the sign of C_malpha (< 0 is stable), plant less, or reduce `step`."
         )
     _, altitude = equations.gravity_and_altitude(trajectory.states[:, :3, 0].T)
-    if np.any(altitude < 0.0) or np.any(altitude > HIGHEST):
+    if np.any(altitude < 0.0) or np.any(altitude > HIGHEST_ALTITUDE):
         raise UnanswerableError(
             f"the simulated flight spans {np.min(altitude):.0f} to {np.max(altitude):.0f} m, expected 0 to "
-            f"{HIGHEST:.0f} m, where the atmosphere is known. Remedy: another start altitude or "
+            f"{HIGHEST_ALTITUDE:.0f} m, where the atmosphere is known. Remedy: another start altitude or "
             "flight-path angle, or a shorter duration."
         )
     return trajectory

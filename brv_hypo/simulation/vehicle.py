@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UsageError
+from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmosphere
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
@@ -75,7 +76,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 # ---- The air: standard atmosphere, a step of the wind, and the wind that record effects leave unaccounted for ----
 
 
-LOWEST, HIGHEST = -5000.0, 81000.0
 _SPACING = 50.0
 
 
@@ -90,17 +90,15 @@ class Air:
 
 def standard_air(altitude: FloatArray) -> Air:
     """Air at `altitude` (m, any shape), within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them."""
-    values = _table()(np.minimum(np.maximum(altitude, LOWEST), HIGHEST))
+    values = _table()(np.minimum(np.maximum(altitude, LOWEST_ALTITUDE), HIGHEST_ALTITUDE))
     return Air(np.exp(values[..., 0]), values[..., 1], values[..., 2])
 
 
 @lru_cache(maxsize=1)
 def _table() -> CubicSpline:
-    from ambiance import Atmosphere
-
-    altitude = np.arange(LOWEST, HIGHEST + 1.0, _SPACING)
-    air = Atmosphere(altitude)
-    return CubicSpline(altitude, np.stack([np.log(air.density), air.speed_of_sound, air.dynamic_viscosity], axis=-1))
+    altitude = np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, _SPACING)
+    columns = [atmosphere(altitude, quantity) for quantity in ("density", "speed_of_sound", "dynamic_viscosity")]
+    return CubicSpline(altitude, np.stack([np.log(columns[0]), *columns[1:]], axis=-1))
 
 
 @dataclass(frozen=True)

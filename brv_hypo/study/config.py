@@ -20,6 +20,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import sigma_of_differences
+from brv_hypo.flight.inspection import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis
@@ -33,7 +34,7 @@ from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Sec
 
 
 STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, PLANTED_SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
-DEGREES, GRAVITY, FEET, PSF = 180.0 / np.pi, 9.80665, 0.3048, 47.88026
+DEGREES, FEET, PSF = 180.0 / np.pi, 0.3048, 47.88026
 
 Corruption = Callable[[Record, np.random.Generator], Record]
 
