@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -254,12 +254,10 @@ Model = TypeVar("Model")
 
 
 class Header(BaseModel):
-    """The root attributes."""
+    """The root attributes but for format and version."""
 
     model_config = ConfigDict(frozen=True)
 
-    format: Literal["brv-flight"]
-    format_version: Literal[1]
     planet: Annotated[str, Field(min_length=1)] = "earth"
     title: str = ""
     source: str = ""

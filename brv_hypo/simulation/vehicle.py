@@ -73,25 +73,19 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-# ---- The air: standard atmosphere, a step of the wind, and the wind that record effects leave unaccounted for ----
+# ---- The air: standard atmosphere, and the wind that record effects leave unaccounted for ----
 
 
 _SPACING = 50.0
 
 
-@dataclass(frozen=True)
-class Air:
-    """Density kg/m^3, speed of sound m/s, dynamic viscosity Pa s."""
+def standard_air(altitude: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Density kg/m^3, speed of sound m/s and dynamic viscosity Pa s at `altitude` (m, any shape).
 
-    density: FloatArray
-    speed_of_sound: FloatArray
-    viscosity: FloatArray
-
-
-def standard_air(altitude: FloatArray) -> Air:
-    """Air at `altitude` (m, any shape), within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them."""
+    Within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them.
+    """
     values = _table()(np.minimum(np.maximum(altitude, LOWEST_ALTITUDE), HIGHEST_ALTITUDE))
-    return Air(np.exp(values[..., 0]), values[..., 1], values[..., 2])
+    return np.exp(values[..., 0]), values[..., 1], values[..., 2]
 
 
 @lru_cache(maxsize=1)
@@ -254,9 +248,9 @@ class System:
         velocity = to_body(turn, state[VELOCITY] - wind)
         crossed = velocity[1] + 1j * velocity[2]
         speed = np.sqrt(dot(velocity, velocity))
-        air = standard_air(altitude)
+        standard_density, speed_of_sound, viscosity = standard_air(altitude)
         constant = self.config.environment.constant_density
-        density = air.density if constant is None else constant
+        density = standard_density if constant is None else constant
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
         velocity_rate = to_body(turn, gravity - wind_rate) + force - cross(state[RATES], velocity)
@@ -267,8 +261,8 @@ class System:
             speed=speed,
             altitude=altitude,
             dynamic_pressure=pressure,
-            mach=speed / air.speed_of_sound,
-            reynolds=density * speed * self.config.vehicle.reference_length / air.viscosity,
+            mach=speed / speed_of_sound,
+            reynolds=density * speed * self.config.vehicle.reference_length / viscosity,
             crossflow=crossed / speed,
             specific_force=force,
             acceleration=gravity + transform(turn, force),

@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.io.files import check_target, writable
+from brv_hypo.io.files import check_target, make_folder
 from brv_hypo.mechanisms import plugin_files, use_plugin_files
 from brv_hypo.study.config import Draw, StudyConfig, check_names, draws
 from brv_hypo.study.trial import Outcome, fly
@@ -53,8 +53,7 @@ class Store:
     def __init__(self, folder: Path, study: StudyConfig, *, overwrite: bool = False) -> None:
         """Open or begin; raises UsageError where the folder holds another study, is in use or cannot be written."""
         self._path = folder / FLIGHTS
-        with writable(folder):
-            folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         check_target(self._path, overwrite=True)
         if (folder / "flights.jsonl").exists() and not self._path.exists() and not overwrite:
             raise UsageError(f"{folder} holds a study of an earlier version. Choose another folder, or give --force.")

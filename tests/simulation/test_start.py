@@ -27,9 +27,9 @@ CONE = load_config("research_cone").model_dump(exclude={"plantable"})
     [(0.0, 1.2250, 340.29), (10e3, 0.41351, 299.53), (20e3, 0.088910, 295.07), (30e3, 0.018410, 301.71)],
 )
 def test_standard_air(altitude: float, density: float, speed_of_sound: float) -> None:
-    air = standard_air(np.array([altitude]))
-    assert air.density[0] == pytest.approx(density, rel=2e-4)
-    assert air.speed_of_sound[0] == pytest.approx(speed_of_sound, rel=2e-5)
+    rho, sound, _ = standard_air(np.array([altitude]))
+    assert rho[0] == pytest.approx(density, rel=2e-4)
+    assert sound[0] == pytest.approx(speed_of_sound, rel=2e-5)
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4).filter(lambda q: np.hypot(*q[:2]) > 0.1))
