@@ -81,9 +81,8 @@ class Tabular:
 
     def to_xarray(self) -> xarray.Dataset:
         """The rows as a labelled data set over the dimension "row"; UsageError where xarray is not installed."""
-        rows = list(self.rows())
-        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
-        return _dataset(columns, "row", {}, self.headline())
+        _needed("xarray", "to_xarray()", "xarray")
+        return self.to_dataframe().rename_axis("row").to_xarray().drop_vars("row").assign_attrs(title=self.headline())
 
     def __eq__(self, other: object) -> bool:
         """The same type and the same values, where what is not a number equals itself."""
@@ -123,8 +122,11 @@ class Histories(Tabular):
 
     def to_xarray(self) -> xarray.Dataset:
         """The columns as a labelled data set over the axis, with units; UsageError where xarray is not installed."""
-        columns = dict(self.columns())
-        return _dataset(columns, next(iter(columns)), self.units(), self.headline())
+        _needed("xarray", "to_xarray()", "xarray")
+        data = self.to_dataframe().to_xarray().assign_attrs(title=self.headline())
+        for name, units in self.units().items():
+            data[name].attrs["units"] = units
+        return data
 
     def _repr_html_(self) -> str:
         """For notebooks: the headline, and the columns with their units and ranges."""
@@ -175,25 +177,6 @@ def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
 
 def _text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else "" if value is None else str(value)
-
-
-def _dataset(columns: Mapping[str, Any], axis: str, units: Mapping[str, str], title: str) -> xarray.Dataset:
-    module = _needed("xarray", "to_xarray()", "xarray")
-    variables = {
-        name: (axis, _one_each(values), {"units": units[name]} if name in units else {})
-        for name, values in columns.items()
-    }
-    data: xarray.Dataset = module.Dataset(variables, attrs={"title": title})
-    return data.set_coords([axis] if axis in columns else [])
-
-
-def _one_each(values: Any) -> Any:
-    """Values as an array (n,), tuples as objects of it."""
-    if not any(isinstance(value, tuple | list) for value in values):
-        return np.asarray(values)
-    objects = np.empty(len(values), dtype=object)
-    objects[:] = values
-    return objects
 
 
 def _needed(module: str, call: str, extra: str) -> Any:

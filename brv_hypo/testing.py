@@ -23,18 +23,15 @@ import numpy as np
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import Flight
 from brv_hypo.mechanisms import Mechanism, MomentProcess, RecordEffect, find_installed
-from brv_hypo.mechanisms.conformance import (
-    EFFECT_CHECKS,
-    MECHANISM_CHECKS,
-    Alias,
-    Nonconformity,
-    checks_of,
-    conformance,
-    renamed,
-    sample_flight,
-    sample_motion,
-    uniform_time,
-)
+from brv_hypo.mechanisms.conformance import EFFECT_CHECKS as EFFECT_CHECKS
+from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS as MECHANISM_CHECKS
+from brv_hypo.mechanisms.conformance import Alias as Alias
+from brv_hypo.mechanisms.conformance import Nonconformity as Nonconformity
+from brv_hypo.mechanisms.conformance import checks_of, uniform_time
+from brv_hypo.mechanisms.conformance import conformance as conformance
+from brv_hypo.mechanisms.conformance import renamed as renamed
+from brv_hypo.mechanisms.conformance import sample_flight as sample_flight
+from brv_hypo.mechanisms.conformance import sample_motion as sample_motion
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.preparation import prepare
@@ -42,22 +39,6 @@ from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
-
-__all__ = [
-    "EFFECT_CHECKS",
-    "MECHANISM_CHECKS",
-    "Alias",
-    "Nonconformity",
-    "check_mechanism",
-    "conformance",
-    "plant",
-    "plant_effect",
-    "recover",
-    "recover_effect",
-    "renamed",
-    "sample_flight",
-    "sample_motion",
-]
 
 VEHICLE = "research_cone"
 DURATION, SAMPLE_RATE = 4.0, 100.0

@@ -1,9 +1,8 @@
 """The command line.
 
-main         `run`: the console script; which commands there are
+main         `run`: the console script; which commands there are; mechanisms, config and docs
+analyses     the commands compare, trace, predict and study
+flights      the commands inspect, import, reconstruct, simulate and demo
 options      the options that commands share, and what a shell completes
-session      where a command's results go: terminal, JSON, report, files
-exits        exit codes: what goes wrong, SIGINT and SIGTERM included, becomes one message
-analyses (compare, trace, predict, study), flights (inspect, import, reconstruct, simulate, demo),
-plugins (mechanisms, config, docs)     the commands
+session      where a command's results go: terminal, JSON, report, files; how it ends: messages, exit codes, signals
 """

@@ -10,7 +10,7 @@ import typer
 from brv_hypo.cli import options
 from brv_hypo.cli.session import Session, as_json, in_session
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.io.atomic import write_whole
+from brv_hypo.io.files import write_whole
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json
 from brv_hypo.io.text import one_line
 
@@ -227,7 +227,7 @@ def predict(
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
     from brv_hypo.flight.format import load_for_analysis
-    from brv_hypo.report.prediction import prediction_document
+    from brv_hypo.report.trace import prediction_document
     from brv_hypo.residuals import TraceConfig
     from brv_hypo.residuals import predict as predicted
     from brv_hypo.settings import read_settings
@@ -273,7 +273,7 @@ def study(
     from brv_hypo.report.html import page
     from brv_hypo.report.many_flights import study_document
     from brv_hypo.study import read_study, run_study, summarise
-    from brv_hypo.study.store import results_csv
+    from brv_hypo.study.run import results_csv
 
     settings = read_study(config, **({} if seed is None else {"seed": seed}))
     try:

@@ -12,7 +12,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
 from brv_hypo.cli.session import Session, in_session
 from brv_hypo.errors import UsageError
-from brv_hypo.io.atomic import write_whole
+from brv_hypo.io.files import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight

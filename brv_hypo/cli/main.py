@@ -1,16 +1,285 @@
-"""The console script: which commands there are.
+"""The console script: which commands there are, `mechanisms`, `config` and `docs` among them.
 
 Commands import what they need when they run, so that `brv-hypo --help` is quick.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+import json
+import keyword
+import re
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from brv_hypo.cli import analyses, flights, plugins
-from brv_hypo.cli.exits import listen
+from brv_hypo.cli import analyses, flights, options
+from brv_hypo.cli.session import Session, in_session, listen
+from brv_hypo.errors import UsageError
+from brv_hypo.io.files import check_target, make_folder, whole_folder, write_whole
+from brv_hypo.io.text import meant
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+
+# ---- `brv-hypo mechanisms`: what is installed; a new plugin; does a plugin keep the contract ----
+
+mechanisms_app = typer.Typer(invoke_without_command=True, add_completion=False, rich_markup_mode=None)
+
+
+@mechanisms_app.callback()
+@in_session("json", "force", "plugin")
+def listing(session: Session, context: typer.Context) -> None:
+    """List what is installed; write or check a plugin."""
+    if context.invoked_subcommand is not None:
+        return
+    session.claim()
+    from brv_hypo.mechanisms import installed
+    from brv_hypo.report.listings import listing_data, listing_table
+
+    found = installed()
+    session.tell(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
+    session.write_json(listing_data(found))
+
+
+@mechanisms_app.command("new")
+@in_session()
+def new_plugin(
+    session: Session,
+    name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
+    effect: Annotated[
+        bool, typer.Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
+    ] = False,
+    directory: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
+    ] = Path(),
+) -> None:
+    """Write a ready plugin package with its tests, to start from."""
+    written = write_plugin(name, directory, effect=effect)
+    part = "components and perturb" if effect else "the terms"
+    session.show(
+        f"Wrote {written}. Next:\n"
+        f"  pip install -e '{written}[test]'\n"
+        f"  brv-hypo mechanisms check {name}\n"
+        f"then replace {part} in {written}/brv_hypo_{name}.py by your own."
+    )
+
+
+NAME_OF_PLUGIN = re.compile(r"[a-z][a-z0-9_]*")
+
+
+def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
+    """A plugin package for the mechanism `name`, written whole or not at all to a new directory in `parent`.
+
+    With `effect` it is an effect on the record instead.
+
+    Returns the directory, `brv-hypo-<name>`. Raises UsageError where the name cannot be one, or the
+    directory exists or cannot be written.
+    """
+    if not NAME_OF_PLUGIN.fullmatch(name) or keyword.iskeyword(name) or name == "none":
+        raise UsageError(
+            f"'{name}' cannot name a mechanism: expected lower case letters, digits and _, a letter first, "
+            "and neither 'none' nor a word of Python. For example 'uneven_ablation'."
+        )
+    words = name.replace("_", " ")
+    values = {
+        "name": name,
+        "module": f"brv_hypo_{name}",
+        "distribution": f"brv-hypo-{name.replace('_', '-')}",
+        "klass": "".join(word.capitalize() for word in words.split()),
+        "title": words,
+        "what": "record effect" if effect else "mechanism",
+        "topic": "effect" if effect else "mechanism",
+        "use": "brv-hypo trace flight.h5" if effect else f"brv-hypo compare flight.h5 --mechanisms {name},sticking",
+    }
+    kind = "effect" if effect else "module"
+    parts = {
+        "pyproject.toml": "pyproject.toml",
+        "README.md": "README.md",
+        f"{kind}.py": f"{values['module']}.py",
+        f"test_{kind}.py": f"tests/test_{values['module']}.py",
+    }
+    target = parent / values["distribution"]
+    with whole_folder(target) as folder:
+        for template, name in parts.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            text = (files("brv_hypo.mechanisms") / "template" / f"{template}.tmpl").read_text(encoding="utf-8")
+            (folder / name).write_text(Template(text).substitute(values), encoding="utf-8")
+    return target
+
+
+@mechanisms_app.command("check")
+@in_session("json", "force", "plugin")
+def check(
+    session: Session,
+    name: Annotated[
+        str, typer.Argument(autocompletion=options.installed, help="Name of an installed mechanism or effect.")
+    ],
+) -> None:
+    """Run the conformance kit on an installed mechanism or effect."""
+    session.claim()
+    from brv_hypo.mechanisms import find_installed
+    from brv_hypo.mechanisms.conformance import conformance
+    from brv_hypo.report.listings import conformance_data, conformance_table
+
+    outcomes = conformance(find_installed(name))
+    failed = [outcome.check for outcome in outcomes if not outcome.passed]
+    passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
+    session.tell(conformance_table(name, outcomes), conclusion=passed)
+    session.write_json(conformance_data(name, outcomes))
+    if failed:
+        session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
+        raise typer.Exit(1)
+    session.show(passed)
+
+
+# ---- `brv-hypo config`: commented files of settings to start from, and JSON schemas for editors ----
+
+config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+
+VEHICLE, STUDY, MAP = "research_cone", "study_planted", "launch12"
+"""What new simulations, studies and maps start from: files that come along, comments included."""
+
+
+KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")
+"""The commands that take settings."""
+RESULTS = ("compare-result", "trace-result", "predict-result")
+"""What --json writes by a schema."""
+
+
+@config_app.callback()
+def config() -> None:
+    """Write a commented file of settings, or print a JSON schema."""
+
+
+@config_app.command("new")
+@in_session("force")
+def new_settings(
+    session: Session,
+    kind: Annotated[str, typer.Argument(help=f"The command that reads the file: {', '.join(KINDS)}.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
+    ] = None,
+) -> None:
+    """Write a commented file of settings, to change and use."""
+    from brv_hypo.settings import commented
+    from brv_hypo.simulation import config_path
+
+    path, model = Path(f"{kind}.yaml") if output is None else output, _model(kind, KINDS)
+    # of simulations, studies and maps one that comes along, which needs more than defaults
+    along = {"simulate": (VEHICLE, ""), "study": (STUDY, "studies"), "import": (MAP, "maps")}
+    if kind in along:
+        text = config_path(*along[kind]).read_text(encoding="utf-8")
+    else:
+        text = commented(model, f"Settings of `brv-hypo {kind}`")
+    session.claim(path)
+    write_whole(path, text, overwrite=session.force)
+    use = {
+        "simulate": f"brv-hypo simulate {path} -o flight.h5",
+        "study": f"brv-hypo study {path} -o results",
+        "import": f"brv-hypo import log.csv --map {path} -o flight.h5",
+    }
+    session.show(f"Wrote {path}. Use it with:\n  {use.get(kind, f'brv-hypo {kind} flight.h5 --config {path}')}")
+
+
+@config_app.command("schema")
+@in_session()
+def schema(
+    session: Session,
+    kind: Annotated[str, typer.Argument(help=f"Settings of a command, or a result: {', '.join(KINDS + RESULTS)}.")],
+) -> None:
+    """Print the JSON schema of settings or of a result."""
+    typer.echo(json.dumps(_model(kind, KINDS + RESULTS).model_json_schema(by_alias=True), indent=2))
+
+
+def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
+    """The model of settings or of a result; UsageError where the kind is not among those known."""
+    if kind not in known:
+        raise UsageError(f"'{kind}' has no settings here ({meant(kind, known, 'known are ' + ', '.join(known))})")
+    from brv_hypo.importing.record_map import RecordMap
+    from brv_hypo.motion import ReconstructionConfig
+    from brv_hypo.ranking import CompareConfig, Comparison
+    from brv_hypo.residuals import Prediction, Trace, TraceConfig
+    from brv_hypo.simulation.config import SimulationConfig
+    from brv_hypo.study.config import StudyConfig
+
+    settings = (CompareConfig, TraceConfig, ReconstructionConfig, SimulationConfig, StudyConfig, RecordMap)
+    models: tuple[type[BaseModel], ...] = (*settings, Comparison, Trace, Prediction)
+    return dict(zip(KINDS + RESULTS, models, strict=True))[kind]
+
+
+# ---- `brv-hypo docs`: the manual, in the terminal or as an offline page ----
+
+NAME = "brv-hypo-manual.html"
+
+
+@in_session("force")
+def docs(
+    session: Session,
+    topic: Annotated[
+        str | None, typer.Argument(metavar="TOPIC", autocompletion=options.topics, help="What to read about.")
+    ] = None,
+    notebooks: Annotated[
+        Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the two notebooks that come along.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--open", help="Open the manual as a page in the browser.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="Write the manual as an offline page.")
+    ] = None,
+) -> None:
+    """Read the manual; without a topic, the list of topics."""
+    session.claim(output)
+    from brv_hypo.docs import text
+
+    if notebooks is not None:
+        _write_notebooks(session, notebooks)
+        return
+    if topic is not None:
+        text(topic)  # an unknown topic is refused whatever is to be done with it
+    if show or output is not None:
+        _as_page(session, topic, output, show)
+        return
+    from brv_hypo.docs import topics
+    from brv_hypo.docs.manual import ManualText
+
+    listed = "\n".join(f"- `{name}`: {title}" for name, title in topics().items())
+    contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
+    opened = "`brv-hypo docs --open` opens all of it as a page."
+    page = contents + opened if topic is None else text(topic)
+    session.tell(ManualText(page), conclusion=page)
+
+
+def _write_notebooks(session: Session, folder: Path) -> None:
+    from brv_hypo.docs import notebooks
+
+    targets = {folder / name: content for name, content in notebooks().items()}
+    for path in targets:
+        check_target(path, overwrite=session.force)
+    make_folder(folder)
+    for path, content in targets.items():
+        write_whole(path, content, overwrite=session.force)
+    session.show(f"Wrote {', '.join(map(str, targets))}.")
+
+
+def _as_page(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
+    """Write the manual, among the temporary files where no other was named, and open it if it is to be shown."""
+    import tempfile
+    import webbrowser
+
+    from brv_hypo.docs.manual import manual_page
+
+    path = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / NAME if output is None else output
+    write_whole(path, manual_page(), overwrite=True)
+    session.show(f"Wrote {path}.")
+    if show and not webbrowser.open(f"{path.resolve().as_uri()}{'' if topic is None else f'#{topic}'}"):
+        session.warn(f"no browser was found: open {path} yourself")
+
+
+# ---- The program: every command, and where it starts ----
 
 app = typer.Typer(
     name="brv-hypo",
@@ -23,9 +292,9 @@ app = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from brv_hypo.version import version
+        from brv_hypo import __version__
 
-        typer.echo(f"brv-hypo {version()}")
+        typer.echo(f"brv-hypo {__version__}")
         raise typer.Exit
 
 
@@ -47,9 +316,9 @@ app.command("predict")(analyses.predict)
 app.command("study")(analyses.study)
 app.command("inspect")(flights.inspect)
 app.command("import")(flights.import_)
-app.command("docs")(plugins.docs)
-app.add_typer(plugins.mechanisms_app, name="mechanisms")
-app.add_typer(plugins.config_app, name="config")
+app.command("docs")(docs)
+app.add_typer(mechanisms_app, name="mechanisms")
+app.add_typer(config_app, name="config")
 
 
 def run() -> None:

@@ -19,8 +19,8 @@ from rich.markdown import CodeBlock, Markdown, TableElement
 from rich.table import Table
 from rich.text import Text
 
+from brv_hypo import __version__
 from brv_hypo.docs import file_of, text, topics
-from brv_hypo.version import version
 
 
 class _WholeTable(TableElement):
@@ -69,7 +69,7 @@ def manual_page() -> str:
     markdown.add_render_rule("fence", _named_fence)
     known = topics()
     articles = {name: markdown.render(text(name)) for name in known}
-    return render("manual.html.j2", version=version(), topics=known, articles=articles)
+    return render("manual.html.j2", version=__version__, topics=known, articles=articles)
 
 
 def _named_fence(

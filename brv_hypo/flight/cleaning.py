@@ -23,8 +23,16 @@ import numpy as np
 
 import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
-from brv_hypo.flight.clock import JUMP_FLANK, bridge, joint_jumps, places_with_gaps, runs, stamped_steps
-from brv_hypo.flight.noise import MAD_TO_SIGMA, sigma_of_differences
+from brv_hypo.flight.clock import (
+    JUMP_FLANK,
+    MAD_TO_SIGMA,
+    bridge,
+    joint_jumps,
+    places_with_gaps,
+    runs,
+    sigma_of_differences,
+    stamped_steps,
+)
 from brv_hypo.flight.record import INERTIAL_CHANNELS, Channels, RecordFault
 from brv_hypo.io.text import counted
 

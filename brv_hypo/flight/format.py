@@ -2,8 +2,8 @@
 
 The order of `assemble` is fixed: faults are masked; spikes are replaced; time is made uniform; short gaps are
 bridged; missing channels are derived; what is still missing cuts the flight into segments. `unassemble` goes back.
-Entrances: `load_flight`, `save_flight`, and `load_truth` for studies and tests; `one_flight` and `flights_of` for
-what a function takes for a flight: a path, a `Flight`, a simulated flight, or a sequence of these.
+Entrances: `load_flight`, `save_flight`; `one_flight` and `flights_of` for what a function takes for a flight: a path,
+a `Flight`, a simulated flight, or a sequence of these.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from brv_hypo.flight.tolerances import (
     with_stated,
 )
 from brv_hypo.flight.units import SI, Dimension, to_si
-from brv_hypo.io.hdf5 import Dataset, Tree, read_tree, write_tree
+from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
 from brv_hypo.io.text import counted, meant, naming, nearest, one_line, refusal
 from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 
@@ -196,7 +196,7 @@ def _filled(step: float, channels: Mapping[str, FloatArray], segments: Segments)
     return whole, notes
 
 
-# ---- Format 1 on disk: `load_flight`, `save_flight`, and `load_truth` for studies and tests ----
+# ---- Format 1 on disk: `load_flight`, `save_flight` ----
 
 
 # All that is read of a record; the rest of the file is never opened.
@@ -252,20 +252,20 @@ def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
 
 
 def save_flight(
-    flight: Flight,
+    flight: Flight | Record,
     path: str | Path,
     *,
     truth: Mapping[str, Any] | None = None,
     raw: Sequence[RawTable] = (),
     overwrite: bool = False,
 ) -> None:
-    """Write `flight` as a format 1 file in SI; samples outside its segments become NaN.
+    """Write a flight, or a record as flown, as a format 1 file in SI; samples outside a flight's segments become NaN.
 
     `truth` holds what was planted: numbers, arrays, `Quantity`, text, or mappings of these (subgroups). `raw` are the
     tables that the flight was made from, kept as they were read; no analysis reads them.
     The file is written whole or not at all. Raises UsageError where it exists and `overwrite` is false.
     """
-    record = unassemble(flight)
+    record = flight if isinstance(flight, Record) else unassemble(flight)
     header = {"format": FORMAT, "format_version": FORMAT_VERSION, "planet": record.planet}
     optional = {"title": record.title, "source": record.source, "history": "\n".join(record.notes)}
     channels = {"time": record.time, **record.channels}
@@ -293,15 +293,6 @@ def save_flight(
     write_tree(path, tree, overwrite=overwrite)
 
 
-def load_truth(path: str | Path) -> dict[str, Any]:
-    """What was planted in a simulated flight, as nested dicts of arrays, numbers and text; {} without any.
-
-    For studies and tests alone: nothing that analyses a flight may call this.
-    """
-    truth = read_tree(path, only={"truth": None}).groups.get("truth")
-    return {} if truth is None else _plain_tree(truth)
-
-
 def read_record(path: str | Path) -> Record:
     """The flight as the file holds it, in SI and validated, before anything is repaired or derived.
 
@@ -309,18 +300,12 @@ def read_record(path: str | Path) -> Record:
     """
     tree = read_tree(path, only=READ)
     with naming(path):
-        return _record_of(tree, str(path))
-
-
-def _record_of(tree: Tree, path: str) -> Record:
-    header = _header(tree.attributes)
-    check_present((*tree.datasets, *tree.unread))
-    if "time" not in tree.datasets:
-        raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
-    arrays = _in_si(tree.datasets, CHANNEL_DIMENSIONS, "")
-    return validated(
-        Record,
-        {
+        header = _header(tree.attributes)
+        check_present((*tree.datasets, *tree.unread))
+        if "time" not in tree.datasets:
+            raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
+        arrays = _in_si(tree.datasets, CHANNEL_DIMENSIONS, "")
+        content = {
             "time": arrays.pop("time"),
             "channels": arrays,
             "vehicle": _vehicle(tree.groups.get("vehicle")),
@@ -328,11 +313,11 @@ def _record_of(tree: Tree, path: str) -> Record:
             "planet": header.planet.strip().lower(),
             "title": one_line(header.title),
             "source": one_line(header.source),
-            "path": path,
+            "path": str(path),
             "recorded_units": {name: dataset.units or "" for name, dataset in tree.datasets.items()},
             "notes": (*map(one_line, header.history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
-        },
-    )
+        }
+        return validated(Record, content)
 
 
 def _header(attributes: Mapping[str, Any]) -> Header:
@@ -465,11 +450,6 @@ def _truth_tree(truth: Mapping[str, Any]) -> Tree:
         else:
             datasets[name] = Dataset(np.asarray(value), SI["dimensionless"])
     return Tree(attributes, datasets, groups)
-
-
-def _plain_tree(tree: Tree) -> dict[str, Any]:
-    values = {name: dataset.values[()] for name, dataset in tree.datasets.items()}
-    return {**tree.attributes, **values, **{name: _plain_tree(below) for name, below in tree.groups.items()}}
 
 
 # ---- What a function takes for a flight: a path, a `Flight`, a simulated flight, or a sequence of these ----

@@ -17,9 +17,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.cleaning import find_spikes, without_spikes
-from brv_hypo.flight.clock import joined, runs, strongest_frequency
+from brv_hypo.flight.clock import joined, runs, sigma_of_differences, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
-from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS, CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import SI
 
@@ -231,20 +230,14 @@ def white_noise(values: FloatArray) -> Noise:
     if np.isnan(sigma):
         return Noise(sigma, trusted=False)
     start, stop = max(runs(np.isfinite(values)), key=lambda run: run[1] - run[0])
-    levels = _upper_band(values[start:stop])
+    longest, levels = values[start:stop], np.zeros(4)  # that each quarter of the upper half of the band would have
+    if longest.size >= INSPECTED_FEWEST_SAMPLES:
+        window = np.hanning(longest.size)
+        power = np.abs(np.fft.rfft((longest - np.mean(longest)) * window)) ** 2 / np.sum(window**2)
+        levels = np.sqrt([float(np.mean(each)) for each in np.array_split(power[power.size // 2 : -1], 4)])
     level = float(np.median(levels))
     agrees = 0.0 < sigma <= INSPECTED_AGREES * level and level <= INSPECTED_AGREES * sigma
     return Noise(sigma, trusted=agrees and bool(levels.max() <= INSPECTED_LEVEL * levels.min()))
-
-
-def _upper_band(values: FloatArray) -> FloatArray:
-    """White-noise sigma (4,) that each quarter of the upper half of the band would have; Hann window."""
-    if values.size < INSPECTED_FEWEST_SAMPLES:
-        return np.zeros(4)
-    window = np.hanning(values.size)
-    power = np.abs(np.fft.rfft((values - np.mean(values)) * window)) ** 2 / np.sum(window**2)
-    quarters = np.array_split(power[power.size // 2 : -1], 4)
-    return np.sqrt([float(np.mean(quarter)) for quarter in quarters])
 
 
 def _channel(name: str, time: FloatArray, values: FloatArray, units: str, *, derived: bool) -> ChannelQuality:

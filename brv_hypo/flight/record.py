@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -254,12 +254,10 @@ Model = TypeVar("Model")
 
 
 class Header(BaseModel):
-    """The root attributes."""
+    """The root attributes but for format and version."""
 
     model_config = ConfigDict(frozen=True)
 
-    format: Literal["brv-flight"]
-    format_version: Literal[1]
     planet: Annotated[str, Field(min_length=1)] = "earth"
     title: str = ""
     source: str = ""
@@ -313,8 +311,16 @@ def check_present(names: Iterable[str]) -> None:
     """Raise FlightRecordError for the first dataset that format 1 needs and `names` lack."""
     present = set(names)
     for name in CHANNELS:
-        if name not in present and name != "dynamic_pressure":
-            raise _absent(name, present)
+        if name in present or name == "dynamic_pressure":
+            continue
+        guess = nearest(name, sorted(present - set(CHANNEL_DIMENSIONS)), 0.5)
+        raise refusal(
+            name,
+            f"no such dataset (there are: {', '.join(sorted(present)) or 'none'})",
+            f"one, as format 1 needs {', '.join(('time', *CHANNELS))}",
+            f"it is called '{guess[0]}' here" if guess else "it was not recorded, or has another name",
+            "add or rename it; `brv-hypo import` maps foreign names",
+        )
     if not present & {"dynamic_pressure", "density", "altitude"}:
         raise refusal(
             "dynamic_pressure",
@@ -368,9 +374,9 @@ def check_time(time: FloatArray) -> None:
 def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None:
     """Raise FlightRecordError unless the channel is known, of `shape`, never infinite, of possible sign."""
     if name not in CHANNEL_DIMENSIONS:
-        raise refusal(
-            name, "an unknown channel", f"one of {', '.join(CHANNEL_DIMENSIONS)}", _nearest(name), "rename or drop it"
-        )
+        guess = nearest(name, CHANNEL_DIMENSIONS, 0.4)
+        cause = f"'{guess[0]}' is meant" if guess else "a channel that format 1 does not have"
+        raise refusal(name, "an unknown channel", f"one of {', '.join(CHANNEL_DIMENSIONS)}", cause, "rename or drop it")
     check_shape(name, values, shape)
     if np.any(np.isinf(values)):
         raise refusal(
@@ -452,24 +458,6 @@ def complaints(error: ValidationError, group: str, guide: str) -> str:
         cause = "a misspelt or forgotten name" if missing else "a wrong sign, a fill value, or another format"
         found.append(str(refusal(name, value, expected, cause, f"correct '{name}' by {guide}")))
     return " ".join(found)
-
-
-def _absent(name: str, present: set[str]) -> FlightRecordError:
-    others = sorted(present - set(CHANNEL_DIMENSIONS))
-    guess = nearest(name, others, 0.5)
-    cause = f"it is called '{guess[0]}' here" if guess else "it was not recorded, or has another name"
-    return refusal(
-        name,
-        f"no such dataset (there are: {', '.join(sorted(present)) or 'none'})",
-        f"one, as format 1 needs {', '.join(('time', *CHANNELS))}",
-        cause,
-        "add or rename it; `brv-hypo import` maps foreign names",
-    )
-
-
-def _nearest(name: str) -> str:
-    guess = nearest(name, CHANNEL_DIMENSIONS, 0.4)
-    return f"'{guess[0]}' is meant" if guess else "a channel that format 1 does not have"
 
 
 def _count(chosen: Any) -> str:

@@ -22,9 +22,9 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.io.reading import check_regular
+from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
+from brv_hypo.io.files import check_regular
 from brv_hypo.io.sandbox import READ_BUDGET, read_in_sandbox
-from brv_hypo.io.tables import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.text import nearest as nearest_names
 from brv_hypo.io.text import one_line, refusal
 

@@ -3,17 +3,19 @@
 Every entry gives its reason; what is unsure is marked in the map and listed beside it. Nothing is hidden: columns
 that were not used are listed at the end, with their ranges. Other files may go with the first: recorders with
 clocks of their own, and tables of the vehicle over time. The rules are in guess_rules.py; here they are applied,
-joined over the files and written as YAML.
+joined over the files and written as YAML by a template.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
+from jinja2 import Environment, PackageLoader
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import FloatArray
@@ -278,7 +280,13 @@ def _add(found: _Guessed, other: ForeignTable) -> None:
         found.vehicle = other
         return
     main, name = found.table.entries, other.recorder
-    other.align = _alignment(found.table, other)
+    if "ax" in main and "ax" in other.entries:  # what the other sensed of ax, if it runs as that of the main table
+        axial, entry = main["ax"].scale * found.table.values("ax"), other.entries["ax"]
+        with suppress(UsageError):
+            _, likeness = clock_offset(found.table.in_si("time"), axial, other.in_si("time"), other.values("ax"))
+            other.align = replace(
+                entry, scale=1.0, offset=0.0, why=f"{entry.why}; it runs as ax does, correlation {likeness:.3f}"
+            )
     found.unsure += [f"{name}: {each}" for each in other.unsure if "no rest" not in each]
     if other.align is None:
         found.unsure.append(
@@ -295,19 +303,6 @@ def _add(found: _Guessed, other: ForeignTable) -> None:
                 entry = replace(entry, unsure=(*entry.unsure, doubt + entry.units))
             main[channel] = entry
     found.recorders.append(other)
-
-
-def _alignment(main: ForeignTable, other: ForeignTable) -> MapEntry | None:
-    """What another recorder sensed of ax, if it runs as ax of the main table does."""
-    if "ax" not in main.entries or "ax" not in other.entries:
-        return None
-    axial = main.entries["ax"].scale * main.values("ax")
-    try:
-        _, likeness = clock_offset(main.in_si("time"), axial, other.in_si("time"), other.values("ax"))
-    except UsageError:
-        return None
-    entry = other.entries["ax"]
-    return replace(entry, why=f"{entry.why}; it runs as ax does, correlation {likeness:.3f}")
 
 
 def _count_from_liftoff(found: _Guessed) -> None:
@@ -330,7 +325,7 @@ def _count_from_liftoff(found: _Guessed) -> None:
     table.change("time", reason, "whether that table counts from ignition", offset=offset)
 
 
-# ---- The map as commented YAML ----
+# ---- The map as commented YAML: `map.yaml.j2`, and what it needs ----
 
 
 # What a property of the vehicle is, for whom its name does not say.
@@ -346,111 +341,70 @@ _GRADE = "instruments: their grade is taken as industrial; their accuracy decide
 
 def _written(found: _Guessed) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
-    table = found.table
+    table, vehicle = found.table, found.vehicle
+    tables = [table, *found.recorders, *([vehicle] if vehicle else [])]
+    channels = {name: table.entries[name] for name in CHANNEL_DIMENSIONS if name in table.entries}
+    missing = _missing(channels)
+    unknown = [name for name in VEHICLE_DIMENSIONS if vehicle is None or name not in vehicle.entries]
+    said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}"] if unknown else []
     doubts = [*table.unsure, *found.unsure]
-    tables = [table, *found.recorders, *([found.vehicle] if found.vehicle else [])]
-    names = ", ".join(one_line(each.path.name) for each in tables)
-    lines = [f"# A guess from {names}. Read every line: what is unsure is marked.", 'title: ""']
-    lines += [f"# UNSURE: {each}" for each in doubts if each.startswith("the planet")]
-    lines.append("planet: earth   # or mars, venus, titan: only the Earth's atmosphere fills missing air data")
-    lines += [f"delimiter: {_quoted(table.delimiter)}"] if table.delimiter != "," else []
-    lines.append("channels:")
-    for name in CHANNEL_DIMENSIONS:
-        if name in table.entries:
-            entry = table.entries[name]
-            lines += _entry_lines("  ", name, entry)
-            doubts += [f"{name}: {doubt}" for doubt in entry.unsure]
-    missing, substitutes = _missing(table)
-    lines += [f"  # MISSING: {each}" for each in missing]
-    lines += ["recorders:"] if found.recorders else []
-    for other in found.recorders:
-        lines += [f"  {other.recorder}:", f"    file: {_file_of(other, table)}"]
-        lines += _entry_lines("    ", "time", other.entries["time"])
-        if other.align is not None:
-            align = replace(other.align, scale=1.0, offset=0.0)
-            lines += _entry_lines("    ", "align", align, ", to: ax")
-    vehicle, unknown = _vehicle_lines(found)
-    lines += vehicle
-    lines.append(
-        "instruments: {grade: industrial}   # laboratory, tactical (fibre-optic or ring-laser gyros), industrial "
-        "(MEMS), and any tolerance that is known"
+    unsure = [f"{name}: {doubt}" for name, entry in channels.items() for doubt in entry.unsure]
+
+    def file_of(other: ForeignTable) -> str:
+        """By its name where it lies beside the main table."""
+        beside = other.path.resolve().parent == table.path.resolve().parent
+        return _quoted(other.path.name if beside else str(other.path))
+
+    loader = PackageLoader("brv_hypo.importing", "")
+    templates = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    templates.filters |= {"one_line": one_line, "quoted": _quoted}
+    text = templates.get_template("map.yaml.j2").render(
+        main=table,
+        tables=tables,
+        recorders=found.recorders,
+        vehicle=vehicle,
+        channels=channels,
+        missing=missing,
+        doubts=doubts,
+        properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
+        meanings=_OF_VEHICLE,
+        ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
+        pad=table.rest_s and [each - found.zero_s for each in table.rest_s],
+        rate=1.0 / float(np.median(np.diff(table.in_si("time")))),
+        slowest_fast=SLOWEST_FAST,
+        per_cycle=DECIMATED_PER_CYCLE,
+        least_gain=DECIMATED_LEAST_GAIN,
+        unused=_unused(found, tables),
+        flow=_flow,
+        file_of=file_of,
     )
-    lines += [*substitutes, *_offers(found), *_unused(found, tables)]
-    return Guess("\n".join(lines) + "\n", (*missing, *unknown, *doubts, _GRADE))
+    return Guess(text, (*missing, *said, *doubts, *unsure, _GRADE))
 
 
-def _file_of(table: ForeignTable, main: ForeignTable) -> str:
-    """How a map names another file: by its name where it lies beside the main one."""
-    beside = table.path.resolve().parent == main.path.resolve().parent
-    return _quoted(table.path.name if beside else str(table.path))
-
-
-def _entry_lines(indent: str, name: str, entry: MapEntry, more: str = "") -> list[str]:
-    lines = [f"{indent}# UNSURE: {one_line(doubt)}" for doubt in entry.unsure]
-    return [*lines, f"{indent}{name}: {{{_mapped(entry)}{more}}}   # {one_line(entry.why)}"]
-
-
-def _mapped(entry: MapEntry) -> str:
+def _flow(entry: MapEntry, more: str = "") -> str:
+    """A column of the map, in one line."""
     recorder = f"recorder: {entry.recorder}, " if entry.recorder is not None else ""
     scale = f", scale: {entry.scale:g}" if entry.scale != 1.0 else ""
     offset = f", offset: {entry.offset:.10g}" if entry.offset != 0.0 else ""
-    return f"{recorder}column: {_quoted(entry.column)}, units: {entry.units}{scale}{offset}"
+    return f"{{{recorder}column: {_quoted(entry.column)}, units: {entry.units}{scale}{offset}{more}}}"
 
 
-def _missing(table: ForeignTable) -> tuple[list[str], list[str]]:
-    """What format 1 needs and no column was found for, and lines that may stand in."""
-    have = set(table.entries)
-    lacking = [f"no column was found for {name}" for name in INERTIAL_CHANNELS if name not in have]
-    offers = []
-    if "velocity" not in have:
-        if {"altitude", "ax"} <= have:
-            offers.append("derive: {velocity: ascent}   # speed from ax and altitude: for a steep climb only")
-        else:
-            lacking.append(
-                "no column was found for velocity, and none for altitude, from which a climb would give it: if another "
-                "recorder has one, name its file too"
-            )
-    if not have & {"dynamic_pressure", "density", "altitude"}:
-        lacking.append("no column was found for dynamic_pressure, density or altitude: one of them is needed")
-    return lacking, offers
-
-
-def _vehicle_lines(found: _Guessed) -> tuple[list[str], list[str]]:
-    """The vehicle's lines, and in words what no table gives."""
-    unknown = []
-    lines = ["vehicle:   # what no table gives is null: fill it in"]
-    known = found.vehicle.entries if found.vehicle is not None else {}
-    for name, dimension in VEHICLE_DIMENSIONS.items():
-        comment = f"   # {_OF_VEHICLE[name]}" if name in _OF_VEHICLE else ""
-        if found.vehicle is not None and name in known:
-            file, time = _file_of(found.vehicle, found.table), _mapped(known["time"])
-            lines += [f"  # UNSURE: {one_line(doubt)}" for doubt in known[name].unsure]
-            lines.append(f"  {name}: {{file: {file}, {_mapped(known[name])}, time: {{{time}}}}}{comment}")
-        else:
-            value = "[0.0, 0.0, 0.0]" if name == "accelerometer_position" else "null"
-            unknown.append(name)
-            lines.append(f"  {name}: {{value: {value}, units: {SI[dimension]}}}{comment}")
-    return lines, [f"no table gives these properties of the vehicle: {', '.join(unknown)}"] if unknown else []
-
-
-def _offers(found: _Guessed) -> list[str]:
-    table, lines = found.table, []
-    if table.rest_s is not None:
-        start, stop = (each - found.zero_s for each in table.rest_s)
-        lines.append(f"pad: [{start:.3f}, {stop:.3f}]   # at rest: biases are taken out")
-        lines.append("window: coast   # leaves out pad, burn and parachute; or [start, stop]")
-    rate = 1.0 / float(np.median(np.diff(table.in_si("time"))))
-    if rate > SLOWEST_FAST:
-        lines.append(
-            f"rate: auto   # {rate:.4g} Hz brought, behind a low-pass, to {DECIMATED_PER_CYCLE:g} samples a cycle of "
-            f"the motion, where the log has over {DECIMATED_LEAST_GAIN:g} times that"
+def _missing(channels: Collection[str]) -> list[str]:
+    """What format 1 needs and no column was found for."""
+    lacking = [f"no column was found for {name}" for name in INERTIAL_CHANNELS if name not in channels]
+    if "velocity" not in channels and not {"altitude", "ax"} <= set(channels):
+        lacking.append(
+            "no column was found for velocity, and none for altitude, from which a climb would give it: if another "
+            "recorder has one, name its file too"
         )
-    return lines
+    if not {"dynamic_pressure", "density", "altitude"} & set(channels):
+        lacking.append("no column was found for dynamic_pressure, density or altitude: one of them is needed")
+    return lacking
 
 
-def _unused(found: _Guessed, tables: Sequence[ForeignTable]) -> list[str]:
-    """A comment on each column that the map does not use."""
-    lines = []
+def _unused(found: _Guessed, tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
+    """The file, name and range of each column that the map does not use."""
+    unused = []
     for table in tables:
         recorder = table.recorder if table in found.recorders else None
         channels = {} if table is found.vehicle else found.table.entries
@@ -459,13 +413,12 @@ def _unused(found: _Guessed, tables: Sequence[ForeignTable]) -> list[str]:
             used = {entry.column for entry in table.entries.values()}
         elif table is not found.table:
             used |= {table.entries["time"].column, *([table.align.column] if table.align else [])}
-        where = "" if table is found.table else f"{one_line(table.path.name)}: "
+        place = "" if table is found.table else f"{one_line(table.path.name)}: "
         for name, values in table.columns.items():
             if name not in used:
                 known = values[np.isfinite(values)]
-                span = f"{known.min():.4g} to {known.max():.4g}" if known.size else "empty"
-                lines.append(f"# not used: {where}{one_line(name)} ({span})")
-    return lines
+                unused.append((place, name, f"{known.min():.4g} to {known.max():.4g}" if known.size else "empty"))
+    return unused
 
 
 def _quoted(text: str) -> str:

@@ -59,7 +59,7 @@ from brv_hypo.flight.record import (
 )
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import Dimension, to_si
-from brv_hypo.importing.formats import Columns, found_file, nearest, read_columns
+from brv_hypo.importing.formats import found_file, nearest, read_columns
 from brv_hypo.importing.rocket_log import ascent, clock_offset, decimated, needed_rate, take_out_biases
 from brv_hypo.io.text import naming, one_line
 
@@ -308,21 +308,18 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     folders = (Path(map_path).parent, source.parent)
     files: dict[str | None, Path] = {None: source}
     files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
-    raw = {name: _raw_table(path, mapping, name) for name, path in files.items()}
+    raw = {}
+    for name, path in files.items():
+        entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
+        if name is not None:
+            recorder = mapping.recorders[name]
+            entries += [recorder.time, *([recorder.align] if recorder.align else [])]
+        columns = read_columns(path, tuple(dict.fromkeys(entry.column for entry in entries)), mapping.delimiter)
+        raw[name] = RawTable(name or "main", columns, {entry.column: entry.units for entry in entries})
     with naming(source):
         record, faults, phases = _record(raw, mapping, source, folders)
     flight = assemble(record)
     return Imported(replace(flight, faults=(*faults, *flight.faults)), tuple(raw.values()), phases)
-
-
-def _raw_table(path: Path, mapping: RecordMap, name: str | None) -> RawTable:
-    """What the map takes from one recorder, as it was read; None is the main table."""
-    entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
-    if name is not None:
-        recorder = mapping.recorders[name]
-        entries += [recorder.time, *([recorder.align] if recorder.align else [])]
-    columns = read_columns(path, tuple(dict.fromkeys(entry.column for entry in entries)), mapping.delimiter)
-    return RawTable(name or "main", columns, {entry.column: entry.units for entry in entries})
 
 
 def _record(
@@ -336,7 +333,13 @@ def _record(
         channels, tolerances, pad_notes = take_out_biases(time, channels, mapping.pad)
         notes += pad_notes
     if mapping.derive is not None:
-        channels, sigma, note = _with_speed(time, channels)
+        missing = [name for name in ("ax", "altitude") if name not in channels]
+        if missing:
+            raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
+        speed, altitude, sigma, note = ascent(time, channels["ax"], channels["altitude"])
+        # unknown where it is as good as rest
+        channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
+        channels["altitude"] = altitude
         notes.append(note)
     forces = [channels[name] for name in ACCELEROMETERS if name in channels]
     phases = find_phases(time, *forces) if len(forces) == len(ACCELEROMETERS) else ()
@@ -380,8 +383,20 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
         columns = raw[name].columns
         clock = _channel(columns[recorder.time.column], recorder.time, "time", f"recorders/{name}/time")
         if recorder.align is not None:
-            moved, note = _aligned(name, recorder.align, columns, clock, time, channels)
-            clock, notes = clock + moved, [*notes, note]
+            align = recorder.align
+            if align.to not in channels:
+                raise UsageError(
+                    f"recorders/{name}/align/to: '{align.to}' is no channel of the main table, which has "
+                    f"{', '.join(channels)}."
+                )
+            dimension = CHANNEL_DIMENSIONS[align.to]
+            other = to_si(columns[align.column], align.units, dimension, f"recorders/{name}/align")
+            moved, likeness = clock_offset(time, channels[align.to], clock, other)
+            clock = clock + moved
+            notes.append(
+                f"clock of {one_line(name)}: {moved:+.4g} s to that of the main table, by its "
+                f"{one_line(align.column)} against {align.to} (correlation {likeness:.3f})"
+            )
         for channel, entry in mapping.channels.items():
             if entry.recorder == name:
                 values = _channel(columns[entry.column], entry, CHANNEL_DIMENSIONS[channel], channel)
@@ -393,36 +408,10 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
     return time, channels, notes
 
 
-def _aligned(
-    name: str, align: Alignment, columns: Columns, clock: FloatArray, time: FloatArray, channels: Channels
-) -> tuple[float, str]:
-    """What is to be added to a second recorder's clock, s, and a note on it."""
-    if align.to not in channels:
-        raise UsageError(
-            f"recorders/{name}/align/to: '{align.to}' is no channel of the main table, which has {', '.join(channels)}."
-        )
-    other = to_si(columns[align.column], align.units, CHANNEL_DIMENSIONS[align.to], f"recorders/{name}/align")
-    moved, likeness = clock_offset(time, channels[align.to], clock, other)
-    return moved, (
-        f"clock of {one_line(name)}: {moved:+.4g} s to that of the main table, by its {one_line(align.column)} against "
-        f"{align.to} (correlation {likeness:.3f})"
-    )
-
-
 def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: str) -> FloatArray:
     """The mapped column in SI."""
     known = column if entry.missing is None else np.where(column == entry.missing, np.nan, column)
     return to_si(entry.scale * known + entry.offset, entry.units, dimension, name)
-
-
-def _with_speed(time: FloatArray, channels: Channels) -> tuple[Channels, FloatArray, str]:
-    """The channels with a derived speed, unknown where it is as good as rest; its sigma (n,) m/s; a note."""
-    missing = [name for name in ("ax", "altitude") if name not in channels]
-    if missing:
-        raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-    speed, altitude, sigma, note = ascent(time, channels["ax"], channels["altitude"])
-    speed = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
-    return {**channels, "velocity": speed, "altitude": altitude}, sigma, note
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:

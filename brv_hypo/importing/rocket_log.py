@@ -21,9 +21,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import find_spikes, mask_faults, spike_note, without_spikes
-from brv_hypo.flight.clock import regularise, transverse_frequency
+from brv_hypo.flight.clock import MAD_TO_SIGMA, regularise, transverse_frequency
 from brv_hypo.flight.inspection import AT_REST, GRAVITY
-from brv_hypo.flight.noise import MAD_TO_SIGMA
 from brv_hypo.flight.record import GYROS, Channels, Record, RecordFault
 
 CLOCK_STEPS_PER_SAMPLE = 2.0  # of the slower recorder: the grid of offsets that are tried

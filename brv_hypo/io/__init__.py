@@ -1,10 +1,8 @@
 """Files in and out, guarded: whatever a file holds, reading it ends in data or in one readable refusal.
 
-text.py             text of foreign origin without control codes; the one wording of a refused dataset
-reading.py          regular files only, and text within a budget
+text.py             text of foreign origin without control codes; numbers; the one wording of a refused dataset
+files.py            regular files only, text within a budget; files written whole or not at all
 mappings.py         YAML and JSON within budgets of size, depth and expansion
-atomic.py           files written whole or not at all
 sandbox.py          readers of binary files, run in a process of their own within limits
-hdf5.py             HDF5 as a plain tree of datasets with units
-tables.py           columns of Parquet and MATLAB files
+binary.py           HDF5 as a plain tree of datasets with units; columns of Parquet and MATLAB files
 """

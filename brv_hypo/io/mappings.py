@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from brv_hypo.errors import UsageError
-from brv_hypo.io.reading import read_text
+from brv_hypo.io.files import read_text
 from brv_hypo.io.text import one_line
 
 YAML_ENDINGS = (".yaml", ".yml")
@@ -41,7 +41,8 @@ def read_yaml(path: str | Path, expected: str) -> dict[str, Any]:
             f"{path}: cannot be read: it is not YAML: {one_line(str(failure))}. Correct the file."
         ) from None
     except RecursionError:
-        raise UsageError(f"{path}: cannot be read: it is nested too deep. Expected {expected}.") from None
+        deep = f"more than {DEEPEST} levels of nesting"
+        raise UsageError(f"{path}: cannot be read: it is not YAML: {deep}. Correct the file.") from None
     return _mapping(content, path, expected)
 
 
@@ -73,22 +74,12 @@ def _mapping(content: Any, path: str | Path, expected: str) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain data only, to a limited depth; dates stay text."""
+    """Plain data only; dates stay text."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012 - as the base class declares it
         first: [(tag, pattern) for tag, pattern in resolvers if tag != _DATES]
         for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
-    depth = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """As the base class, with the depth counted."""
-        self.depth += 1
-        if self.depth > DEEPEST:
-            raise yaml.MarkedYAMLError(problem=f"more than {DEEPEST} levels of nesting", problem_mark=self.get_mark())
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         """As the base class; what a value's own type refuses is a refusal with its place."""
@@ -121,11 +112,13 @@ def _load(text: str) -> Any:
 
 
 def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
-    """How many values a node stands for; raises MarkedYAMLError for too many, and where it holds itself."""
+    """How many values a node stands for; raises MarkedYAMLError for too many or too deep, and where it holds itself."""
     if id(node) in known:
         return known[id(node)]
-    if id(node) in above:
-        raise yaml.MarkedYAMLError(problem="an alias of what it stands in", problem_mark=node.start_mark)
+    if id(node) in above or len(above) >= DEEPEST:
+        deep = f"more than {DEEPEST} levels of nesting"
+        problem = "an alias of what it stands in" if id(node) in above else deep
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
     total = 1
     if not isinstance(node, yaml.ScalarNode):
         pairs = isinstance(node, yaml.MappingNode)

@@ -1,4 +1,4 @@
-"""Text that is fit to print, and the one wording of a refusal.
+"""Text that is fit to print, how numbers are written, and the one wording of a refusal.
 
 Text of foreign origin must not write on a terminal as we do: control codes and marks that reverse the order of
 what follows are left out (`printable`, `one_line`). A refused dataset is always reported in the same four parts:
@@ -8,6 +8,7 @@ what was found, what was expected, the likely cause, the remedy (`refusal`); `na
 from __future__ import annotations
 
 import difflib
+import math
 import unicodedata
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -26,7 +27,9 @@ def printable(text: str) -> str:
     """The text without control codes, marks that reorder it, and code points that no encoding has."""
     if text.isascii() and text.isprintable():
         return text
-    return "".join(c for c in text if c in _KEPT or not _is_control(c))
+    return "".join(
+        c for c in text if c in _KEPT or (unicodedata.category(c) not in ("Cc", "Cs") and c not in _REORDERING)
+    )
 
 
 def one_line(text: str) -> str:
@@ -58,10 +61,6 @@ def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6, 
     return f"is '{near[0]}' meant?" if most == 1 else f"did you mean {' or '.join(near)}?"
 
 
-def _is_control(character: str) -> bool:
-    return unicodedata.category(character) in ("Cc", "Cs") or character in _REORDERING
-
-
 def refusal(dataset: str, found: str, expected: str, cause: str, remedy: str) -> FlightRecordError:
     """The error to raise for `dataset`; the caller that knows the file puts its path in front."""
     return FlightRecordError(
@@ -76,3 +75,69 @@ def naming(path: str | Path) -> Iterator[None]:
         yield
     except FlightRecordError as error:
         raise FlightRecordError(f"{path or 'flight'}: {error}") from error
+
+
+# ---- How numbers are written ----
+
+NOT_A_NUMBER = "–"
+LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
+"""Numbers from the one to below the other are written without an exponent."""
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """At `digits` significant digits, as 0.00012, 6.90e6 or 2.6e-5; a dash for no number."""
+    if value is None or not math.isfinite(value):
+        return NOT_A_NUMBER
+    rounded = f"{value:.{digits - 1}e}"
+    if value == 0.0 or LEAST_PLAIN <= abs(value) < MOST_PLAIN:
+        return f"{float(rounded):.{max(digits, 7)}g}"
+    mantissa, exponent = rounded.split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def known_to(value: float, sigma: float) -> str:
+    """An estimate to the second digit of its standard error, and no further; at most at 9 digits."""
+    if not (math.isfinite(value) and math.isfinite(sigma) and value != 0.0 and sigma > 0.0):
+        return number(value, 4)
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 2
+    if digits < 1:  # the estimate is less than the last digit of its error that is worth showing
+        return "0"
+    digits = min(digits, 9)
+    if not LEAST_PLAIN <= abs(value) < MOST_PLAIN:
+        return number(value, digits)
+    return f"{value:.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
+
+
+def f_ratio(value: float | None) -> str:
+    """A ratio of variances: below a hundredth it says nothing."""
+    if value is not None and math.isfinite(value) and 0.0 <= value < 0.01:
+        return "<0.01"
+    return number(value)
+
+
+def probability(value: float | None) -> str:
+    """A probability in percent, never rounded to certainty."""
+    if value is None or not math.isfinite(value):
+        return NOT_A_NUMBER
+    if value >= 0.995:
+        return ">99 %"
+    if value <= 0.005:
+        return "<1 %"
+    return f"{100.0 * value:.0f} %"
+
+
+def p_value(value: float | None) -> str:
+    """A probability under the null hypothesis at two digits; none is nought."""
+    return "<1e-99" if value is not None and value < 1e-99 else number(value, 2)
+
+
+def share(value: float | None) -> str:
+    """A ratio in percent at two digits."""
+    if value is not None and 0.0 < value < 1e-4:
+        return "<0.01 %"
+    return NOT_A_NUMBER if value is None else f"{number(100.0 * value, 2)} %"
+
+
+def interval(region: tuple[float, float] | None) -> str:
+    """A region of time; a dash where it is the whole."""
+    return NOT_A_NUMBER if region is None else f"{region[0]:.2f}–{region[1]:.2f}"

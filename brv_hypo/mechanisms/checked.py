@@ -128,12 +128,6 @@ def known_as(module: str, package: str) -> None:
     _packages[module.partition(".")[0]] = package
 
 
-def package_of(item: Mechanism | RecordEffect) -> str:
-    """The distribution that brought the item; its module where none is known."""
-    module = item.__class__.__module__.partition(".")[0]
-    return _packages.get(module, module)
-
-
 # ---- A mechanism or record effect whose answers are checked ----
 
 
@@ -212,7 +206,9 @@ def _answer_of(item: Mechanism | RecordEffect, method: str, *arguments: Any) -> 
         for each in arguments
     ]
     problem = partial(_problem, method, arguments[0].time.shape if method in ("terms", "perturb", "shapes") else ())
-    given = answer(item.name, package_of(item), getattr(item, method), *shown, problem=problem)
+    module = item.__class__.__module__.partition(".")[0]
+    package = _packages.get(module, module)  # the module's name where no distribution is known
+    given = answer(item.name, package, getattr(item, method), *shown, problem=problem)
     return tuple(map(checked, given)) if method == "variants" else given
 
 

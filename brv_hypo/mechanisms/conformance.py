@@ -30,23 +30,6 @@ from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates
 from brv_hypo.motion.motion import Motion
 
-__all__ = [
-    "EFFECT_CHECKS",
-    "MECHANISM_CHECKS",
-    "PROCESS_CHECKS",
-    "Alias",
-    "Check",
-    "Nonconformity",
-    "Outcome",
-    "checks_of",
-    "conformance",
-    "relied_on",
-    "renamed",
-    "sample_flight",
-    "sample_motion",
-    "uniform_time",
-]
-
 # ---- The motion and the record that plugins are checked on: closed-form, so that the past is exact ----
 
 DURATION = 6.0
@@ -274,7 +257,7 @@ def has_sane_parameters(mechanism: Mechanism) -> None:
 
 
 def keeps_the_shape(mechanism: Mechanism) -> None:
-    """Its columns have the motion's shape: (n,) over a record, (batch,) and (batch, 1) in a simulation."""
+    """Its columns have the motion's shape: (n,) over a record, (1,) in a simulation, or any other."""
     time = uniform_time(_SHORT)
     for sampled in (time, time[:1], time[:, np.newaxis]):
         for term in mechanism.terms(sample_motion(sampled), _thetas(mechanism)[0]):

@@ -27,7 +27,7 @@ from pydantic import ValidationError
 
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.io.reading import check_regular
+from brv_hypo.io.files import check_regular
 from brv_hypo.io.text import meant, one_line
 from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, known_as, unchecked
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, RecordEffect, RecordProcess

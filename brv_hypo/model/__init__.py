@@ -1,9 +1,7 @@
 """A model's parts: its terms, how their coefficients vary in time, and the baseline that every model holds.
 
-term.py            a term at its nonlinear parameters with a basis in time; the candidates of a mechanism
-moment.py          the one sum of coefficient x time basis x term
-baseline.py        static moment with drift and cubic part, pitch damping
-slope_schedule.py  a smooth change of slope and cubic part with Mach number: a Gaussian process, by its leading terms
+term.py            a term at its nonlinear parameters with a basis in time; the one sum of these
+baseline.py        static moment with drift and cubic part, pitch damping; a smooth change of these with Mach number
 aero_table.py      a user's table of the static slope, and increments to it within its uncertainty
 common_time.py     the time that several flights of one design share
 reconstruction.py  motion and moments of a flight, its record known to its tolerances

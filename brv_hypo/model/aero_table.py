@@ -27,8 +27,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
+from brv_hypo.io.files import read_text
 from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
-from brv_hypo.io.reading import read_text
 from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.motion.motion import Motion

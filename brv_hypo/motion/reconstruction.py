@@ -12,7 +12,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.io.hdf5 import Dataset, Tree, write_tree
+from brv_hypo.io.binary import Dataset, Tree, write_tree
 from brv_hypo.motion.config import Method
 from brv_hypo.motion.inertial import WindStart, measured
 from brv_hypo.motion.interpolation import Quadrature

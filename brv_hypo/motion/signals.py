@@ -21,7 +21,7 @@ from scipy.linalg import solve_triangular
 from scipy.signal import oaconvolve, savgol_filter
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
-from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.record import Flight
 
 NOISE_STILL = 0.5  # share of a channel's steps that are none, from which its rounding is its noise

@@ -12,13 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.io.text import counted, hypothesis
+from brv_hypo.io.text import counted, hypothesis, probability
 from brv_hypo.ranking.result import CoefficientSeries, Comparison, FlightSummary, RankedHypothesis, Series, SizeSeries
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Role, Texts, Values
-from brv_hypo.report.motion_charts import PLAIN, Drawn, Moments, Scale, Setting, caption, cut_text, framed
-from brv_hypo.report.style import probability
+from brv_hypo.report.motion_charts import PLAIN, Drawn, Scale, Setting, caption, cut_text, framed
 
 LEADING = 2
 """Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""
@@ -70,13 +69,6 @@ def _families(comparison: Comparison) -> Chart:
     panels = charts.share_bars(dict(sorted(shares.items(), key=lambda item: -item[1])), "second")
     read = "What a family's processes make of the record: rms (root of the sum of squares) over the static moment's."
     return Chart("families", "Processes by family", "of the static moment, %", panels, caption=read)
-
-
-def _leading(comparison: Comparison) -> list[tuple[str, Role]]:
-    """The hypotheses to draw with their roles: the baseline below, for contrast, and the leader last, on top."""
-    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
-    roles: tuple[Role, ...] = ("first", "second")
-    return [("none", "none"), *reversed(list(zip(first, roles, strict=False)))]
 
 
 def _sizes(comparison: Comparison) -> Chart:
@@ -139,7 +131,10 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     )
     time, measured, sigma = series.time_s, series.measured, series.sigma
     angles = (series.alpha_rad, series.windward_meridian_rad)
-    leading = _leading(comparison)
+    # the baseline below, for contrast, and the leader last, on top
+    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
+    roles: tuple[Role, ...] = ("first", "second")
+    leading: list[tuple[str, Role]] = [("none", "none"), *reversed(list(zip(first, roles, strict=False)))]
     fitted = {name: series.fitted[name] for name, _ in leading if name in series.fitted}
     models = [Drawn(hypothesis(name), fitted[name], role) for name, role in leading if name in fitted]
     residuals = [replace(m, moments=charts.difference(measured, m.moments)) for m in models]
@@ -157,8 +152,7 @@ def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart
     if series.roll_rate_rad_s:
         drawn.append(charts.attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
     drawn += _by_size(setting, [s for s in comparison.sizes if s.flight == index])
-    histories: dict[str, tuple[Moments, Role]] = {"measured": (measured, "measured")}
-    histories |= {f"less {m.name}": (m.moments, m.role) for m in residuals}
+    histories = [Drawn("measured", measured, "measured"), *(replace(m, name=f"less {m.name}") for m in residuals)]
     rates = charts.turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
     drawn.append(charts.spectrum_chart(setting, time, histories, rates))
     for name, _ in reversed(leading):

@@ -26,7 +26,9 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from pydantic import BaseModel
 
+from brv_hypo import __version__
 from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.clock import runs
 from brv_hypo.report.document import (
     MOST_OF_A_PATH,
     Band,
@@ -44,7 +46,6 @@ from brv_hypo.report.document import (
     shown_of,
     thinned,
 )
-from brv_hypo.version import version
 
 _UNEVEN = 1e-3
 """Share of a step by which times may be uneven and still be given as start and step."""
@@ -126,22 +127,17 @@ def _band(layer: Band) -> list[dict[str, Any]]:
     if not np.any(np.isfinite(layer.low)):
         return []
     if not np.all(np.isfinite(layer.low)):
-        return [_broken_band(layer)]
+        x, low, high = (thinned(values) for values in (layer.x, layer.low, layer.high))
+        there: list[FloatArray] = []
+        around: list[FloatArray] = []
+        for run in (slice(*edges) for edges in runs(np.isfinite(low))):
+            there += [x[run], x[run][::-1], np.array([np.nan])]
+            around += [low[run], high[run][::-1], np.array([np.nan])]
+        area = {"x": _bits(np.concatenate(there)), "y": _bits(np.concatenate(around)), "name": layer.name}
+        return [{**_EDGE, **area, "fill": "toself", "fillcolor": f"--{layer.role}-band"}]
     edge = {**_over(layer.x), **_EDGE}
     fill = {"name": layer.name, "fill": "tonexty", "fillcolor": f"--{layer.role}-band"}
     return [{**edge, "y": _packed(layer.low)}, {**edge, **fill, "y": _packed(layer.high)}]
-
-
-def _broken_band(layer: Band) -> dict[str, Any]:
-    x, low, high = (thinned(values) for values in (layer.x, layer.low, layer.high))
-    there: list[FloatArray] = []
-    around: list[FloatArray] = []
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.isfinite(low), [False]])))
-    for run in (slice(start, stop) for start, stop in edges.reshape(-1, 2)):
-        there += [x[run], x[run][::-1], np.array([np.nan])]
-        around += [low[run], high[run][::-1], np.array([np.nan])]
-    area = {"x": _bits(np.concatenate(there)), "y": _bits(np.concatenate(around)), "name": layer.name}
-    return {**_EDGE, **area, "fill": "toself", "fillcolor": f"--{layer.role}-band"}
 
 
 def _bars(layer: Bars) -> list[dict[str, Any]]:
@@ -260,7 +256,7 @@ class Provenance:
         """Name and value of each entry."""
         records = ((f"record {path}", f"SHA-256 {digest}") for path, digest in self.records)
         made = (("settings", self.settings), ("made by", self.command))
-        return (("version", f"brv-hypo {version()}"), *records, *(row for row in made if row[1]))
+        return (("version", f"brv-hypo {__version__}"), *records, *(row for row in made if row[1]))
 
 
 def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> Provenance:

@@ -7,15 +7,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
+from brv_hypo.io.text import number, share
 from brv_hypo.mechanisms.conformance import Outcome
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import OWN, Installed
 from brv_hypo.report.document import Block, Table, Texts
-from brv_hypo.report.style import number, share
 from brv_hypo.simulation import SimulatedFlight
-from brv_hypo.version import version
 
 # ---- An inspected record ----
 
@@ -129,7 +129,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
         kind = "process" if isinstance(item, Process) else item.kind
         rows.append({"name": name, "kind": kind, "claims": "\n".join(lines)})
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
-    heading = f"Mechanisms, effects and processes, of {OWN} {version()} where no other package is named"
+    heading = f"Mechanisms, effects and processes, of {OWN} {__version__} where no other package is named"
     return Table(rows, heading, ("name", "kind", "claims"))
 
 

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from brv_hypo.io.text import hypothesis
+from brv_hypo.io.text import NOT_A_NUMBER, hypothesis, number
+from brv_hypo.io.text import share as percent
 from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Picture, Role, Shown, Table, Texts
-from brv_hypo.report.style import NOT_A_NUMBER, number
-from brv_hypo.report.style import share as percent
 from brv_hypo.study import Outcome
 from brv_hypo.study.statistics import SIGMAS, Calibration, ConfusionRow, Share, StudySummary
 

@@ -13,7 +13,7 @@ one scale.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -22,6 +22,7 @@ from scipy.signal import welch
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import RecordFault
+from brv_hypo.io.text import share
 from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
@@ -37,7 +38,6 @@ from brv_hypo.report.document import (
     Values,
     wrapped_degrees,
 )
-from brv_hypo.report.style import share
 
 _BULK = (0.01, 0.99)
 """Quantiles of the values that a frame always holds."""
@@ -276,24 +276,24 @@ def motion_chart(
     return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 
 
-def spectrum_chart(
-    setting: Setting, time: Values, histories: Mapping[str, tuple[Moments, Role]], rates: Mapping[str, float]
-) -> Chart:
+def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], rates: Mapping[str, float]) -> Chart:
     """Spectra of moments, both planes together, with the frequencies (Hz) of `rates` marked."""
     sample_rate = 1.0 / float(np.median(np.diff(np.asarray(time, dtype=float))))
-    known = np.all([np.isfinite(values) for moments, _ in histories.values() for values in moments], axis=0)
+    known = np.all([np.isfinite(values) for each in histories for values in each.moments], axis=0)
     size = min(_SEGMENT, int(np.count_nonzero(known)))
-    spectra: dict[str, FloatArray] = {}
-    for name, (moments, _) in histories.items():
-        planes = [welch(np.asarray(values)[known], fs=sample_rate, nperseg=size) for values in moments]
-        frequency, power = np.asarray(planes[0][0]), planes[0][1] + planes[1][1]
-        spectra[name] = np.stack([frequency, np.maximum(power, np.finfo(float).tiny)])[:, 1:]  # from above zero
-    frequency, power = next(iter(spectra.values()))
-    most = float(frequency[np.searchsorted(np.cumsum(power), _SHARE * np.sum(power))])
+    powers = []
+    for each in histories:
+        planes = [welch(np.asarray(values)[known], fs=sample_rate, nperseg=size) for values in each.moments]
+        frequency = np.asarray(planes[0][0])[1:]  # from above zero
+        powers.append(np.maximum(planes[0][1] + planes[1][1], np.finfo(float).tiny)[1:])
+    most = float(frequency[np.searchsorted(np.cumsum(powers[0]), _SHARE * np.sum(powers[0]))])
     marks = {name: at for name, at in rates.items() if np.isfinite(at)}
     highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
     shown = frequency <= highest
-    layers = [Line(frequency[shown], power[shown], histories[name][1], name) for name, (_, power) in spectra.items()]
+    layers = [
+        Line(frequency[shown], power[shown], each.role, each.name)
+        for each, power in zip(histories, powers, strict=True)
+    ]
     return Chart(
         f"spectrum{setting.suffix}",
         f"Spectrum{setting.which}",
@@ -385,8 +385,8 @@ def _intervals(path: PlanePath) -> Iterator[Panel]:
         yield Panel(f"{start:.{digits}f}–{stop:.{digits}f} s", [line, first])
 
 
-def share_bars(shares: Mapping[str, float], role: Role) -> list[Panel]:
+def share_bars(shares: Mapping[str, float], role: Role, written: Callable[[float], str] = share) -> list[Panel]:
     """Bars of those that are known, in percent; nothing where none is."""
     known = {name: value for name, value in shares.items() if np.isfinite(value)}
-    percent, texts = [100.0 * value for value in known.values()], list(map(share, known.values()))
+    percent, texts = [100.0 * value for value in known.values()], list(map(written, known.values()))
     return [Panel("", [Bars(list(known), percent, texts, role)])] if known else []

@@ -12,12 +12,12 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
+from brv_hypo.io.text import interval, number
 from brv_hypo.motion import Reconstruction
 from brv_hypo.motion.kinematics import body_attitude
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Chart, Document, Line, Panel, Picture, Table, Texts
-from brv_hypo.report.motion_charts import Setting
-from brv_hypo.report.style import interval, number
+from brv_hypo.report.motion_charts import Drawn, Setting
 from brv_hypo.report.tables import motion_known
 
 _FORCES = (("ax", "a<sub>x</sub>, m/s²"), ("ay", "a<sub>y</sub>, m/s²"), ("az", "a<sub>z</sub>, m/s²"))
@@ -29,7 +29,9 @@ def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
 
     As Figures 5.1 to 5.4 of the report have them.
     """
-    nose = np.degrees(_pitch_and_yaw(flight))
+    _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
+    forward, right, down = attitude[:, :, 0].T  # of the nose
+    nose = np.degrees([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
     read = "In the body axes of the first sample, where both are zero. Biases of the gyros accumulate."
     histories = {
         "accelerations": {title: getattr(flight, name) for name, title in _FORCES},
@@ -43,13 +45,6 @@ def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
         panels = [Panel(title, [Line(flight.time, history, "measured")]) for title, history in values.items()]
         drawn.append(setting.chart(name, heading, panels, caption))
     return drawn
-
-
-def _pitch_and_yaw(flight: Flight) -> FloatArray:
-    """Angles (2, n) rad of the nose above and to the right of its first direction."""
-    _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
-    forward, right, down = attitude[:, :, 0].T
-    return np.stack([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
 
 
 def reconstruction_charts(result: Reconstruction) -> list[Chart]:
@@ -67,7 +62,7 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
         charts.moment_chart(setting, time, measured, result.moments.sigma[usable], ()),
         charts.attitude_chart(setting, *angles, motion.p),
         charts.moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
-        charts.spectrum_chart(setting, time, {"measured": (measured, "measured")}, rates),
+        charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured")], rates),
     ]
 
 

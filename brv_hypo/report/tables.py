@@ -7,12 +7,11 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from brv_hypo.io.text import hypothesis
+from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
 from brv_hypo.report.document import Block, Shown, Table, Texts
-from brv_hypo.report.style import NOT_A_NUMBER, f_ratio, interval, known_to, number, probability, share
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")

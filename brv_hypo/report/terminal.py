@@ -1,4 +1,4 @@
-"""A document for the terminal: nothing is cut, at whatever width; the conclusion comes last."""
+"""A document for the terminal: nothing is cut, at whatever width; no text acts as more; the conclusion comes last."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from rich import box
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.panel import Panel
+from rich.segment import Segment
 from rich.table import Table as Grid
 from rich.text import Text
 
+from brv_hypo.io.text import printable
 from brv_hypo.report.document import Block, Document, Picture, Table, Texts, shown_of
 
 _BETWEEN = 2
@@ -107,3 +109,17 @@ class Fitted:
         """The width below which the column is not readable."""
         widest = max(self.columns[name])
         return min(widest, max(_LEAST_TEXT, cell_len(name))) if name in self.block.words else widest
+
+
+class _PlainConsole(Console):
+    """A console on which no text, wherever it comes from, acts as a control code."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """As the base class, each piece of text made printable."""
+        for text, style, control in super().render(renderable, options):
+            yield Segment(text if control else printable(text), style, control)
+
+
+def plain_console() -> Console:
+    """Standard output for human readers: nothing in a text is markup, or more than text."""
+    return _PlainConsole(highlight=False, markup=False)

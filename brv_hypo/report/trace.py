@@ -1,18 +1,20 @@
-"""A trace as a document: the steps with their candidates and errors, the model, and its residual.
+"""A trace, and a prediction by its model, as documents.
 
-`trace_charts` draws the moments with the model, the residual before and after, the static slope by Mach
-number and the motion. `trace_document` is the entrance.
+Of a trace the steps with their candidates and errors, the model, and its residual; `trace_charts` draws the moments
+with the model, the residual before and after, the static slope by Mach number and the motion. Of a prediction the
+errors with the model frozen, over all and by region. `trace_document` and `prediction_document` are the entrances.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
-from brv_hypo.report.document import Block, Chart, Document, Panel, Picture, Role, Table, Texts
-from brv_hypo.report.motion_charts import BODY, Drawn, Moments, Setting, caption, cut_text, framed
-from brv_hypo.report.style import interval, number, p_value, share
+from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
+from brv_hypo.report.motion_charts import BODY, TIME, Drawn, Setting, caption, cut_text, framed, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
+from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
 from brv_hypo.residuals.result import ProcessHistory, Residual, StaticSlope, Step, Trace
 
 
@@ -24,12 +26,8 @@ def trace_charts(result: Trace) -> list[Chart]:
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
     time, measured = kept.time_s, kept.measured
-    histories: dict[str, tuple[Moments, Role]] = {
-        "measured": (measured, "measured"),
-        "before": (kept.before, "second"),
-        "after": (kept.after, "first"),
-    }
-    residuals = [Drawn(name, *histories[name]) for name in ("before", "after")]
+    residuals = [Drawn("before", kept.before, "second"), Drawn("after", kept.after, "first")]
+    histories = [Drawn("measured", measured, "measured"), *residuals]
     model = Drawn("model", charts.difference(measured, kept.after), "first")
     rates = charts.turning_rates(kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     heading = "Residual moments, before and after"
@@ -100,7 +98,7 @@ def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
 # ---- A trace as a document ----
 
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
-SHOWN_AT_FIRST = 4
+CANDIDATES_AT_FIRST = 4
 """Candidates that the terminal shows for each step; all of them with -v and on the page."""
 _STOPPED = {
     "white": "The residual is noise.",
@@ -125,7 +123,13 @@ def trace_document(result: Trace) -> Document:
         _STOPPED[result.stopped],
         result.unexplained,
     )
-    blocks: list[Block] = [_account_table(result), *map(Picture, trace_charts(result))]
+    account = [
+        {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
+        for each in result.account
+    ]
+    account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
+    errors = Table(account, "mean square of the moment error, model by model", ("model",))
+    blocks: list[Block] = [errors, *map(Picture, trace_charts(result))]
     for step in result.steps:
         blocks += _step(step)
     if result.final_residual is not None:
@@ -146,16 +150,6 @@ def trace_document(result: Trace) -> Document:
         blocks=blocks,
         beside=() if result.picture is None else (Picture(families_chart(result.steps[0])),),
     )
-
-
-def _account_table(result: Trace) -> Table:
-    """The held-out error of one model after another, and of the noise."""
-    rows = [
-        {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
-        for each in result.account
-    ]
-    rows.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    return Table(rows, "mean square of the moment error, model by model", ("model",))
 
 
 def residual_text(residual: Residual) -> str:
@@ -188,7 +182,7 @@ def _step(step: Step) -> list[Block]:
     words = ("effect", "kind", "confounded with")
     return [
         Texts((f"residual {residual_text(step.residual)}",), f"Step {step.step}", bullets=False),
-        Table(candidates, words=words, marked=marked, most=SHOWN_AT_FIRST),
+        Table(candidates, words=words, marked=marked, most=CANDIDATES_AT_FIRST),
         Texts(sentences, bullets=False, strong=step.added is not None),
     ]
 
@@ -226,3 +220,105 @@ def outcome_text(step: Step) -> str:
     if step.flight_left_out is not None:
         text += f"; each flight predicted from the others, ratio {number(step.flight_left_out.ratio)}"
     return text
+
+
+# ---- A prediction as a document ----
+
+
+COEFFICIENTS_AT_FIRST = 16
+"""Coefficients that the terminal shows; all of them with -v and on the page."""
+HOLDS_BELOW = 0.5
+"""Ratio of mean squares below which the frozen model is said to hold on the flight."""
+WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
+
+
+def prediction_document(result: Prediction) -> Document:
+    """Errors without the model, with it frozen and with it refitted; by region; the coefficients."""
+    flight, sound = result.flight, result.record.sound
+    found_on = ", ".join(result.model.found_on)
+    errors = [
+        {"moments less": name, "mean square": number(value), "ratio": _percent(value / result.error.without)}
+        for name, value in _errors(result).items()
+    ]
+    regions = [{**_place(region), "ratio": _percent(region.ratio)} for region in result.regions]
+    change = result.local_change
+    differences = [] if change is None else [
+        {
+            "term": change.term,
+            **_place(change),
+            "more by": number(change.value),
+            "+-": number(change.std_error, 2),
+            "units": "" if change.units == "1" else change.units,
+            "F": number(change.f_ratio),
+        }
+    ]  # fmt: skip
+    return Document(
+        title=f"Predicted: {flight.title or flight.path}",
+        subtitle=[flight_line(flight), *([f"model found on {found_on}"] if found_on else [])],
+        conclusion_title="Prediction" if sound else IN_DOUBT,
+        conclusion=result.reason if sound else f"{CONTRADICTED} {result.reason}",
+        decided=result.ratio < HOLDS_BELOW and sound,
+        blocks=(
+            Table(errors, "Mean square of the moment coefficients", ("moments less",)),
+            Table(regions, "Error with the frozen model over that without a model, by interval of time"),
+            Table(differences, WHERE_IT_DIFFERS, ("term", "units")),
+            *(Picture(chart) for chart in prediction_charts(result)),
+            term_table("Frozen", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
+            term_table("Fitted to this flight", result.refitted, "always", most=COEFFICIENTS_AT_FIRST),
+            Texts(fault_texts(result.record), "Warnings", warning=True),
+            Texts(flight.notes, "Notes", shown="page"),
+        ),
+    )
+
+
+def prediction_charts(result: Prediction) -> list[Chart]:
+    """Errors as shares of that without a model, over the whole record and by region."""
+    title = "mean square over that without a model, %"
+    errors = {name: value / result.error.without for name, value in _errors(result).items()}
+    regions = {f"{interval((region.start_s, region.stop_s))} s": region.ratio for region in result.regions}
+    return [
+        band_chart(result),
+        Chart("errors", "Errors of the moments", title, charts.share_bars(errors, "first", _percent)),
+        Chart("regions", "Frozen model, by region", title, charts.share_bars(regions, "first", _percent)),
+    ]
+
+
+def band_chart(result: Prediction) -> Chart:
+    """C_m and C_n as measured, over the band in which the frozen model predicts them, noise included."""
+    band, panels = result.band, []
+    time, percent = thinned(band.time_s), f"{100.0 * band.level:.0f} %"
+    scale = scale_of(*band.measured, *band.predicted)
+    for name, *histories in zip(BODY, band.measured, band.predicted, band.half_width, strict=True):
+        measured, centre, half = (scale.drawn(thinned(values)) for values in histories)
+        interval_drawn = Band(time, centre - half, centre + half, f"{percent} prediction interval", "first")
+        dots = Line(time, measured, "measured", "measured", dots=True)
+        panels.append(Panel(f"{name}{scale.suffix}", [interval_drawn, dots, Line(time, centre, "first", "predicted")]))
+    heading = f"Moments in the {percent} prediction interval ({100.0 * band.inside:.1f} % inside)"
+    span = (result.flight.start_s, result.flight.stop_s)
+    read = (
+        "The interval includes the noise, the errors of the coefficients, and the residual of the model on the flights "
+        "that it was found on."
+    )
+    return Chart("band", heading, TIME, panels, over_time=True, range=span, caption=read)
+
+
+def _percent(ratio: float) -> str:
+    """A share at two digits however small it is: they distinguish a model's errors from the noise's."""
+    return f"{number(100.0 * ratio, 2)} %"
+
+
+def _place(region: Region | LocalChange) -> dict[str, str]:
+    return {
+        "time, s": interval((region.start_s, region.stop_s)),
+        "Mach": "" if region.mach is None else interval(region.mach),
+    }
+
+
+def _errors(result: Prediction) -> dict[str, float]:
+    error = result.error
+    return {
+        "nothing": error.without,
+        "the frozen model": error.frozen,
+        "the model fitted here": error.own,
+        "all but noise": error.noise,
+    }

@@ -15,15 +15,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brv_hypo.errors import UsageError
-from brv_hypo.io.atomic import check_target, make_folder, write_whole
+from brv_hypo.io.files import check_target, make_folder, write_whole
 from brv_hypo.motion import Reconstruction
 from brv_hypo.ranking.result import Comparison
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Chart, Document
 from brv_hypo.report.html import page, provenance
-from brv_hypo.report.prediction import prediction_document
 from brv_hypo.report.reconstruction import reconstruction_document
-from brv_hypo.report.trace import trace_document
+from brv_hypo.report.trace import prediction_document, trace_document
 from brv_hypo.residuals.prediction import Prediction
 from brv_hypo.residuals.result import Trace
 

@@ -23,8 +23,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import nuisance_mechanisms
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
-from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment, wavering_speeds
-from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.build import baseline_columns

@@ -25,7 +25,7 @@ from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_nois
 from brv_hypo.inference.rows import Rows, Terms, rows_of
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion

@@ -16,8 +16,7 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism, mechanism_of
 from brv_hypo.model.aero_table import TableSlope
-from brv_hypo.model.baseline import StaticBend, StaticMoment
-from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.baseline import SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis, delays_among
 from brv_hypo.residuals.baseline import TOLERATED, start_model
 from brv_hypo.residuals.linearisation import Applied, Model

@@ -19,8 +19,7 @@ from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
-from brv_hypo.model.baseline import StaticBend, StaticMoment
-from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.baseline import SlopeSchedule, StaticBend, StaticMoment
 
 
 class _Saved(BaseModel):

@@ -12,8 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import REPORTED_DRAG, REPORTED_MERIDIAN, REPORTED_PER_CYCLE
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
-from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
-from brv_hypo.model.slope_schedule import KnownSlopeSchedule, SlopeSchedule
+from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import BASELINE, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking.result import TermEstimate

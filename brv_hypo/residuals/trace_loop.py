@@ -33,8 +33,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
-from brv_hypo.model.baseline import StaticBend
-from brv_hypo.model.slope_schedule import KnownSlopeSchedule, SlopeSchedule
+from brv_hypo.model.baseline import KnownSlopeSchedule, SlopeSchedule, StaticBend
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots, term_column
 from brv_hypo.motion import try_record
 from brv_hypo.ranking.result import MaximumLikelihood

@@ -1,24 +1,16 @@
 """6-DOF flights with planted mechanisms and instrument errors, the truth set apart.
 
-simulate, simulate_batch        simulator.py: a configuration -> `SimulatedFlight` (result.py)
-SimulationConfig, load_config   config.py: the schema of configs/*.yaml, its files, flights that differ a little
-the equations of motion         vehicle.py, on rotation.py and air.py
-planted mechanisms              planted.py
+simulate                        simulator.py: a configuration -> `SimulatedFlight`
+SimulationConfig, load_config   config.py: the schema of configs/*.yaml, its files
+the equations of motion         vehicle.py: attitude, air, planted mechanisms
 Runge-Kutta, and the past       integration.py
 Appendix B                      instruments.py: record effects and noise
 """
 
-from brv_hypo.simulation.config import SimulationConfig, config_names, config_path, load_config
-from brv_hypo.simulation.result import SimulatedFlight, Truth
-from brv_hypo.simulation.simulator import simulate, simulate_batch
-
-__all__ = [
-    "SimulatedFlight",
-    "SimulationConfig",
-    "Truth",
-    "config_names",
-    "config_path",
-    "load_config",
-    "simulate",
-    "simulate_batch",
-]
+from brv_hypo.simulation.config import SimulationConfig as SimulationConfig
+from brv_hypo.simulation.config import config_names as config_names
+from brv_hypo.simulation.config import config_path as config_path
+from brv_hypo.simulation.config import load_config as load_config
+from brv_hypo.simulation.simulator import SimulatedFlight as SimulatedFlight
+from brv_hypo.simulation.simulator import Truth as Truth
+from brv_hypo.simulation.simulator import simulate as simulate

@@ -1,8 +1,7 @@
-"""Configuration of a simulation: the schema of configs/*.yaml, its files and mappings, and flights that differ.
+"""Configuration of a simulation: the schema of configs/*.yaml, its files and mappings.
 
 `SimulationConfig` holds all that is flown, in SI and rad. `load_config` reads one from a file, a name or a mapping, and
-refuses with what to write instead. `varied` makes one configuration per flight from dotted paths; `per_flight` reads
-one number of each.
+refuses with what to write instead.
 """
 
 from __future__ import annotations
@@ -11,16 +10,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
+from brv_hypo.io.files import kind_of
 from brv_hypo.io.mappings import read_yaml
-from brv_hypo.io.reading import kind_of
 from brv_hypo.io.text import meant, nearest, one_line
 from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.registry import record_effects
@@ -312,7 +308,7 @@ class SimulationConfig(Section):
     asymmetries: tuple[PlantedConfig, ...] = ()
     """Planted too, but the vehicle's within its tolerances, and not what the flight is about."""
     plantable: dict[str, tuple[PlantedConfig, ...]] = Field(default_factory=dict)
-    """Named sets of mechanisms to choose from (`planting`)."""
+    """Named sets of mechanisms to choose from (`load_config`)."""
 
     @model_validator(mode="after")
     def _whole_steps_per_sample(self) -> SimulationConfig:
@@ -343,11 +339,6 @@ class SimulationConfig(Section):
     def samples(self) -> int:
         """Samples in the record, both ends counted."""
         return int(self.duration * self.sample_rate + 1e-6) + 1
-
-    def planting(self, names: Sequence[str]) -> SimulationConfig:
-        """This configuration with the named sets of `plantable` added to `mechanisms`; else KeyError."""
-        chosen = tuple(item for name in names for item in self.plantable[name])
-        return self.model_copy(update={"mechanisms": (*self.mechanisms, *chosen)})
 
 
 # ---- Configurations from files and mappings, with refusals that say what to write instead ----
@@ -393,16 +384,8 @@ def load_config(source: ConfigSource, *, plant: Sequence[str] = ()) -> Simulatio
             f"'{unknown[0]}' is not plantable in '{config.title}'; its `plantable` block holds "
             f"{', '.join(config.plantable) or 'nothing'}. Choose one of these, or add it to `mechanisms`."
         )
-    return config.planting(plant) if plant else config
-
-
-def validated(data: Mapping[str, Any], origin: str) -> SimulationConfig:
-    """The configuration of a mapping; `origin` names it in the refusal."""
-    try:
-        return SimulationConfig.model_validate(data)
-    except ValidationError as error:
-        problems = "; ".join(_problem(detail) for detail in error.errors())
-        raise UsageError(f"{origin}: {problems}. All values are SI, angles in rad.") from None
+    chosen = tuple(entry for name in plant for entry in config.plantable[name])
+    return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config
 
 
 def _read(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
@@ -417,7 +400,11 @@ def _read(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
         if "base" in base:
             raise UsageError(f"the base configuration '{source['base']}' has a base itself; one level is allowed")
         source = base | {key: value for key, value in source.items() if key != "base"}
-    return validated(source, origin)
+    try:
+        return SimulationConfig.model_validate(source)
+    except ValidationError as error:
+        problems = "; ".join(_problem(detail) for detail in error.errors())
+        raise UsageError(f"{origin}: {problems}. All values are SI, angles in rad.") from None
 
 
 def _problem(detail: Any) -> str:
@@ -446,81 +433,7 @@ def _nearest_key(location: Sequence[str | int]) -> str:
     return f" ({hint}errors are written under `instruments.errors`, by effect and component)"
 
 
-# ---- Flights that differ in a few numbers: dotted paths into the configuration, one value per flight ----
-
-
-# These shape the arrays of a batch, so all its flights share them.
-_COMMON = ("duration", "step", "sample_rate", "start.time")
-_ERRORS = "instruments.errors."
-
-
-def varied(
-    config: SimulationConfig, flights: int, variations: Mapping[str, ArrayLike] | None
-) -> tuple[SimulationConfig, ...]:
-    """One configuration per flight; `variations` maps dotted paths to a value or to (flights,) values.
-
-    Paths read like 'start.alpha', 'mechanisms.0.terms.eps', 'vehicle.accelerometer_position.1',
-    'instruments.errors.EFFECT.COMPONENT'.
-    Raises UsageError for an unknown path, a wrong number of values, or a value out of range.
-    """
-    if not variations:
-        return (config,) * flights
-    columns: dict[str, FloatArray] = {}
-    for path, values in variations.items():
-        if path in _COMMON:
-            raise UsageError(
-                f"'{path}' cannot vary within a batch: its flights share one time grid. Simulate it apart."
-            )
-        column = np.asarray(values, dtype=float)
-        if column.shape not in ((), (flights,)):
-            raise UsageError(
-                f"variation '{path}' has shape {column.shape}, expected one value or ({flights},), one per seed"
-            )
-        columns[path] = np.broadcast_to(column, (flights,))
-    found = []
-    for flight in range(flights):
-        data = config.model_dump()
-        for path, column in columns.items():
-            _put(data, path, float(column[flight]))
-        found.append(validated(data, f"flight {flight} of the batch"))
-    return tuple(found)
-
-
-def _put(data: dict[str, Any], path: str, value: float) -> None:
-    """Set a number of nested mappings and tuples, which become lists on the way."""
-    if path.startswith(_ERRORS):  # any effect and component: those that are absent are zero
-        effect, _, component = path.removeprefix(_ERRORS).partition(".")
-        data["instruments"]["errors"].setdefault(effect, {})[component] = value
-        return
-    node: Any = data
-    *parents, leaf = (int(part) if part.isdigit() else part for part in current_name(path).split("."))
-    try:
-        for part in parents:
-            if isinstance(node[part], tuple):
-                node[part] = list(node[part])
-            node = node[part]
-        if isinstance(node[leaf], str | dict | list | tuple):
-            raise TypeError
-        node[leaf] = value
-    except (KeyError, IndexError, TypeError):
-        raise UsageError(
-            f"variation '{path}' does not lead to a number of the configuration; paths read like "
-            "'start.alpha' or 'mechanisms.0.terms.eps', and the mechanism must be in `mechanisms` or planted"
-        ) from None
-
-
-def per_flight(configs: Sequence[SimulationConfig], *path: str | int, missing: float = np.nan) -> FloatArray:
-    """The number at `path` of each configuration, (flights,); `missing` where the way there holds None."""
-
-    def at_path(node: Any) -> float:
-        for part in path:
-            key: Any = part
-            node = node[key] if isinstance(node, Mapping | tuple) else getattr(node, key)
-            if node is None:
-                return missing
-        return float(node)
-
-    return np.array([at_path(config) for config in configs], dtype=float)
+# ---- The truth of a flight: every number of its configuration ----
 
 
 def numbers(config: SimulationConfig) -> dict[str, float]:

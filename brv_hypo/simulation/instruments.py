@@ -21,11 +21,8 @@ from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation import rotation
-from brv_hypo.simulation.air import WindProfile
-from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig, per_flight
-from brv_hypo.simulation.rotation import cross
-from brv_hypo.simulation.vehicle import RATES, AirData, initial_state, system
+from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig
+from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
 
@@ -45,15 +42,6 @@ def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
     return channels | {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
 
 
-@dataclass(frozen=True)
-class Start:
-    """A batch at its first instant: what its records would hold if that lasted; its motion; body axes in the frame."""
-
-    records: tuple[Flight, ...]
-    motion: Motion
-    body_axes: FloatArray
-
-
 def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     """The configuration with errors and asymmetries drawn from N(0, (draw * tolerance)^2), `draw` then 0.
 
@@ -62,8 +50,7 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
     factor = config.instruments.draw
     if factor == 0.0:
         return config
-    start = start_of((config,))
-    (record,) = start.records
+    record, motion, _ = start_of(config)
     errors = {name: dict(values) for name, values in config.instruments.errors.items()}
     for effect in nuisance_effects():
         components = effect.components(record)
@@ -72,8 +59,13 @@ def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
         for component, value in zip(components, values, strict=True):
             own[component.name] = own.get(component.name, 0.0) + value
     instruments = config.instruments.model_copy(update={"errors": errors, "draw": 0.0})
-    found = _drawn_asymmetries(record, start.motion, factor, seed)
-    return config.model_copy(update={"instruments": instruments, "asymmetries": (*config.asymmetries, *found)})
+    asymmetries = list(config.asymmetries)
+    for mechanism in nuisance_mechanisms(record):  # constant in time, without nonlinear parameters
+        values = _values(mechanism.name, mechanism.tolerance(record) or (), factor, seed)
+        names = [term.name for term in mechanism.terms(motion, {})]
+        terms = dict(zip(names, values, strict=True))
+        asymmetries.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
+    return config.model_copy(update={"instruments": instruments, "asymmetries": tuple(asymmetries)})
 
 
 def with_errors(flight: Flight, errors: Errors) -> Flight:
@@ -91,52 +83,31 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
     return flight
 
 
-def wind_profile(configs: Sequence[SimulationConfig]) -> WindProfile | None:
-    """The wind that the errors of a batch leave unaccounted for; None where they hold none.
+def wind_profile(config: SimulationConfig) -> WindProfile | None:
+    """The wind that the errors of a flight leave unaccounted for; None where they hold none.
 
     A record that is said to know less of the wind than there is flew in that much more of it.
     """
-    if not any(config.instruments.errors for config in configs):
+    if not config.instruments.errors:
         return None
-    start = start_of(configs)
-    known = [
-        with_errors(record, config.instruments.errors).wind
-        for record, config in zip(start.records, configs, strict=True)
-    ]
-    if all(wind is None for wind in known):
+    record, _, body_axes = start_of(config)
+    known = with_errors(record, config.instruments.errors).wind
+    if known is None:
         return None
-    still = np.zeros((configs[0].samples, 3))
-    body = np.stack([still if wind is None else -wind for wind in known], axis=1)
-    air = rotation.to_frame(start.body_axes, np.moveaxis(body, -1, 0))
-    first = configs[0]
-    return WindProfile(first.start.time, 1.0 / first.sample_rate, air)
+    return WindProfile(config.start.time, 1.0 / config.sample_rate, transform(body_axes, -known.T))
 
 
-def start_of(configs: Sequence[SimulationConfig]) -> Start:
-    """The first instant of a batch."""
-    equations = system(configs)
-    state = initial_state(configs, equations)
-    instant = per_flight(configs, "start", "time")
+def start_of(config: SimulationConfig) -> tuple[Flight, Motion, FloatArray]:
+    """A flight at its first instant: what its record would hold if that lasted; its motion; body axes in the frame."""
+    equations = system(config)
+    state = initial_state(equations)
+    instant = np.array([config.start.time])
     air = equations.air_data(instant, state)
-    channels = true_channels(state, air)
-    records = []
-    for i, config in enumerate(configs):
-        time = config.start.time + np.arange(config.samples) / config.sample_rate
-        lasting: dict[str, Any] = {name: np.full(time.size, values[i]) for name, values in channels.items()}
-        vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
-        records.append(Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting))
-    return Start(tuple(records), equations.motion(instant, state, air), air.rotation)
-
-
-def _drawn_asymmetries(record: Flight, motion: Motion, factor: float, seed: int) -> tuple[PlantedConfig, ...]:
-    """Every carried mechanism, a tolerance of the vehicle: constant in time, without nonlinear parameters."""
-    found = []
-    for mechanism in nuisance_mechanisms(record):
-        values = _values(mechanism.name, mechanism.tolerance(record) or (), factor, seed)
-        names = [term.name for term in mechanism.terms(motion, {})]
-        terms = dict(zip(names, values, strict=True))
-        found.append(PlantedConfig(mechanism=mechanism.name, terms=terms, kind="constant"))
-    return tuple(found)
+    time = config.start.time + np.arange(config.samples) / config.sample_rate
+    lasting: dict[str, Any] = {name: np.full(time.size, value) for name, value in true_channels(state, air).items()}
+    vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
+    record = Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting)
+    return record, equations.motion(instant, state, air), air.rotation
 
 
 def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list[float]:
@@ -197,7 +168,11 @@ def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Fli
     """What perfect instruments say at `time` (m,) s, of a vehicle that is as it was built."""
     averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
     vehicle = config.vehicle.declared()
-    force = specific_force_at(np.array(vehicle.accelerometer_position), signals)
+    # f = a_cg + omega_dot x r + omega x (omega x r), no gravity (errata E10, E11)
+    rates, force = (np.array([signals.channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
+    arm = np.array(vehicle.accelerometer_position)[:, np.newaxis] * np.ones_like(signals.nodes)
+    swing = cross(rates, cross(rates, arm))
+    force = force + cross(signals.angular_acceleration, arm) + swing
     true = {**signals.channels, **dict(zip(ACCELEROMETERS, force, strict=True)), "roll_rate_mag": signals.channels["p"]}
     delays = {name: gauge.delay for name, gauge in _gauges(config).items()}
     channels: dict[str, Any] = {
@@ -205,14 +180,6 @@ def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Fli
         for name in (*GYROS, *ACCELEROMETERS, *delays)
     }
     return Flight(time=time, vehicle=vehicle, instruments=config.instruments.declared(), **channels)
-
-
-def specific_force_at(position: FloatArray, signals: Signals) -> FloatArray:
-    """f = a_cg + omega_dot x r + omega x (omega x r), (3, n) m/s^2; no gravity (errata E10, E11)."""
-    rates, force = (np.array([signals.channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
-    arm = position[:, None] * np.ones_like(signals.nodes)
-    swing = cross(rates, cross(rates, arm))
-    return np.asarray(force + cross(signals.angular_acceleration, arm) + swing, dtype=float)
 
 
 def _sampled(nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float) -> FloatArray:

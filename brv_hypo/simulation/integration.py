@@ -1,4 +1,4 @@
-"""Runge-Kutta integration of a batch, with the past of the motion by cubic Hermite interpolation.
+"""Runge-Kutta integration of a flight, with the past of the motion by cubic Hermite interpolation.
 
 Nodes are uniform, with every jump and kink of the moments added; steps are cut where the windward meridian turns
 fast. Mechanisms that look back ask `History` while the integration goes on.
@@ -14,8 +14,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.rotation import dot
-from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System
+from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System, dot
 
 
 class History:
@@ -25,16 +24,16 @@ class History:
     with the rate after it.
     """
 
-    def __init__(self, system: System, nodes: FloatArray, breaks: BoolArray, flights: int) -> None:
-        """Room for nodes (n,) s of `flights` flights; `breaks` (n,) marks where rates may jump."""
+    def __init__(self, system: System, nodes: FloatArray, breaks: BoolArray) -> None:
+        """Room for nodes (n,) s; `breaks` (n,) marks where rates may jump."""
         self.system = system
         self.nodes = nodes
-        self.states = np.zeros((nodes.size, STATES, flights))
+        self.states = np.zeros((nodes.size, STATES, 1))
         self.rates = np.zeros_like(self.states)
-        self._rates_before = np.zeros_like(self.states)
-        self.meridians = np.zeros((nodes.size, flights))
+        """That follow each node; `rates_before` lead up to it, which differ at a break."""
+        self.rates_before = np.zeros_like(self.states)
+        self.meridians = np.zeros((nodes.size, 1))
         self._breaks = breaks
-        self._columns = np.arange(flights)
         self._last = 0
         self._recent: dict[bytes, Motion] = {}
 
@@ -42,16 +41,12 @@ class History:
         """The state of a node with the rate that follows it."""
         self.states[node], self.rates[node], self.meridians[node] = state, rate, meridian
         if not self._breaks[node]:
-            self._rates_before[node] = rate
+            self.rates_before[node] = rate
         self._last = node
         self._recent.clear()
 
-    def store_before(self, node: int, rate: FloatArray) -> None:
-        """The rate that leads up to a break."""
-        self._rates_before[node] = rate
-
     def past(self, time: FloatArray) -> Motion:
-        """The motion at `time` (flights,) s; before the start it is steady (see `Motion.delayed`)."""
+        """The motion at `time` (1,) s; before the start it is steady (see `Motion.delayed`)."""
         key = time.tobytes()
         if key not in self._recent:
             self._recent[key] = self._motion(time)
@@ -66,26 +61,26 @@ class History:
                 "Reduce `step` to the delay or less."
             )
         inside = np.maximum(time, begin)
-        left = np.clip(np.searchsorted(self.nodes, inside, side="right") - 1, 0, max(self._last - 1, 0))
+        left = min(max(int(np.searchsorted(self.nodes, inside[0], side="right")) - 1, 0), max(self._last - 1, 0))
         state = self._interpolated(inside, left)
         air = self.system.air_data(time, state)
-        motion = self.system.motion(time, state, air, self.meridians[left, self._columns], self.past)
+        motion = self.system.motion(time, state, air, self.meridians[left], self.past)
         if np.all(time >= begin):
             return motion
         turned = motion.windward_meridian + (time - inside) * motion.windward_meridian_rate
         return replace(motion, windward_meridian=turned)
 
-    def _interpolated(self, time: FloatArray, left: np.typing.NDArray[np.intp]) -> FloatArray:
-        """State (13, flights): each flight in its own interval."""
+    def _interpolated(self, time: FloatArray, left: int) -> FloatArray:
+        """State (13, 1) in the interval after a node."""
         right = left + 1
         step = self.nodes[right] - self.nodes[left]
         s = (time - self.nodes[left]) / step
         s2, s3 = s * s, s * s * s
         return np.asarray(
-            (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left, :, self._columns].T
-            + (s3 - 2.0 * s2 + s) * step * self.rates[left, :, self._columns].T
-            + (3.0 * s2 - 2.0 * s3) * self.states[right, :, self._columns].T
-            + (s3 - s2) * step * self._rates_before[right, :, self._columns].T,
+            (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left]
+            + (s3 - 2.0 * s2 + s) * step * self.rates[left]
+            + (3.0 * s2 - 2.0 * s3) * self.states[right]
+            + (s3 - s2) * step * self.rates_before[right],
             dtype=float,
         )
 
@@ -117,10 +112,10 @@ class Grid:
 
 @dataclass(frozen=True)
 class Trajectory(Grid):
-    """Integrated flights on their grid."""
+    """An integrated flight on its grid."""
 
     states: FloatArray
-    """(n, 13, flights)."""
+    """(n, 13, 1)."""
     rates: FloatArray
     """Their changes per s, after a break."""
 
@@ -141,9 +136,10 @@ def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks:
 
 def break_times(system: System, start: float) -> FloatArray:
     """Where moments jump or kink (s): region edges, a wind step, and what follows one and two delays later."""
-    wind = np.zeros(0) if system.wind_step is None else system.wind_step.time[np.isfinite(system.wind_step.time)]
-    delays = np.unique(np.concatenate([np.zeros(1), *(item.delays() for item in system.planted)]))
-    first = np.unique(np.concatenate([wind, *(item.edges() for item in system.planted)]))
+    step = system.config.environment.wind_step
+    delays = np.unique([0.0, *(delay for item in system.planted for delay in item.delays())])
+    edges = [edge for item in system.planted for edge in item.edges()]
+    first = np.unique(np.array([*edges, *([] if step is None else [step.time])], dtype=float))
     # The start is a kink only for those who look back at it.
     kinks = np.concatenate([first, [start]]) if delays.size > 1 else first
     later = np.unique(kinks[:, None] + delays)
@@ -151,18 +147,17 @@ def break_times(system: System, start: float) -> FloatArray:
 
 
 def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | None = None) -> Trajectory:
-    """The trajectory from `state` (13, flights); `progress` is called with the fraction done."""
-    nodes, flights = on.nodes, state.shape[1]
-    history = History(system, nodes, on.breaks, flights)
-    needs_history = bool(system.planted)
+    """The trajectory from `state` (13, 1); `progress` is called with the fraction done."""
+    nodes = on.nodes
+    history = History(system, nodes, on.breaks)
 
     def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, Motion]:
-        instant = np.full(flights, time)
+        instant = np.full(1, time)
         air = system.air_data(instant, value)
-        motion = system.motion(instant, value, air, near, history.past if needs_history else None)
+        motion = system.motion(instant, value, air, near, history.past)
         return system.state_rate(value, air, motion), motion
 
-    near = np.zeros(flights)
+    near = np.zeros(1)
     history.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
     for node in range(nodes.size - 1):
         begin, end = nodes[node], nodes[node + 1]
@@ -184,7 +179,7 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
             state = state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
             state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
         if on.breaks[node + 1]:
-            history.store_before(node + 1, rate(before, state, near)[0])
+            history.rates_before[node + 1] = rate(before, state, near)[0]
         if progress is not None and node % 64 == 0:
             progress(node / nodes.size)
     final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]
@@ -194,7 +189,7 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
 
 
 def _parts(motion: Motion, step: float) -> int:
-    """Into how many parts a step (s) is cut, for the flight whose meridian turns fastest.
+    """Into how many parts a step (s) is cut, by how fast the meridian turns.
 
     The crossflow is taken to go on in a straight line; it turns fastest where that is nearest to zero.
     """

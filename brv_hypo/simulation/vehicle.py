@@ -1,43 +1,193 @@
-"""The vehicle in flight: forces, moments and the rate of the state, for a batch of flights at one instant.
+"""The vehicle in flight: attitude, air and what is planted; forces, moments and the rate of the state.
 
 State (13, ...): position and velocity in a non-rotating frame (x along the initial track, y to its right, z down,
-origin at sea level under the start), attitude quaternion body to frame, rates p, q, r. All functions are elementwise
-over the trailing axes: (flights,) in the integration, (nodes, flights) over a whole record. `system` builds the
-equations of motion (Eq. 2.2 to 2.4) of a batch from its configurations, `initial_state` its first state.
+origin at sea level under the start), attitude quaternion (w, x, y, z) body to frame, rates p, q, r. Arrays carry their
+components first: quaternions (4, ...), vectors (3, ...), matrices (3, 3, ...). All functions are elementwise over the
+trailing axis: (1,) in the integration, (nodes,) over a whole record. `system` builds the equations of motion (Eq. 2.2
+to 2.4) from a configuration, `initial_state` their first state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmosphere
+from brv_hypo.mechanisms import find
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
+from brv_hypo.model.term import TimeBasis, delays_among, summed
 from brv_hypo.motion.kinematics import angle_rates, body_from_plane, windward_meridian
 from brv_hypo.motion.motion import Motion, nearest_turn
-from brv_hypo.simulation import rotation
-from brv_hypo.simulation.air import WindProfile, WindStep, standard_air
-from brv_hypo.simulation.config import AerodynamicsConfig, SimulationConfig, per_flight
-from brv_hypo.simulation.planted import Planted, planted
+from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
+
+# ---- Attitude as a quaternion, body to frame: no singularity at any attitude ----
+
+
+def attitude_matrix(attitude: FloatArray) -> FloatArray:
+    """Body to frame, (3, 3, ...); scale of the quaternion drops out, so that stages need no normalising."""
+    w, x, y, z = attitude * np.sqrt(2.0 / dot(attitude, attitude))
+    xx, yy, zz = x * x, y * y, z * z
+    xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
+    return np.array(
+        [[1.0 - yy - zz, xy - wz, xz + wy], [xy + wz, 1.0 - xx - zz, yz - wx], [xz - wy, yz + wx, 1.0 - xx - yy]]
+    )
+
+
+def transform(tensor: FloatArray, vector: FloatArray) -> FloatArray:
+    """A tensor (3, 3, ...) applied to a vector; the rotation of a body takes body axes to the frame."""
+    return np.asarray(np.einsum("ij...,j...->i...", tensor, vector), dtype=float)
+
+
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Sum of products over the components."""
+    return np.asarray(np.einsum("i...,i...->...", a, b), dtype=float)
+
+
+def to_body(rotation: FloatArray, frame: FloatArray) -> FloatArray:
+    """A frame vector in body axes."""
+    return transform(rotation.swapaxes(0, 1), frame)
+
+
+def attitude_rate(attitude: FloatArray, rates: FloatArray) -> FloatArray:
+    """d/dt of the quaternion at body rates p, q, r (rad/s): half its product with (0, p, q, r)."""
+    w, x, y, z = attitude
+    p, q, r = 0.5 * rates
+    return np.array([-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p])
+
+
+def from_pitch_roll(pitch: FloatArray, roll: FloatArray) -> FloatArray:
+    """The attitude after a pitch, then a roll about the new x axis (rad)."""
+    cp, sp, cr, sr = np.cos(pitch / 2), np.sin(pitch / 2), np.cos(roll / 2), np.sin(roll / 2)
+    return np.array([cp * cr, cp * sr, sp * cr, -sp * sr])
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a x b, components first (numpy's own is an order of magnitude slower on a single vector)."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+# ---- The air: standard atmosphere, and the wind that record effects leave unaccounted for ----
+
+
+_SPACING = 50.0
+
+
+def standard_air(altitude: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Density kg/m^3, speed of sound m/s and dynamic viscosity Pa s at `altitude` (m, any shape).
+
+    Within 1e-6 of the ICAO tables; held at -5 and 81 km beyond them.
+    """
+    values = _table()(np.minimum(np.maximum(altitude, LOWEST_ALTITUDE), HIGHEST_ALTITUDE))
+    return np.exp(values[..., 0]), values[..., 1], values[..., 2]
+
+
+@lru_cache(maxsize=1)
+def _table() -> CubicSpline:
+    altitude = np.arange(LOWEST_ALTITUDE, HIGHEST_ALTITUDE + 1.0, _SPACING)
+    columns = [atmosphere(altitude, quantity) for quantity in ("density", "speed_of_sound", "dynamic_viscosity")]
+    return CubicSpline(altitude, np.stack([np.log(columns[0]), *columns[1:]], axis=-1))
+
+
+@dataclass(frozen=True)
+class WindProfile:
+    """A wind along the record: `samples` (3, n) m/s in the frame, `spacing` s apart from `begin` s on.
+
+    Straight between its samples, and held before the first and after the last.
+    """
+
+    begin: float
+    spacing: float
+    samples: FloatArray
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2, at `time` (...) s."""
+        last = self.samples.shape[1] - 1
+        place = (time - self.begin) / self.spacing
+        held = np.minimum(np.maximum(place, 0.0), last)
+        left = np.minimum(held.astype(np.intp), last - 1)
+        before = self.samples[:, left]
+        change = self.samples[:, left + 1] - before
+        return before + (held - left) * change, change * ((held == place) / self.spacing)
+
+
+# ---- Planted mechanisms: the installed definitions, evaluated at the running state ----
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One mechanism with its theta, coefficients and time basis."""
+
+    mechanism: Mechanism
+    theta: Mapping[str, float]
+    coefficients: Mapping[str, float]
+    time_basis: TimeBasis
+
+    def contribution(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """C_N' and C_Z' that the mechanism adds, on the motion's shape."""
+        time_basis = self.time_basis(motion.time)
+        terms = [term for term in self.mechanism.terms(motion, self.theta) if term.name in self.coefficients]
+        weights = [self.coefficients[term.name] * time_basis for term in terms]
+        return (
+            summed((term.in_plane for term in terms), weights, motion.alpha),
+            summed((term.out_of_plane for term in terms), weights, motion.alpha),
+        )
+
+    def edges(self) -> list[float]:
+        """Times (s) at which the time basis has a jump or a kink."""
+        return [edge for edge in (self.time_basis.start, self.time_basis.stop) if np.isfinite(edge)]
+
+    def delays(self) -> list[float]:
+        """The delays (s) among theta."""
+        return [self.theta[each.name] * each.seconds for each in delays_among(self.mechanism.parameters())]
+
+    def check_terms(self, motion: Motion) -> None:
+        """Raise UsageError for a coefficient of a term that the mechanism does not have."""
+        known = [term.name for term in self.mechanism.terms(motion, self.theta)]
+        unknown = [name for name in self.coefficients if name not in known]
+        if unknown:
+            raise UsageError(
+                f"mechanism '{self.mechanism.name}' has no term '{unknown[0]}'; its terms are "
+                f"{', '.join(known)}. Correct the key under `terms`."
+            )
+
+
+def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple[Planted, ...]:
+    """The mechanisms of a flight that `entries` of its configuration plant, looked up among those installed."""
+    found = []
+    for entry in entries:
+        mechanism = find(entry.mechanism, entry.options)
+        if isinstance(mechanism, MomentProcess):  # its splines lie over the flight
+            span = {"start": config.start.time, "stop": config.start.time + config.duration}
+            mechanism = find(entry.mechanism, {**span, **entry.options})
+        expected = {parameter.name for parameter in mechanism.parameters()}
+        if expected != set(entry.theta):
+            raise UsageError(
+                f"planted mechanism '{mechanism.name}': got theta {sorted(entry.theta)}, expected "
+                f"{sorted(expected)}. Give each parameter of the mechanism one value under `theta`."
+            )
+        if entry.kind == "ramp" and entry.start is None:
+            raise UsageError(f"planted mechanism '{mechanism.name}': a ramp needs a `start` (s) to rise from.")
+        start = -np.inf if entry.start is None else entry.start
+        stop = np.inf if entry.stop is None else entry.stop
+        found.append(Planted(mechanism, entry.theta, entry.terms, TimeBasis(entry.kind, start, stop)))
+    return tuple(found)
+
+
+# ---- The equations of motion ----
+
 
 POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 STATES = 13
 EARTH_RADIUS = 6.371e6
 
 Past = Callable[[FloatArray], Motion]
-
-
-class RunningMotion(Motion):
-    """A motion at the running state; a delay may differ from flight to flight."""
-
-    def delayed(self, tau: float | FloatArray) -> Motion:
-        """The motion tau earlier; tau is one number or (flights,)."""
-        if self.history is None or isinstance(tau, float | int):
-            return super().delayed(tau)  # type: ignore[arg-type]
-        return self.history(tau)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -70,47 +220,40 @@ class AirData:
 
 @dataclass(frozen=True)
 class System:
-    """The equations of motion of a batch."""
+    """The equations of motion of a flight (Eq. 2.2 to 2.4)."""
 
-    mass: FloatArray
-    """(flights,) kg."""
-    inertia: FloatArray
-    """Tensor (3, 3, flights) kg m^2."""
-    reference_length: FloatArray
-    """(flights,) m."""
-    reference_area: FloatArray
-    """(flights,) m^2."""
-    coefficients: dict[str, FloatArray]
-    """Those of `AerodynamicsConfig`, each (flights,)."""
-    gravity: FloatArray
-    """At sea level (flights,) m/s^2."""
-    density: FloatArray | None
-    """(flights,) kg/m^3 where it is the same everywhere; None: the standard atmosphere's."""
-    wind_step: WindStep | None
-    """A step of the wind."""
+    config: SimulationConfig
     planted: tuple[Planted, ...]
     """Asymmetries, then mechanisms."""
     wind_profile: WindProfile | None = None
     """The wind that the errors of the record leave unaccounted for."""
 
     @cached_property
+    def inertia(self) -> FloatArray:
+        """Tensor (3, 3, 1) kg m^2."""
+        body = self.config.vehicle
+        rows = [[body.ixx, -body.ixy, -body.ixz], [-body.ixy, body.iyy, 0.0], [-body.ixz, 0.0, body.iyy]]
+        return np.array(rows, dtype=float)[:, :, np.newaxis]
+
+    @cached_property
     def inertia_inverse(self) -> FloatArray:
-        """Inverse of the tensor (3, 3, flights)."""
-        return np.asarray(np.moveaxis(np.linalg.inv(np.moveaxis(self.inertia, -1, 0)), 0, -1), dtype=float)
+        """Inverse of the tensor (3, 3, 1)."""
+        return np.asarray(np.linalg.inv(self.inertia[..., 0])[:, :, np.newaxis], dtype=float)
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
-        turn = rotation.matrix(state[ATTITUDE])
+        turn = attitude_matrix(state[ATTITUDE])
         gravity, altitude = self.gravity_and_altitude(state[POSITION])
         wind, wind_rate = self.wind(time)
-        velocity = rotation.to_body(turn, state[VELOCITY] - wind)
+        velocity = to_body(turn, state[VELOCITY] - wind)
         crossed = velocity[1] + 1j * velocity[2]
-        speed = np.sqrt(rotation.dot(velocity, velocity))
-        air = standard_air(altitude)
-        density = air.density if self.density is None else self.density
+        speed = np.sqrt(dot(velocity, velocity))
+        standard_density, speed_of_sound, viscosity = standard_air(altitude)
+        constant = self.config.environment.constant_density
+        density = standard_density if constant is None else constant
         pressure = 0.5 * density * speed**2
         force = self._specific_force(pressure, velocity, crossed)
-        velocity_rate = rotation.to_body(turn, gravity - wind_rate) + force - rotation.cross(state[RATES], velocity)
+        velocity_rate = to_body(turn, gravity - wind_rate) + force - cross(state[RATES], velocity)
         return AirData(
             rotation=turn,
             velocity=velocity,
@@ -118,11 +261,11 @@ class System:
             speed=speed,
             altitude=altitude,
             dynamic_pressure=pressure,
-            mach=speed / air.speed_of_sound,
-            reynolds=density * speed * self.reference_length / air.viscosity,
+            mach=speed / speed_of_sound,
+            reynolds=density * speed * self.config.vehicle.reference_length / viscosity,
             crossflow=crossed / speed,
             specific_force=force,
-            acceleration=gravity + rotation.to_frame(turn, force),
+            acceleration=gravity + transform(turn, force),
         )
 
     def motion(
@@ -135,11 +278,11 @@ class System:
     ) -> Motion:
         """What mechanisms see at this state; the meridian is the turn nearest to `near` (rad)."""
         xi_rate = (air.velocity_rate[1] + 1j * air.velocity_rate[2]) / air.speed - air.crossflow * (
-            rotation.dot(air.velocity, air.velocity_rate) / air.speed**2
+            dot(air.velocity, air.velocity_rate) / air.speed**2
         )
         alpha_rate, meridian_rate = angle_rates(air.crossflow, xi_rate)
         p, q, r = state[RATES]
-        motion = RunningMotion(
+        motion = Motion(
             time=time,
             # Over the whole sphere (CONVENTIONS).
             alpha=np.arctan2(np.abs(air.crossflow) * air.speed, air.velocity[0]),
@@ -155,7 +298,7 @@ class System:
             mach=air.mach,
             reynolds=air.reynolds,
             in_plane_moment=np.zeros_like(air.speed),
-            reference_length=self.reference_length,  # type: ignore[arg-type]  # (flights,) where it varies
+            reference_length=self.config.vehicle.reference_length,
             history=None if past is None else lambda tau: past(time - tau),
         )
         return replace(motion, in_plane_moment=self._wind_fixed_moment(motion))
@@ -163,8 +306,8 @@ class System:
     def plane_moments(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """C_N' and C_Z': static moment, pitch damping and all that is planted."""
         damping = pitch_damping_term(motion)
-        in_plane = motion.in_plane_moment + self.coefficients["C_mq"] * damping.in_plane
-        out_of_plane = self.coefficients["C_mq"] * damping.out_of_plane
+        in_plane = motion.in_plane_moment + self.config.aerodynamics.C_mq * damping.in_plane
+        out_of_plane = self.config.aerodynamics.C_mq * damping.out_of_plane
         for item in self.planted:
             along, across = item.contribution(motion)
             out_of_plane = out_of_plane + across
@@ -174,32 +317,34 @@ class System:
 
     def state_rate(self, state: FloatArray, air: AirData, motion: Motion) -> FloatArray:
         """d/dt of the state (13, ...): a rigid body with its full inertia tensor (Eq. 2.2 to 2.4)."""
-        rates = state[RATES]
+        rates, aerodynamics = state[RATES], self.config.aerodynamics
         transverse = body_from_plane(*self.plane_moments(motion), motion.windward_meridian)
-        scale = air.dynamic_pressure * self.reference_area * self.reference_length
-        roll = self.coefficients["C_l0"] + self.coefficients["C_lp"] * motion.p * motion.rate_factor
+        scale = air.dynamic_pressure * self.config.vehicle.reference_area * self.config.vehicle.reference_length
+        roll = aerodynamics.C_l0 + aerodynamics.C_lp * motion.p * motion.rate_factor
         moment = scale * np.array([roll, transverse.real, transverse.imag])
-        momentum = rotation.transform(self.inertia, rates)
-        angular = rotation.transform(self.inertia_inverse, moment - rotation.cross(rates, momentum))
-        return np.concatenate([state[VELOCITY], air.acceleration, rotation.rate(state[ATTITUDE], rates), angular])
+        momentum = transform(self.inertia, rates)
+        angular = transform(self.inertia_inverse, moment - cross(rates, momentum))
+        return np.concatenate([state[VELOCITY], air.acceleration, attitude_rate(state[ATTITUDE], rates), angular])
 
     def body_moments(self, state: FloatArray, angular: FloatArray, air: AirData) -> FloatArray:
         """C_l, C_m, C_n (3, ...) from angular accelerations (3, ...) rad/s^2: Euler's equations, inverted."""
-        momentum = rotation.transform(self.inertia, state[RATES])
-        moment = rotation.transform(self.inertia, angular) + rotation.cross(state[RATES], momentum)
-        scale = air.dynamic_pressure * self.reference_area * self.reference_length
+        momentum = transform(self.inertia, state[RATES])
+        moment = transform(self.inertia, angular) + cross(state[RATES], momentum)
+        scale = air.dynamic_pressure * self.config.vehicle.reference_area * self.config.vehicle.reference_length
         return np.asarray(np.divide(moment, scale, out=np.zeros_like(moment), where=scale > 0.0))
 
     def gravity_and_altitude(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gravity (3, ...) m/s^2 in the frame and altitude m; inverse-square."""
         x, y, z = position
         down = np.array([-x, -y, EARTH_RADIUS - z])
-        radius = np.sqrt(rotation.dot(down, down))
-        return down * (self.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
+        radius = np.sqrt(dot(down, down))
+        return down * (self.config.environment.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
 
     def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
         """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2; a step's change is not in it."""
-        step = 0.0 if self.wind_step is None else self.wind_step.velocity(time)
+        change, step = self.config.environment.wind_step, np.zeros((3,) + (1,) * time.ndim)
+        if change is not None:
+            step = np.reshape(change.velocity, step.shape) * (time >= change.time)
         if self.wind_profile is None:
             return step, 0.0
         velocity, rate = self.wind_profile.at(time)
@@ -207,69 +352,44 @@ class System:
 
     def _specific_force(self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray) -> FloatArray:
         """Axial and normal force per mass, (3, ...) in body axes; the normal force opposes the crossflow."""
-        scale = pressure * self.reference_area / self.mass
+        scale = pressure * self.config.vehicle.reference_area / self.config.vehicle.mass
         size = np.abs(crossed)
-        slope = scale * self.coefficients["C_Nalpha_force"] * np.arctan2(size, velocity[0])
+        slope = scale * self.config.aerodynamics.C_Nalpha_force * np.arctan2(size, velocity[0])
         normal = crossed * (slope / np.maximum(size, 1e-300))
-        return np.array([-scale * self.coefficients["C_A"], -normal.real, -normal.imag])
+        return np.array([-scale * self.config.aerodynamics.C_A, -normal.real, -normal.imag])
 
     def _wind_fixed_moment(self, motion: Motion) -> FloatArray:
         """C_mw of Eq. 5.1: the static terms, and planted mechanisms that are wind-fixed."""
-        offset, slope = static_terms(motion)
-        moment = self.coefficients["C_m0"] * offset.in_plane + self.coefficients["C_malpha"] * slope.in_plane
-        moment = moment + self.coefficients["C_malpha3"] * motion.alpha**3
+        (offset, slope), aerodynamics = static_terms(motion), self.config.aerodynamics
+        moment = aerodynamics.C_m0 * offset.in_plane + aerodynamics.C_malpha * slope.in_plane
+        moment = moment + aerodynamics.C_malpha3 * motion.alpha**3
         for item in self.planted:
             if item.mechanism.wind_fixed:
                 moment = moment + item.contribution(motion)[0]
         return np.asarray(moment, dtype=float)
 
 
-# ---- From configurations, one per flight, to the equations of motion of a batch and its first state ----
+# ---- From a configuration to the equations of motion and the first state ----
 
 
-def system(configs: Sequence[SimulationConfig]) -> System:
-    """The equations of motion of a batch; what is planted is looked up among the installed mechanisms."""
-    first = configs[0].environment
-    bodies = [config.vehicle for config in configs]
-    inertia = [[b.ixx, -b.ixy, -b.ixz, -b.ixy, b.iyy, 0.0, -b.ixz, 0.0, b.iyy] for b in bodies]
-    return System(
-        mass=per_flight(configs, "vehicle", "mass"),
-        inertia=np.moveaxis(np.reshape(np.array(inertia, dtype=float), (-1, 3, 3)), 0, -1),
-        reference_length=per_flight(configs, "vehicle", "reference_length"),
-        reference_area=per_flight(configs, "vehicle", "reference_area"),
-        coefficients={name: per_flight(configs, "aerodynamics", name) for name in AerodynamicsConfig.model_fields},
-        gravity=per_flight(configs, "environment", "gravity"),
-        density=None if first.constant_density is None else per_flight(configs, "environment", "constant_density"),
-        wind_step=None if first.wind_step is None else _wind_step(configs),
-        planted=(*planted(configs, "asymmetries"), *planted(configs, "mechanisms")),
-    )
+def system(config: SimulationConfig) -> System:
+    """The equations of motion of a flight; what is planted is looked up among the installed mechanisms."""
+    return System(config, (*planted(config, config.asymmetries), *planted(config, config.mechanisms)))
 
 
-def initial_state(configs: Sequence[SimulationConfig], equations: System) -> FloatArray:
-    """State (13, flights) at the start; alpha lies in the vertical plane of the track."""
-    path = per_flight(configs, "start", "flight_path_angle")
-    meridian = per_flight(configs, "start", "windward_meridian")
-    along = np.array([np.cos(path), np.zeros_like(path), -np.sin(path)])
-    transverse = np.array([_transverse_rate(config) for config in configs])
-    state = np.zeros((STATES, len(configs)))
-    state[2] = -per_flight(configs, "start", "altitude")
-    state[VELOCITY] = per_flight(configs, "start", "velocity") * along
-    state[VELOCITY] += equations.wind(per_flight(configs, "start", "time"))[0]
-    state[ATTITUDE] = rotation.from_pitch_roll(path + per_flight(configs, "start", "alpha"), meridian)
-    state[RATES] = np.array([per_flight(configs, "start", "roll_rate"), transverse.real, transverse.imag])
-    return state
-
-
-def _transverse_rate(config: SimulationConfig) -> complex:
-    """q + i r: as given, or such that alpha and its plane turn as asked on a straight path."""
-    start = config.start
+def initial_state(equations: System) -> FloatArray:
+    """State (13, 1) at the start; alpha lies in the vertical plane of the track."""
+    start = equations.config.start
+    path, meridian = np.array([start.flight_path_angle]), np.array([start.windward_meridian])
     if start.q is not None and start.r is not None:
-        return complex(start.q, start.r)
-    turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
-    return complex(turned * np.exp(-1j * start.windward_meridian))
-
-
-def _wind_step(configs: Sequence[SimulationConfig]) -> WindStep:
-    time = per_flight(configs, "environment", "wind_step", "time", missing=np.inf)
-    velocity = [per_flight(configs, "environment", "wind_step", "velocity", i, missing=0.0) for i in range(3)]
-    return WindStep(time, np.array(velocity))
+        transverse = complex(start.q, start.r)
+    else:  # such that alpha and its plane turn as asked on a straight path
+        turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
+        transverse = complex(turned * np.exp(-1j * start.windward_meridian))
+    state = np.zeros((STATES, 1))
+    state[2] = -start.altitude
+    state[VELOCITY] = start.velocity * np.array([np.cos(path), np.zeros(1), -np.sin(path)])
+    state[VELOCITY] += equations.wind(np.array([start.time]))[0]
+    state[ATTITUDE] = from_pitch_roll(path + start.alpha, meridian)
+    state[RATES, 0] = start.roll_rate, transverse.real, transverse.imag
+    return state

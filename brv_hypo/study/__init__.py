@@ -1,11 +1,8 @@
 """How often is the planted mechanism found? Many simulated flights, each compared, and the statistics of it.
 
-config       what a study flies: the schema of configs/studies/*.yaml
-planted_faults  faults of the record, injected in sound ones
-draws        the flights of a study, each drawn from its own seed
+config       what a study flies: the schema of configs/studies/*.yaml, faults of records, each flight's draw
 trial        one flight: simulated, compared, noted as an `Outcome`
-store        outcomes on disk, from which an interrupted study goes on
-run          entrance: `run_study`; on this machine, or on a Dask cluster
+run          entrance: `run_study`, on this machine or on a Dask cluster; outcomes on disk
 statistics   `summarise`: confusion, calibration, detection limits, coverage, faults
 """
 

@@ -1,18 +1,163 @@
-"""What a study flies: the schema of `configs/studies/*.yaml`. SI and radians throughout."""
+"""What a study flies: the schema of `configs/studies/*.yaml`, faults to inject, and what each of its flights draws.
+
+Every flight draws from a seed of its own, so that a study may grow. `read_study` reads the schema, SI and radians
+throughout; `planted_faults` lists the faults of records, each with the kind and the channels that a report has to
+name; `draws` makes the flights, `flight_config` and `corrupted` what was drawn.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.clock import sigma_of_differences
+from brv_hypo.flight.inspection import GRAVITY
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
 from brv_hypo.io.text import meant
+from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.ranking import CompareConfig
+from brv_hypo.ranking.result import RecordFaultSummary
 from brv_hypo.settings import read_settings
-from brv_hypo.simulation.config import NotNegative, Positive, Section, TolerancesConfig, config_path
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.simulation import SimulationConfig, load_config
+from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig, config_path
+
+# ---- Faults injected in sound records ----
+
+
+STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, PLANTED_SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
+DEGREES, FEET, PSF = 180.0 / np.pi, 0.3048, 47.88026
+
+Corruption = Callable[[Record, np.random.Generator], Record]
+
+
+@dataclass(frozen=True)
+class PlantedFault:
+    """`corrupt` makes the faulty record; a report has to name the `channels` and the `kind`."""
+
+    name: str
+    channels: tuple[str, ...]
+    kind: str
+    corrupt: Corruption
+
+    def named_by(self, faults: Iterable[RecordFault | RecordFaultSummary]) -> bool:
+        """Whether any of `faults` names the channels, all and no others, and the kind."""
+        return any(
+            fault.fault == self.kind and set(fault.channel.split(", ")) == set(self.channels) for fault in faults
+        )
+
+
+@cache
+def planted_faults() -> Mapping[str, PlantedFault]:
+    """Every fault of the study, by its name."""
+    found = [PlantedFault(f"sign of {n}", (n,), "sign", _scaled((n,), -1.0)) for n in INERTIAL_CHANNELS]
+    found += [
+        PlantedFault(f"{a} and {b} exchanged", (a, b), "axes", _swapped(a, b)) for a, b in (("q", "r"), ("ay", "az"))
+    ]
+    for names, factor, large, small in (
+        (GYROS, DEGREES, "deg/s tagged rad/s", "rad/s tagged deg/s"),
+        (ACCELEROMETERS, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
+    ):
+        for chosen in (*((name,) for name in names), names):
+            for value, label in ((factor, large), (1.0 / factor, small)):
+                name = f"{label}: {', '.join(chosen)}"
+                found.append(PlantedFault(name, chosen, "units", _scaled(chosen, value)))
+    for channel, factor, label in (
+        ("velocity", 1.0 / FEET, "ft/s tagged m/s"),
+        ("dynamic_pressure", 1.0 / PSF, "psf tagged Pa"),
+    ):
+        found.append(PlantedFault(f"{label}: {channel}", (channel,), "units", _scaled((channel,), factor)))
+    found += [
+        PlantedFault("q stuck", ("q",), "stuck", _changed("q", _stuck)),
+        PlantedFault("ay clipped", ("ay",), "clipped", _changed("ay", _clipped)),
+        PlantedFault("az clipped", ("az",), "clipped", _changed("az", _clipped)),
+        PlantedFault("clock step", ("time",), "clock step", _clock_step),
+        PlantedFault("samples lost without stamps", ("time",), "clock step", _lost),
+        PlantedFault("1 % spikes in q", ("q",), "spikes", _changed("q", _spikes)),
+        PlantedFault("burst in ay", ("ay",), "spikes", _changed("ay", _burst)),
+        PlantedFault("r dead", ("r",), "dead", _scaled(("r",), 0.0)),
+        PlantedFault("az dead", ("az",), "dead", _scaled(("az",), 0.0)),
+    ]
+    return {fault.name: fault for fault in found}
+
+
+def _scaled(names: Sequence[str], factor: float) -> Corruption:
+    return lambda record, _: _with(record, {name: factor * record.channels[name] for name in names})
+
+
+def _swapped(one: str, other: str) -> Corruption:
+    return lambda record, _: _with(record, {one: record.channels[other], other: record.channels[one]})
+
+
+def _with(record: Record, changes: dict[str, FloatArray]) -> Record:
+    return record.model_copy(update={"channels": {**record.channels, **changes}})
+
+
+def _changed(name: str, change: Callable[[FloatArray, Record, np.random.Generator], None]) -> Corruption:
+    """`change` writes the fault into a copy of the channel's values."""
+
+    def corrupt(record: Record, random: np.random.Generator) -> Record:
+        values = record.channels[name].copy()
+        change(values, record, random)
+        return _with(record, {name: values})
+
+    return corrupt
+
+
+def _stuck(values: FloatArray, record: Record, random: np.random.Generator) -> None:
+    at = _middle(record, random)
+    values[at : at + _samples(record, STUCK_SECONDS)] = values[at]
+
+
+def _clipped(values: FloatArray, record: Record, random: np.random.Generator) -> None:
+    limit = CLIPPED_AT * float(np.max(np.abs(values)))
+    np.clip(values, -limit, limit, out=values)
+
+
+def _spikes(values: FloatArray, record: Record, random: np.random.Generator) -> None:
+    count = max(1, round(SPIKE_SHARE * values.size))
+    at = random.choice(values.size, size=count, replace=False)
+    sigma = sigma_of_differences([values])
+    values[at] += PLANTED_SPIKE_SIGMAS * sigma * random.choice([-1.0, 1.0], size=count)
+
+
+def _burst(values: FloatArray, record: Record, random: np.random.Generator) -> None:
+    at = _middle(record, random)
+    values[at : at + int(random.integers(3, 20))] += PLANTED_SPIKE_SIGMAS * sigma_of_differences([values])
+
+
+def _clock_step(record: Record, random: np.random.Generator) -> Record:
+    time, at = record.time.copy(), _middle(record, random)
+    time[at:] += CLOCK_STEP_SECONDS
+    return record.model_copy(update={"time": time})
+
+
+def _lost(record: Record, random: np.random.Generator) -> Record:
+    at, count = _middle(record, random), _samples(record, CLOCK_STEP_SECONDS)
+    kept = np.delete(np.arange(record.time.size), np.arange(at, at + count))
+    channels = {name: values[kept] for name, values in record.channels.items()}
+    return record.model_copy(update={"time": record.time[: kept.size], "channels": channels})
+
+
+def _middle(record: Record, random: np.random.Generator) -> int:
+    """A sample away from the ends."""
+    return int(random.integers(record.time.size // 5, 4 * record.time.size // 5))
+
+
+def _samples(record: Record, seconds: float) -> int:
+    return max(1, round(seconds / float(np.median(np.diff(record.time)))))
+
+
+# ---- The schema of a study ----
+
 
 NONE = "none"
 HOME = "studies"
@@ -40,9 +185,16 @@ class FaultDraws(Section):
     share: Annotated[float, Field(ge=0.0, le=1.0)]
     kinds: tuple[str, ...] | None = Field(default=None, min_length=1)
 
+    def drawn(self, random: np.random.Generator) -> str:
+        """The name of a fault for one flight; empty for a sound record."""
+        if random.uniform() >= self.share:
+            return ""
+        kinds = self.kinds or tuple(planted_faults())
+        return kinds[int(random.integers(len(kinds)))]
+
     @model_validator(mode="after")
     def _known(self) -> FaultDraws:
-        known = [fault.name for fault in planted_faults()]
+        known = list(planted_faults())
         for kind in self.kinds or ():
             if kind not in known:
                 hint = meant(kind, known, f"known are {', '.join(known)}", cutoff=0.4)
@@ -103,3 +255,112 @@ def read_study(source: str | Path, **overrides: Any) -> StudyConfig:
     Raises UsageError that names each wrong setting, what it holds and what is expected.
     """
     return read_settings(StudyConfig, config_path(source, HOME), **overrides)
+
+
+# ---- The flights of a study, each drawn from its own seed ----
+
+
+FAULTS = 1  # number of the stream that faults are drawn from
+
+
+class Draw(Section):
+    """What one flight drew; `DrawsConfig` says what each number is."""
+
+    vehicle: str
+    planted: str
+    repeat: int
+    seed: int
+    """Of the noise and the errors of the flight's instruments."""
+    size: float
+    delay: float
+    onset_shift: float
+    alpha: float
+    roll_rate: float
+    windward_meridian: float
+    gyro_noise: float
+    fault: str = ""
+    """The name of the fault of its record; empty for a sound one."""
+
+    @property
+    def key(self) -> str:
+        """The flight's name within its study."""
+        return f"{self.vehicle}/{self.planted}/{self.repeat}"
+
+
+def draws(study: StudyConfig) -> tuple[Draw, ...]:
+    """Every flight of the study, all vehicles and mechanisms once before any comes a second time."""
+    places = product(range(study.flights), range(len(study.vehicles)), range(len(study.planted)))
+    return tuple(_draw(study, vehicle, planted, repeat) for repeat, vehicle, planted in places)
+
+
+def _draw(study: StudyConfig, vehicle: int, planted: int, repeat: int) -> Draw:
+    ranges, seed = study.draws, [study.seed, vehicle, planted, repeat]
+    random = np.random.default_rng(seed)
+
+    def factor(span: tuple[float, float]) -> float:
+        return float(np.exp(random.uniform(*np.log(span))))
+
+    return Draw(
+        vehicle=Path(study.vehicles[vehicle]).stem,
+        planted=study.planted[planted],
+        repeat=repeat,
+        seed=int(random.integers(2**31)),
+        size=factor(ranges.size),
+        delay=factor(ranges.delay),
+        onset_shift=float(random.uniform(*ranges.onset_shift)),
+        alpha=factor(ranges.alpha),
+        roll_rate=factor(ranges.roll_rate),
+        windward_meridian=float(random.uniform(*ranges.windward_meridian)),
+        gyro_noise=factor(ranges.gyro_noise),
+        # From a stream of its own: with faults or without, the flights are the same.
+        fault="" if ranges.faults is None else ranges.faults.drawn(np.random.default_rng([*seed, FAULTS])),
+    )
+
+
+def corrupted(record: Record, draw: Draw) -> Record:
+    """The record with the fault that was drawn; itself where it is sound."""
+    if not draw.fault:
+        return record
+    return planted_faults()[draw.fault].corrupt(record, np.random.default_rng([draw.seed, FAULTS]))
+
+
+def flight_config(study: StudyConfig, draw: Draw) -> SimulationConfig:
+    """The flight that was drawn; raises UsageError where a vehicle cannot plant what the study names."""
+    source = next(vehicle for vehicle in study.vehicles if Path(vehicle).stem == draw.vehicle)
+    config = load_config(source, plant=() if draw.planted == NONE else tuple(draw.planted.split("+")))
+    rate = study.sample_rate or config.sample_rate
+
+    def resized(entry: PlantedConfig) -> PlantedConfig:
+        changes = {
+            "terms": {name: value * draw.size for name, value in entry.terms.items()},
+            "theta": {name: value * draw.delay for name, value in entry.theta.items()},
+            "start": None if entry.start is None else entry.start + draw.onset_shift,
+            "stop": None if entry.stop is None else entry.stop + draw.onset_shift,
+        }
+        return entry.model_copy(update=changes)
+
+    start = {
+        "alpha": config.start.alpha * draw.alpha,
+        "roll_rate": config.start.roll_rate * draw.roll_rate,
+        "windward_meridian": draw.windward_meridian,
+    }
+    gyro, stated = config.instruments.gyro, study.draws.instruments
+    instruments: dict[str, Any] = {"gyro": gyro.model_copy(update={"noise": gyro.noise * draw.gyro_noise})}
+    if stated is not None:
+        instruments |= {"grade": stated.grade, "tolerances": stated.tolerances, "draw": stated.factor}
+    changes = {
+        "sample_rate": rate,
+        "step": 1.0 / (rate * max(1, round(1.0 / (rate * config.step)))),
+        "start": config.start.model_copy(update=start),
+        "instruments": config.instruments.model_copy(update=instruments),
+        "mechanisms": tuple(resized(entry) for entry in config.mechanisms),
+    }
+    return config.model_copy(update=changes)
+
+
+def check_names(study: StudyConfig) -> None:
+    """Raise UsageError now for a vehicle, a planted set or a mechanism that does not exist."""
+    for name in study.compare.mechanisms or ():
+        parse_hypothesis(name, study.compare.options)
+    for draw in draws(study.model_copy(update={"flights": 1})):
+        flight_config(study, draw)

@@ -137,25 +137,21 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
     scores = [
         sum((p - (name == outcome.planted)) ** 2 for name, p in outcome.probability.items()) for outcome in judged
     ]
+    leading = []  # the largest probability of each flight, and whether it is right
+    for outcome in judged:
+        name, p = max(outcome.probability.items(), key=lambda item: item[1])
+        leading.append((p, name == outcome.planted))
+    bins = []
+    for low, high in pairwise(EDGES):
+        inside = [(p, right) for p, right in leading if low <= p < high or p == high == EDGES[-1]]
+        mean = float(np.mean([p for p, _ in inside])) if inside else None
+        right = share(sum(right for _, right in inside), len(inside))
+        bins.append(CalibrationBin(low=low, high=high, mean_probability=mean, right=right))
     return Calibration(
         flights=len(judged),
-        bins=tuple(_bin(judged, low, high) for low, high in pairwise(EDGES)),
+        bins=tuple(bins),
         brier=float(np.mean(scores)) if judged else None,
         log_loss=float(np.mean([-np.log(max(o.probability[o.planted], LEAST)) for o in judged])) if judged else None,
-    )
-
-
-def _bin(outcomes: Sequence[Outcome], low: float, high: float) -> CalibrationBin:
-    inside = []
-    for outcome in outcomes:
-        name, p = max(outcome.probability.items(), key=lambda item: item[1])
-        if low <= p < high or p == high == EDGES[-1]:
-            inside.append((p, name == outcome.planted))
-    return CalibrationBin(
-        low=low,
-        high=high,
-        mean_probability=float(np.mean([p for p, _ in inside])) if inside else None,
-        right=share(sum(right for _, right in inside), len(inside)),
     )
 
 
@@ -264,23 +260,23 @@ def coverages(outcomes: Sequence[Outcome]) -> tuple[Coverage, ...]:
     for outcome in outcomes:
         for estimate in outcome.estimates if outcome.right else ():
             groups.setdefault((outcome.planted, estimate.name, estimate.kind), []).append(estimate)
-    return tuple(_coverage(*group, estimates) for group, estimates in groups.items())
-
-
-def _coverage(planted: str, parameter: str, kind: str, estimates: Sequence[Estimate]) -> Coverage:
-    sigmas = np.abs([e.sigmas for e in estimates if e.sigmas is not None])
-    errors = [abs(e.value - e.truth) for e in estimates if e.value is not None]
-    nearest = np.sort(sigmas)[: int(np.ceil(0.9 * sigmas.size))]
-    return Coverage(
-        planted=planted,
-        parameter=parameter,
-        kind=kind,
-        units=next((e.units for e in estimates if e.units), "1"),
-        covered=share(int(np.sum(sigmas < SIGMAS)), sigmas.size),
-        missing=len(estimates) - sigmas.size,
-        rms_sigmas=float(np.sqrt(np.mean(nearest**2))) if sigmas.size else None,
-        median_error=float(np.median(errors)) if errors else None,
-    )
+    found = []
+    for (planted, parameter, kind), estimates in groups.items():
+        sigmas = np.abs([e.sigmas for e in estimates if e.sigmas is not None])
+        errors = [abs(e.value - e.truth) for e in estimates if e.value is not None]
+        nearest = np.sort(sigmas)[: int(np.ceil(0.9 * sigmas.size))]
+        coverage = Coverage(
+            planted=planted,
+            parameter=parameter,
+            kind=kind,
+            units=next((e.units for e in estimates if e.units), "1"),
+            covered=share(int(np.sum(sigmas < SIGMAS)), sigmas.size),
+            missing=len(estimates) - sigmas.size,
+            rms_sigmas=float(np.sqrt(np.mean(nearest**2))) if sigmas.size else None,
+            median_error=float(np.median(errors)) if errors else None,
+        )
+        found.append(coverage)
+    return tuple(found)
 
 
 # ---- What faults of the record do to verdicts: named, refused, or wrong without a warning ----

@@ -23,9 +23,7 @@ from brv_hypo.ranking import compare
 from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth, simulate
 from brv_hypo.simulation.config import PlantedConfig
-from brv_hypo.study.config import NONE, StudyConfig
-from brv_hypo.study.draws import Draw, corrupted, flight_config
-from brv_hypo.study.planted_faults import fault_called
+from brv_hypo.study.config import NONE, Draw, StudyConfig, corrupted, flight_config, planted_faults
 
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
 
@@ -137,16 +135,14 @@ def _rms(values: FloatArray) -> float:
 
 def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tuple[Estimate, ...]:
     """Each planted parameter beside its estimate, which may be missing."""
-    return tuple(estimate for entry in planted for estimate in _of_entry(entry, fitted))
-
-
-def _of_entry(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
-    terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
-    leading = max(terms, key=lambda term: term.f_ratio, default=None)
-    yield from _thetas(entry, fitted, leading)
-    yield from _knots(entry, fitted)
-    yield from _coefficients(entry, [term for term in terms if leading and term.delay_s == leading.delay_s])
-    yield from _derived(entry, fitted)
+    found: list[Estimate] = []
+    for entry in planted:
+        terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
+        leading = max(terms, key=lambda term: term.f_ratio, default=None)
+        of_the_delay = [term for term in terms if leading and term.delay_s == leading.delay_s]
+        found += [*_thetas(entry, fitted, leading), *_knots(entry, fitted)]
+        found += [*_coefficients(entry, of_the_delay), *_derived(entry, fitted)]
+    return tuple(found)
 
 
 def _thetas(entry: PlantedConfig, fitted: RankedHypothesis, leading: TermEstimate | None) -> Iterator[Estimate]:
@@ -231,7 +227,7 @@ def fly(study: StudyConfig, draw: Draw) -> Outcome:
         return Outcome(**known, status="not compared", reason=_reason(error))
     faults, verdict, ranking = found.record.faults, found.verdict, found.ranking
     known["faults"] = tuple(f"{fault.channel}: {fault.fault}" for fault in faults)
-    known["fault_named"] = fault_called(draw.fault).named_by(faults) if draw.fault else None
+    known["fault_named"] = planted_faults()[draw.fault].named_by(faults) if draw.fault else None
     known["seconds"] = clock.perf_counter() - begun
     if not ranking:
         return Outcome(**known, status="refused", reason=verdict.reason)

@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from brv_hypo.flight import load_flight, load_truth, read_tree
+from brv_hypo.flight import load_flight, read_tree
+from tests.truth import load_truth
 
 ROW_KEYS = "rank mechanism f_ratio cp prediction_error r2 bic log_likelihood n_terms n_effective terms ml"
 TERM_KEYS = "name mechanism channel value std_error f_ratio units region_s delay_s"

@@ -10,11 +10,10 @@ import time
 import pytest
 import typer
 
-from brv_hypo.cli.exits import guarded
 from brv_hypo.cli.main import app
-from brv_hypo.cli.session import Session, as_json
+from brv_hypo.cli.session import Session, as_json, guarded
 from brv_hypo.errors import FlightRecordError, UnanswerableError, UsageError
-from brv_hypo.io.atomic import write_whole
+from brv_hypo.io.files import write_whole
 
 COMMANDS = (*("demo", "simulate", "inspect", "import", "reconstruct", "compare", "trace", "study", "mechanisms"),)
 

@@ -8,9 +8,10 @@ import sys
 
 import pytest
 
-from brv_hypo.flight import load_flight, load_truth
+from brv_hypo.flight import load_flight
 from brv_hypo.mechanisms import use_plugin_files
 from tests.mechanisms.test_registry import plugin
+from tests.truth import load_truth
 
 # A mechanism that would explain any moment, an effect that would explain any rate, and both ask to be carried along.
 GREEDY = """

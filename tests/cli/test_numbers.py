@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from brv_hypo.report.style import interval, known_to, number, probability, share
+from brv_hypo.io.text import interval, known_to, number, probability, share
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import typer
 
-from brv_hypo.cli import exits
-from brv_hypo.cli.exits import guarded
+from brv_hypo.cli import session
+from brv_hypo.cli.session import guarded
 
 STUDY = """
 title: long
@@ -100,7 +100,7 @@ def test_a_simulation_ends_at_once_and_leaves_no_file(tmp_path, number, delay):
 
 STUCK = """
 import brv_hypo.cli.main as main, time, typer
-from brv_hypo.cli.exits import guarded
+from brv_hypo.cli.session import guarded
 
 def command():
     print("begun", flush=True)
@@ -140,7 +140,7 @@ def test_what_a_library_makes_of_a_signal_is_the_signal(monkeypatch, capsys):
     def command():
         raise ImportError("initialization failed")
 
-    monkeypatch.setattr(exits, "_code", CODES[signal.SIGTERM][0])
+    monkeypatch.setattr(session, "_code", CODES[signal.SIGTERM][0])
     with pytest.raises(typer.Exit) as ended_with:
         guarded(command)()
     assert ended_with.value.exit_code == 143

@@ -65,7 +65,8 @@ def test_the_wheel_holds_manual_pages_configurations_and_plugins(built) -> None:
     (wheel,) = built.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
     expected = {f"brv_hypo/docs/{topic}.md" for topic in topics()} | {f"brv_hypo/report/page/{f}" for f in PAGE_FILES}
-    expected |= {"brv_hypo/configs/demo.yaml", "brv_hypo_mechanisms/lag.py", "brv_hypo_effects/aerodynamics.py"}
+    expected |= {"brv_hypo/configs/demo.yaml", "brv_hypo/importing/map.yaml.j2"}
+    expected |= {"brv_hypo_mechanisms/lag.py", "brv_hypo_effects/aerodynamics.py"}
     expected |= {"brv_hypo_processes/moments.py", "brv_hypo_processes/record.py"}
     assert expected - names == set()
     assert not any(name.startswith("tests/") for name in names)

@@ -8,8 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from brv_hypo.flight.cleaning import constant_runs, find_bursts, flat_tops, mask_faults
-from brv_hypo.flight.clock import joint_jumps, stamped_steps
-from brv_hypo.flight.noise import sigma_of_differences
+from brv_hypo.flight.clock import joint_jumps, sigma_of_differences, stamped_steps
 from tests.flight.records import motion
 
 SAMPLES = 800

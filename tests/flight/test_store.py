@@ -15,13 +15,14 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.flight import CHANNELS, OPTIONAL_CHANNELS, Flight, Quantity, Vehicle, load_flight, load_truth, save_flight
+from brv_hypo.flight import CHANNELS, OPTIONAL_CHANNELS, Flight, Quantity, Vehicle, load_flight, save_flight
 from brv_hypo.flight.cleaning import find_spikes
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS, LARGEST
 from brv_hypo.flight.units import ENDLESS_POWER
 from brv_hypo.thresholds import SHORTEST_STEP, SLOWEST
 from tests.flight.records import ACCEPTED, UNITS, VEHICLE, flight, motion, write_raw
 from tests.texts import texts
+from tests.truth import load_truth
 
 PINT: Any = pint.UnitRegistry()
 

@@ -221,7 +221,7 @@ def test_parquet_without_its_extra_says_what_to_install(tmp_path: Path, monkeypa
 
 FIXED_WIDTH = """
 import numpy as np
-from brv_hypo.io.tables import ColumnTable
+from brv_hypo.io.binary import ColumnTable
 
 def read(path, names, delimiter):
     header, *rows = [line.split() for line in path.read_text().splitlines()]

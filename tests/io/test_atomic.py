@@ -14,8 +14,8 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import load_flight, save_flight
-from brv_hypo.io import atomic
-from brv_hypo.io.atomic import whole_folder, write_whole
+from brv_hypo.io import files
+from brv_hypo.io.files import whole_folder, write_whole
 from tests.flight.records import flight
 
 HOST = socket.gethostname().replace(".", "-")
@@ -63,7 +63,7 @@ def test_a_medium_that_fails_is_a_refusal_and_leaves_the_old_file(tmp_path, monk
         raise OSError(code, os.strerror(code))
 
     (tmp_path / "out").write_text("old")
-    monkeypatch.setattr(atomic.os, call, failing)
+    monkeypatch.setattr(files.os, call, failing)
     with pytest.raises(UsageError, match=says):
         write_whole(tmp_path / "out", "new")
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]

@@ -10,8 +10,8 @@ from hypothesis import given
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.importing.formats import read_columns
 from brv_hypo.io import mappings
+from brv_hypo.io.files import read_text
 from brv_hypo.io.mappings import read_json, read_yaml
-from brv_hypo.io.reading import read_text
 from brv_hypo.io.text import one_line, printable
 from tests.texts import texts
 

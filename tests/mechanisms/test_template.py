@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
+from brv_hypo.cli.main import write_plugin
 from brv_hypo.errors import UsageError
-from brv_hypo.mechanisms.template import write_plugin
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.io.hdf5 import read_tree
+from brv_hypo.io.binary import read_tree
 from brv_hypo.motion import reconstruct, write_motion
 from tests.motion.truth import Truth, observe
 

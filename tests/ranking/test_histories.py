@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import CoefficientSeries
-from brv_hypo.simulation.result import SimulatedFlight
+from brv_hypo.simulation.simulator import SimulatedFlight
 from brv_hypo.testing import plant
 from tests.chains import compared_nominal
 from tests.flights import USUAL_RATE_HZ, nominal

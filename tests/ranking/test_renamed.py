@@ -57,7 +57,7 @@ def test_it_is_flown_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     alike = []
     for theta in ({"delay": 0.12}, {LATE.name: 120.0}):
         if LATE.name in theta:
-            known_as_late(monkeypatch, "brv_hypo.simulation.planted")
+            known_as_late(monkeypatch, "brv_hypo.simulation.vehicle")
         planted = entry | {"theta": theta, "start": 0.2, "stop": 0.4}
         alike.append(simulate(load_config({**cone, "mechanisms": [planted]}), seed=1))
     one, other = (flight.record.channels for flight in alike)

@@ -35,7 +35,7 @@ from brv_hypo.report.html import Provenance, page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.write import draw_into, drawn
-from brv_hypo.simulation import load_config, simulate_batch
+from brv_hypo.simulation import load_config, simulate
 from tests.chains import compared_nominal, reconstructed
 from tests.flights import nominal
 
@@ -43,7 +43,7 @@ from tests.flights import nominal
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
     cone = load_config("research_cone").model_copy(update={"duration": 2.0, "sample_rate": 100.0, "step": 0.01})
-    flights = [simulated.flight for simulated in simulate_batch(cone, seeds=(5, 6))]
+    flights = [simulate(cone, seed=seed).flight for seed in (5, 6)]
     return compare(flights, CompareConfig(mechanisms=("bodyfixed",), knot_count=3, maximum_likelihood="none"))
 
 

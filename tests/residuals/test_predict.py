@@ -16,8 +16,8 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY, THOUSANDTHS
-from brv_hypo.report.prediction import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
 from brv_hypo.report.tables import CONTRADICTED
+from brv_hypo.report.trace import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
 from brv_hypo.residuals import Prediction, Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, simulate

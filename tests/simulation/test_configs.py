@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.flight import load_flight, load_truth
+from brv_hypo.flight import load_flight
 from brv_hypo.simulation import config_names, config_path, load_config, simulate
 from tests.flights import flown
+from tests.truth import load_truth
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 MECHANISMS = ("sticking", "lag", "bodyfixed", "damping", "inplane")

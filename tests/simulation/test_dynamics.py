@@ -8,9 +8,8 @@ import pytest
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.integration import Trajectory
-from brv_hypo.simulation.rotation import matrix, to_frame, transform
 from brv_hypo.simulation.simulator import flown
-from brv_hypo.simulation.vehicle import ATTITUDE, EARTH_RADIUS, RATES, VELOCITY, system
+from brv_hypo.simulation.vehicle import ATTITUDE, EARTH_RADIUS, RATES, VELOCITY, attitude_matrix, system, transform
 
 BODY = {"mass": 100.0, "ixx": 6.0, "iyy": 60.0, "reference_length": 0.6, "reference_area": 0.28}
 
@@ -38,21 +37,21 @@ def body(*, density: float = 0.0, gravity: float = 0.0, **changes: object) -> Si
 
 
 def fly(config: SimulationConfig) -> Trajectory:
-    return flown((config,), system((config,)), lambda fraction: None)
+    return flown(system(config))
 
 
 def pointing(trajectory: Trajectory) -> ComplexArray:
     """The nose in the frame, y + i z."""
-    nose = matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[:, 0, :, 0]
+    nose = attitude_matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[:, 0, :, 0]
     return nose[1] + 1j * nose[2]
 
 
 def momentum(config: SimulationConfig, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     """Angular momentum (3, n) in the frame and rotational energy (n,)."""
     rates = np.moveaxis(trajectory.states[:, RATES], 1, 0)
-    spin = transform(system((config,)).inertia, rates)
-    turn = matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))
-    return to_frame(turn, spin)[..., 0], 0.5 * np.sum(rates * spin, axis=0)[..., 0]
+    spin = transform(system(config).inertia, rates)
+    turn = attitude_matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))
+    return transform(turn, spin)[..., 0], 0.5 * np.sum(rates * spin, axis=0)[..., 0]
 
 
 def test_torque_free_coning_follows_the_closed_form() -> None:
@@ -65,7 +64,7 @@ def test_torque_free_coning_follows_the_closed_form() -> None:
     np.testing.assert_allclose(q + 1j * r, expected, atol=1e-7)
     np.testing.assert_allclose(p, 8.0, rtol=1e-12)
     axis = momentum(config, trajectory)[0]
-    nose = matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[:, 0, :, 0]
+    nose = attitude_matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[:, 0, :, 0]
     cosine = np.sum(axis * nose, axis=0) / np.linalg.norm(axis, axis=0)
     np.testing.assert_allclose(cosine, cosine[0], atol=1e-9)
 
@@ -176,8 +175,8 @@ def test_wind_step_turns_the_air_velocity_at_once() -> None:
         start=still,
         environment={"constant_density": 0.0, "gravity": 0.0, "wind_step": {"time": 0.4, "velocity": [0.0, 70.0, 0.0]}},
     )
-    equations = system((config,))
-    trajectory = flown((config,), equations, lambda fraction: None)
+    equations = system(config)
+    trajectory = flown(equations)
     air = equations.air_data(trajectory.nodes[:, None], np.moveaxis(trajectory.states, 1, 0))
     expected = np.where(trajectory.nodes >= 0.4, -0.01, 0.0)
     np.testing.assert_allclose(air.crossflow[:, 0].real, expected, atol=1e-6)

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.flight import load_flight, load_truth
+from brv_hypo.flight import load_flight
 from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.mechanisms import RecordEffect, installed, record_effects
 from brv_hypo.mechanisms.registry import record_processes
 from brv_hypo.motion import reconstruct
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.simulation import SimulatedFlight, load_config, simulate, simulate_batch
+from brv_hypo.simulation import SimulatedFlight, load_config, simulate
 from brv_hypo.simulation.instruments import drawn, start_of, with_errors
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
+from tests.truth import load_truth
 
 SHORT = {"duration": 0.5, "sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
 CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | SHORT
@@ -35,7 +36,7 @@ def test_every_carried_effect_and_tolerance_of_the_vehicle_is_drawn_from_its_siz
     flights = [drawn(config, seed) for seed in SEEDS]
     assert flights[0].instruments.draw == 0.0
     assert set(flights[0].instruments.errors) == set(CARRIED)
-    (record,) = start_of((config,)).records
+    record, _, _ = start_of(config)
     for name, effect in CARRIED.items():
         for component in effect.components(record):
             values = [f.instruments.errors[name][component.name] for f in flights]
@@ -142,16 +143,6 @@ def test_the_air_moves_as_the_wind_effect_says(component: str) -> None:
         for record in (flown.flight, told)
     ]
     assert off[1] < 0.2 * off[0]
-
-
-@pytest.mark.thorough
-def test_a_batch_flies_each_flight_in_its_own_wind() -> None:
-    config = load_config({**CONE, "instruments": {"draw": 1.0}})
-    together = simulate_batch(config, seeds=(1, 2))
-    for flight in together:
-        alone = simulate(config, seed=flight.seed)
-        for name in ("q", "az", "velocity"):
-            np.testing.assert_allclose(flight.record.channels[name], alone.record.channels[name], rtol=1e-9, atol=1e-9)
 
 
 def test_an_effect_of_the_record_is_planted_as_the_effect_itself_says() -> None:

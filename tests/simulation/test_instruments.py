@@ -10,9 +10,8 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.errors import UsageError
 from brv_hypo.simulation import load_config, simulate
-from brv_hypo.simulation.rotation import matrix, to_body, to_frame
 from brv_hypo.simulation.simulator import flown
-from brv_hypo.simulation.vehicle import ATTITUDE, system
+from brv_hypo.simulation.vehicle import ATTITUDE, attitude_matrix, system, to_body, transform
 
 CONE = load_config("research_cone").model_dump(exclude={"plantable"}) | {"duration": 0.5}
 
@@ -29,11 +28,11 @@ def test_accelerometer_off_the_cg_feels_the_acceleration_of_its_place() -> None:
     """Against the second derivative of the place in the frame, less gravity, turned into the body."""
     place = [0.3, -0.2, 0.15]
     config = load_config({**CONE, "instruments": {}, "vehicle": CONE["vehicle"] | {"accelerometer_position": place}})
-    equations = system((config,))
-    trajectory = flown((config,), equations, lambda fraction: None)
-    turn = matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[..., 0]
+    equations = system(config)
+    trajectory = flown(equations)
+    turn = attitude_matrix(np.moveaxis(trajectory.states[:, ATTITUDE], 1, 0))[..., 0]
     position = trajectory.states[:, :3, 0].T
-    there = position + to_frame(turn, np.array(place)[:, None] * np.ones(position.shape[1]))
+    there = position + transform(turn, np.array(place)[:, None] * np.ones(position.shape[1]))
     acceleration = CubicSpline(trajectory.nodes, there - position, axis=1).derivative(2)(trajectory.nodes)
     acceleration += trajectory.rates[:, 3:6, 0].T - equations.gravity_and_altitude(position)[0]
     expected = to_body(turn, acceleration)[:, trajectory.samples]

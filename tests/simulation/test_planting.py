@@ -14,10 +14,11 @@ from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.model.term import TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion, recorded
-from brv_hypo.simulation import SimulationConfig, load_config, simulate, simulate_batch
+from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from brv_hypo.simulation.simulator import flown
 from brv_hypo.simulation.vehicle import system
 from tests.flights import SAMPLE_RATE_HZ, STEP_S
+from tests.varied import varied
 
 CONE = load_config("research_cone").model_copy(update={"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S})
 PLANTED: dict[str, dict[str, Any]] = {
@@ -50,8 +51,8 @@ def nominal() -> Motion:
 
 def true_motion(config: SimulationConfig) -> Motion:
     """The motion that was flown, as a record would hold it."""
-    equations = system((config,))
-    trajectory = flown((config,), equations, lambda fraction: None)
+    equations = system(config)
+    trajectory = flown(equations)
     states = np.moveaxis(trajectory.states, 1, 0)
     time = trajectory.nodes[:, None]
     motion = equations.motion(time, states, equations.air_data(time, states), np.zeros_like(time), None)
@@ -125,10 +126,11 @@ def test_a_process_is_planted_with_its_splines_over_the_flight(process: MomentPr
     assert truth.planted == (process.name,)
 
 
-def test_the_size_of_a_planted_process_varies_within_a_batch_and_its_span_can_be_set() -> None:
+def test_the_size_of_a_planted_process_and_its_span_can_be_set() -> None:
     entry = {"mechanism": "static_change", "terms": {"static_change 0 0": 0.0}, "options": {"start": 5.0, "stop": 6.0}}
     config = load_config({**planting(duration=0.2).model_dump(exclude={"plantable"}), "mechanisms": [entry]})
-    none, some = simulate_batch(config, seeds=(1, 1), variations={"mechanisms.0.terms.static_change 0 0": [0.0, 0.01]})
+    path = "mechanisms.0.terms.static_change 0 0"
+    none, some = (simulate(varied(config, {path: size}), seed=1) for size in (0.0, 0.01))
     assert np.max(np.abs(none.truth.planted_in_plane)) < 1e-15
     # Before its start the first spline is what it is there: a sixth.
     np.testing.assert_allclose(some.truth.planted_in_plane, 0.01 / 6.0 * some.truth.alpha, rtol=1e-6)

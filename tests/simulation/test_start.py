@@ -8,9 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.simulation import load_config
-from brv_hypo.simulation.air import standard_air
-from brv_hypo.simulation.rotation import from_pitch_roll, matrix, rate
-from brv_hypo.simulation.vehicle import initial_state, system
+from brv_hypo.simulation.vehicle import (
+    attitude_matrix,
+    attitude_rate,
+    from_pitch_roll,
+    initial_state,
+    standard_air,
+    system,
+)
 
 angles = st.floats(-3.0, 3.0)
 CONE = load_config("research_cone").model_dump(exclude={"plantable"})
@@ -22,14 +27,14 @@ CONE = load_config("research_cone").model_dump(exclude={"plantable"})
     [(0.0, 1.2250, 340.29), (10e3, 0.41351, 299.53), (20e3, 0.088910, 295.07), (30e3, 0.018410, 301.71)],
 )
 def test_standard_air(altitude: float, density: float, speed_of_sound: float) -> None:
-    air = standard_air(np.array([altitude]))
-    assert air.density[0] == pytest.approx(density, rel=2e-4)
-    assert air.speed_of_sound[0] == pytest.approx(speed_of_sound, rel=2e-5)
+    rho, sound, _ = standard_air(np.array([altitude]))
+    assert rho[0] == pytest.approx(density, rel=2e-4)
+    assert sound[0] == pytest.approx(speed_of_sound, rel=2e-5)
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4).filter(lambda q: np.hypot(*q[:2]) > 0.1))
 def test_rotations_are_proper_at_any_scale_of_the_quaternion(quaternion: list[float]) -> None:
-    turn = matrix(np.array(quaternion))
+    turn = attitude_matrix(np.array(quaternion))
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1.0)
 
@@ -40,9 +45,9 @@ def test_the_quaternions_rate_turns_the_axes_at_the_body_rates(
 ) -> None:
     """d(matrix)/dt = matrix [omega x], by central difference."""
     attitude, omega = from_pitch_roll(np.array(pitch), np.array(roll)), np.array(rates)
-    change = 1e-6 * rate(attitude, omega)
-    slope = (matrix(attitude + change) - matrix(attitude - change)) / 2e-6
-    np.testing.assert_allclose(slope, matrix(attitude) @ np.cross(np.eye(3), omega), atol=1e-8)
+    change = 1e-6 * attitude_rate(attitude, omega)
+    slope = (attitude_matrix(attitude + change) - attitude_matrix(attitude - change)) / 2e-6
+    np.testing.assert_allclose(slope, attitude_matrix(attitude) @ np.cross(np.eye(3), omega), atol=1e-8)
 
 
 @given(
@@ -67,8 +72,8 @@ def test_the_start_is_as_asked(alpha: float, meridian: float, path: float, alpha
     wind = {"time": -1.0, "velocity": [30.0, -20.0, 10.0]}
     air_free = {"constant_density": 0.0, "gravity": 0.0, "wind_step": wind}
     config = load_config({**CONE, "start": start, "environment": air_free})
-    equations = system((config,))
-    state, time = initial_state((config,), equations), np.zeros(1)
+    equations = system(config)
+    state, time = initial_state(equations), np.zeros(1)
     air = equations.air_data(time, state)
     motion = equations.motion(time, state, air, np.array([meridian]), None)
     assert motion.velocity[0] == pytest.approx(5000.0)

@@ -12,15 +12,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
+from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.format import assemble
-from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import Record, RecordFault
 from brv_hypo.flight.tolerances import GRADES
 from brv_hypo.motion import try_record
-from brv_hypo.simulation import SimulationConfig, load_config, simulate_batch
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from brv_hypo.study.config import planted_faults
+from tests.varied import varied
 
 VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
 PLANTED: tuple[tuple[str, ...], ...] = ((), ("lag",), ("bodyfixed",), ("sticking",), ("damping",), ("inplane",))
@@ -39,12 +39,9 @@ def records(seed: int, flights: int) -> Iterator[Record]:
                 grade = GRADES[(place + number + flight) % len(GRADES)]
                 graded = {"grade": grade, "tolerances": {}, "draw": 1.0}
                 instruments = config.instruments.model_copy(update=graded)
-                yield simulate_batch(
-                    config.model_copy(update={"instruments": instruments}),
-                    seeds=[int(random.integers(2**31))],
-                    plant=planted,
-                    variations=_start(config, random),
-                )[0].record
+                stated = config.model_copy(update={"instruments": instruments})
+                seed = int(random.integers(2**31))
+                yield simulate(varied(stated, _start(config, random)), seed=seed, plant=planted).record
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -58,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for number, record in enumerate(records(options.seed, options.flights)):
         sound = _faults_of(record)
         alarms.append(bool(sound))
-        for fault in planted_faults():
+        for fault in planted_faults().values():
             if shows(record, fault.channels):
                 random = np.random.default_rng([options.seed, number])
                 found = _faults_of(fault.corrupt(record, random))
@@ -89,16 +86,16 @@ def shows(record: Record, channels: Sequence[str]) -> bool:
     )
 
 
-def _start(config: SimulationConfig, random: np.random.Generator) -> dict[str, FloatArray]:
+def _start(config: SimulationConfig, random: np.random.Generator) -> dict[str, float]:
     """Start and noise of one flight, as factors on the configuration's own."""
 
-    def factor(span: tuple[float, float]) -> FloatArray:
-        return np.asarray(np.exp(random.uniform(np.log(span[0]), np.log(span[1]), size=1)))
+    def factor(span: tuple[float, float]) -> float:
+        return float(np.exp(random.uniform(np.log(span[0]), np.log(span[1]))))
 
     return {
         "start.alpha": config.start.alpha * factor(ALPHA),
         "start.roll_rate": config.start.roll_rate * factor(ROLL_RATE),
-        "start.windward_meridian": random.uniform(-np.pi, np.pi, size=1),
+        "start.windward_meridian": float(random.uniform(-np.pi, np.pi)),
         "instruments.gyro.noise": config.instruments.gyro.noise * factor(GYRO_NOISE),
     }
 

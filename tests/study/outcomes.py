@@ -10,8 +10,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from brv_hypo.study.draws import Draw
-from brv_hypo.study.store import FLIGHTS
+from brv_hypo.study.config import Draw
+from brv_hypo.study.run import FLIGHTS
 from brv_hypo.study.trial import Estimate, Outcome
 
 

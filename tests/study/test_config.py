@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from brv_hypo.errors import UsageError
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.study import StudyConfig, read_study
-from brv_hypo.study.config import InstrumentDraws
-from brv_hypo.study.draws import check_names, draws, flight_config
+from brv_hypo.study.config import InstrumentDraws, check_names, draws, flight_config
 
 CONE = StudyConfig(vehicles=("research_cone",), planted=("none", "sticking", "sticking+bodyfixed"), flights=2)
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.study import StudyConfig, run, run_study, summarise
-from brv_hypo.study.config import DrawsConfig, FaultDraws
-from brv_hypo.study.draws import corrupted, draws
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.config import DrawsConfig, FaultDraws, corrupted, draws, planted_faults
 from brv_hypo.study.trial import fly
 from tests.flights import nominal
 from tests.studies.record_faults import records
@@ -25,7 +23,7 @@ def test_faults_are_drawn_in_their_share_and_leave_the_flights_as_they_are():
     plain, faulty = draws(STUDY), draws(with_faults(share=0.3))
     assert [one.model_copy(update={"fault": ""}) for one in faulty] == list(plain)
     assert np.mean([bool(one.fault) for one in faulty]) == pytest.approx(0.3, abs=0.1)
-    known = {fault.name for fault in planted_faults()}
+    known = {fault.name for fault in planted_faults().values()}
     assert {one.fault for one in faulty} <= known | {""}
 
 
@@ -34,7 +32,7 @@ def test_an_unknown_kind_of_fault_is_refused_with_the_nearest():
         FaultDraws(share=1.0, kinds=("signs of q",))
 
 
-@pytest.mark.parametrize("fault", planted_faults(), ids=lambda fault: fault.name)
+@pytest.mark.parametrize("fault", planted_faults().values(), ids=lambda fault: fault.name)
 def test_a_fault_changes_its_channels_and_no_others(fault):
     record = nominal().record
     (draw, *_) = draws(with_faults(share=1.0, kinds=(fault.name,)))

@@ -26,8 +26,9 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, delays_among
 from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels, whiten
 from brv_hypo.regression.whitening import difference, fit_noise
-from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate_batch
+from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig
+from tests.varied import varied
 
 CASES = ("none", "inplane", "bodyfixed", "damping", "lag", "sticking")
 NORMAL_95 = 1.96
@@ -81,7 +82,9 @@ def flights(
     if tolerances > 0.0:
         config, moments = with_tolerated_moments(config, draws, count, tolerances)
         variations |= moments
-    for simulated in simulate_batch(config, seeds=seeds, variations=variations):
+    for i, own in enumerate(seeds):
+        changes = {path: float(values[i]) for path, values in variations.items()}
+        simulated = simulate(varied(config, changes), seed=own)
         flight = simulated.flight if colour == 0.0 else coloured(simulated, colour)
         yield simulated, with_record_errors(flight, np.random.default_rng(simulated.seed), tolerances)
 
@@ -90,7 +93,7 @@ def with_tolerated_moments(
     config: SimulationConfig, draws: np.random.Generator, count: int, tolerances: float
 ) -> tuple[SimulationConfig, dict[str, FloatArray]]:
     """The configuration with every moment that has a tolerance, and coefficients (count,) of each by path."""
-    ((nominal,),) = (simulate_batch(config, seeds=[0]),)
+    nominal = simulate(config, seed=0)
     motion = reconstruct(nominal.flight).motion
     planted, coefficients = list(config.mechanisms), {}
     for mechanism, sizes in tolerated_mechanisms(nominal.flight):
@@ -131,7 +134,7 @@ def coloured(simulated: SimulatedFlight, coefficient: float) -> Flight:
             "accelerometer": quiet.accelerometer.model_copy(update={"noise": 0.0}),
         }
     )
-    (clean,) = simulate_batch(simulated.config.model_copy(update={"instruments": silent}), seeds=[simulated.seed])
+    clean = simulate(simulated.config.model_copy(update={"instruments": silent}), seed=simulated.seed)
     draws = np.random.default_rng(simulated.seed)
     flight = clean.flight
 

@@ -2,7 +2,7 @@
 
 By hand: python -m tests.studies.independent.faulty_records --seed 1000 --flights 1 --jobs 1
 
-Every vehicle with every truth, FLIGHTS times, sound and with one fault at a time (`brv_hypo.study.planted_faults`) or
+Every vehicle with every truth, FLIGHTS times, sound and with one fault at a time (`brv_hypo.study.config`) or
 one blemish that no trial has to name: gaps, samples that are no number, channels that are missing or zero, stamps
 given twice, coarse digits, stamps that jitter, an inertia 5 % off. Where no fault is named and the record is not
 refused, it is compared; with `--trial` it is not, and blemishes are left out. `--only` asks some of both alone.
@@ -20,12 +20,12 @@ from joblib import Parallel, delayed
 
 from brv_hypo import compare
 from brv_hypo.errors import FlightRecordError, UnanswerableError
+from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.format import assemble, unassemble
-from brv_hypo.flight.noise import sigma_of_differences
 from brv_hypo.flight.record import Record, RecordFault, validated
 from brv_hypo.motion import try_record
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.study.planted_faults import planted_faults
+from brv_hypo.study.config import planted_faults
 from tests.studies.independent.flights import draw_flight
 from tests.studies.independent.instruments import GRADES
 from tests.studies.independent.mechanisms import LISTED
@@ -92,7 +92,7 @@ def records_of(
     found = [_tried(record, truth, SOUND, lambda faults: not faults, trial)]
     found += [
         _tried(fault.corrupt(record, random), truth, fault.name, fault.named_by, trial)
-        for fault in planted_faults()
+        for fault in planted_faults().values()
         if shows(record, fault.channels) and (only is None or fault.name in only)
     ]
     if trial:
@@ -130,9 +130,9 @@ def report(tried: Sequence[Tried]) -> Iterator[str]:
     yield f"{'fault':42s} {'records':>7s} {'named':>6s} {'refused':>8s} {'wrong':>6s}"
     for name in dict.fromkeys(each.fault for each in tried):
         yield _row(name, [each for each in tried if each.fault == name])
-    faulty = {fault.name for fault in planted_faults()}
+    faulty = {fault.name for fault in planted_faults().values()}
     yield _row("all faults", [each for each in tried if each.fault in faulty])
-    misread = {fault.name for fault in planted_faults() if fault.kind in {"sign", "axes", "units"}}
+    misread = {fault.name for fault in planted_faults().values() if fault.kind in {"sign", "axes", "units"}}
     yield _row("signs, axes and units", [each for each in tried if each.fault in misread])
     yield _row("all blemishes", [each for each in tried if each.fault in BLEMISHES])
 

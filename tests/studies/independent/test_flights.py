@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from brv_hypo.flight.format import load_flight, load_truth
+from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.tolerances import of_grade
 from tests.studies.independent.flights import Made, draw_flight, main, make_flight
 from tests.studies.independent.instruments import (
@@ -35,6 +35,7 @@ from tests.studies.independent.mechanisms import (
     body_components,
 )
 from tests.studies.independent.vehicles import CONE
+from tests.truth import load_truth
 
 AMPLITUDE = 0.5
 

@@ -19,8 +19,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
-from brv_hypo.model.slope_schedule import SlopeSchedule
+from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.motion import Motion
 from brv_hypo.residuals.fitted_model import State
