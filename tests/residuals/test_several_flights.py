@@ -12,6 +12,8 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.residuals import Trace, TraceConfig, predict, trace
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
+from tests.chains import ONE_EFFECT, traced_trim, trimmed
+from tests.flights import SAMPLE_RATE_HZ, STEP_S
 from tests.studies.loop.planting import another_flight
 
 pytestmark = pytest.mark.thorough
@@ -24,7 +26,7 @@ QUICK = TraceConfig(effects=("magnus", "trim"), discover=False, maximum_likeliho
 def flight(number: int) -> Flight:
     """One of two sister cones: the same Magnus moment, another trim, another start."""
     trim = dict(zip(("C_m0", "C_n0"), TRIMS[number], strict=True))
-    data = load_config("research_cone").model_dump()
+    data = load_config("research_cone").model_dump() | {"sample_rate": SAMPLE_RATE_HZ, "step": STEP_S}
     data["mechanisms"] = (
         {"mechanism": "magnus", "terms": {"C_npalpha": MAGNUS}, "kind": "constant"},
         {"mechanism": "trim", "terms": trim, "kind": "constant"},
@@ -92,8 +94,6 @@ def test_a_single_flight_takes_what_is_shared(result: Trace) -> None:
     assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
 
 
-def test_one_flight_in_a_sequence_is_that_flight(pair: tuple[Flight, Flight]) -> None:
-    settings = QUICK.model_copy(update={"max_steps": 1})
-    first = pair[0].window(None, 2.5)
-    alone, listed = trace(first, settings), trace([first], settings)
+def test_one_flight_in_a_sequence_is_that_flight() -> None:
+    alone, listed = traced_trim(), trace([trimmed().flight], ONE_EFFECT)
     assert alone.model_dump(exclude={"seconds"}) == listed.model_dump(exclude={"seconds"})
