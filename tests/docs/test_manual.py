@@ -69,13 +69,18 @@ def shown_in_the_readme() -> list[list[str]]:
 
 @pytest.mark.thorough
 def test_the_commands_of_the_readme_run_one_after_the_other(brv_hypo, tmp_path, monkeypatch):
-    """On the table that the manual makes, with its map; NAME is a name, and what stands in brackets may be left out."""
+    """On the table that the manual makes, with its map; NAME is a name, and what stands in brackets may be left out.
+
+    Of the table every other row: commands run on it as on the whole, which the topic's own test goes through.
+    """
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
     table = next(snippet for snippet in snippets("record") if "savetxt" in snippet.body)
     written = next(snippet for snippet in snippets("record") if snippet.file == "map.yaml")
     with contextlib.chdir(tmp_path):
-        exec(table.body.replace("log.csv", "data.csv"), {})
+        exec(table.body, {})
+    head, *rows = (tmp_path / "log.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "data.csv").write_text("".join([head, *rows[::2]]))
     (tmp_path / written.file).write_text(written.body)
     shown = shown_in_the_readme()
     assert {arguments[0] for arguments in shown} >= {"import", "inspect", "compare", "trace", "simulate", "predict"}
