@@ -59,6 +59,12 @@ def compared(brv_hypo, folder, flight, *arguments, names="bodyfixed", ml="none")
     return json.loads(done.stdout)
 
 
+@pytest.fixture(scope="module")
+def unasked(brv_hypo, drifted, tmp_path_factory):
+    """The comparison in which no effect is asked for."""
+    return compared(brv_hypo, tmp_path_factory.mktemp("unasked"), drifted)
+
+
 def information(comparison):
     return {row["mechanism"]: (row["bic"], row["log_evidence"]) for row in comparison["ranking"]}
 
@@ -82,22 +88,22 @@ def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo
 
 
 @pytest.mark.thorough
-def test_its_name_in_the_comparison_asks_for_it(brv_hypo, drifted, tmp_path):
+def test_its_name_in_the_comparison_asks_for_it(brv_hypo, drifted, unasked, tmp_path):
     by_file = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path))
     plugin(tmp_path, "drifting", written(tmp_path).read_text())
     with installed_in(tmp_path):
-        unasked = compared(brv_hypo, tmp_path, drifted)
+        not_named = compared(brv_hypo, tmp_path, drifted)
         by_name = compared(brv_hypo, tmp_path, drifted, names="bodyfixed, drift")
-    assert information(by_name) == information(by_file) != information(unasked)
-    assert information(unasked) == information(compared(brv_hypo, tmp_path, drifted))
+    assert information(by_name) == information(by_file) != information(not_named)
+    assert information(not_named) == information(unasked)
 
 
 @pytest.mark.thorough
-def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, drifted, tmp_path):
+def test_one_that_breaks_on_the_flight_is_named_and_left_out(brv_hypo, drifted, unasked, tmp_path):
     """The kit's sample is of 600 samples: there it is sound."""
     path = written(tmp_path, early="assert flight.samples == 600")
     found = compared(brv_hypo, tmp_path, drifted, "--plugin", path)
-    assert information(found) == information(compared(brv_hypo, tmp_path, drifted))
+    assert information(found) == information(unasked)
     (reason,) = (text for text in found["warnings"] if "drift" in text)
     assert "AssertionError" in reason
     assert str(path) in reason
@@ -122,7 +128,7 @@ def brv_hypo_mechanisms():
 
 
 @pytest.mark.thorough
-def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, tmp_path):
+def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, unasked, tmp_path):
     """Evidences hardly change where its tolerance is next to nothing; with a large one they do.
 
     One unknown more moves the noise that the search is under, and with it by a nat where knots come to lie.
@@ -132,6 +138,6 @@ def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, 
     for size in (1e-12, 1e-2):
         path.write_text(TILT.format(size=size))
         found.append(information(compared(brv_hypo, tmp_path, drifted, "--plugin", path)))
-    own = information(compared(brv_hypo, tmp_path, drifted))
+    own = information(unasked)
     negligible, large = (max(abs(level - own[name][1]) for name, (_, level) in each.items()) for each in found)
     assert large > 5.0 * negligible
