@@ -17,8 +17,8 @@ from brv_hypo.report.html import Provenance, page
 from brv_hypo.report.many_flights import study_document
 from brv_hypo.report.motion_charts import Setting, attitude_chart, motion_chart
 from brv_hypo.report.write import document_of
-from brv_hypo.residuals import TraceConfig
 from brv_hypo.study import StudyConfig, summarise
+from tests.chains import traced_trim, trimmed
 from tests.study.outcomes import outcome
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
@@ -123,17 +123,16 @@ def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
 
 @pytest.fixture(scope="module")
 def pages() -> dict[str, str]:
-    """The pages of real results: a short flight reconstructed, compared, traced and predicted; and of a study."""
+    """The pages of real results: flights reconstructed, compared, traced and predicted; and of a study."""
     sticking = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
     short = {"base": "research_cone", "duration": 3.0, "sample_rate": 100.0, "mechanisms": [sticking]}
     flown = brv_hypo.simulate(short, seed=4)
-    settings = TraceConfig(effects=("sticking",), discover=False, max_steps=1, maximum_likelihood=False)
     results = {
         "compare": brv_hypo.compare(flown, CompareConfig(mechanisms=("sticking",), maximum_likelihood="none")),
-        "trace": brv_hypo.trace(flown, settings),
+        "trace": traced_trim(),
+        "predict": brv_hypo.predict(trimmed().flight, traced_trim()),
+        "reconstruct": brv_hypo.reconstruct(flown),
     }
-    results["predict"] = brv_hypo.predict(flown, results["trace"])
-    results["reconstruct"] = brv_hypo.reconstruct(flown)
     drawn = {name: page(document_of(result), Provenance()) for name, result in results.items()}
     outcomes = [outcome("lag", "lag", winner="lag", repeat=i, effect=0.1 + 0.02 * i) for i in range(6)]
     studied = summarise(StudyConfig(title="made up", vehicles=("cone",), planted=("none", "lag"), flights=6), outcomes)
