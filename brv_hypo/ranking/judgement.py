@@ -25,7 +25,7 @@ from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.limits import scale_variance
 from brv_hypo.ranking.preparation import cleaned, shared_problem, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
-from brv_hypo.ranking.with_processes import moved, plainest, widened
+from brv_hypo.ranking.with_processes import in_one_region, level, moved, plainest, widened
 from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -106,15 +106,20 @@ def judged(
         rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == fit.name))
         null, at = maximised(rows, rows.terms(None), start), rows.frame_of(fit)
         first = [maximised(rows, rows.terms(each), start) if each.selected else null for each in fits]
-        least = max(own.level for own in first) - OUT_OF_REACH
-        pairs = [
-            plainest(problem, (each, own), null, at) if each.selected and own.level > least else (each, own)
+        offered = [
+            in_one_region(problem, (each, own), null, at) if each.selected else [(each, own)]
             for each, own in zip(fits, first, strict=True)
         ]
-        high = max(own.level for _, own in pairs) - WIDENED
-        pairs = [widened(problem, each) if each[1].level > high else each for each in pairs]
-        best = max(range(len(pairs)), key=lambda k: pairs[k][1].level)
-        pairs[best] = moved(problem, pairs[best], closely=True)
+        likely = [max(some, key=level) for some in offered]
+        least = max(map(level, likely)) - OUT_OF_REACH
+        pairs = [
+            plainest(problem, some, null) if best[0].selected and level(best) > least else best
+            for some, best in zip(offered, likely, strict=True)
+        ]
+        high = max(map(level, pairs)) - WIDENED
+        pairs = [widened(problem, each) if level(each) > high else each for each in pairs]
+        first_of_all = max(range(len(pairs)), key=lambda k: level(pairs[k]))
+        pairs[first_of_all] = moved(problem, pairs[first_of_all], closely=True)
         evidences = [own for _, own in pairs]
         scale = scale_variance(whole)
         fits = [with_design(problem, _estimated(*each, null, scale)) for each in pairs]

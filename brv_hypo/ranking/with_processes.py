@@ -1,6 +1,6 @@
 """A hypothesis beside processes: fitted, acting between two times, without what is not wanted there.
 
-The search, which knows no processes, describes with many knots what they explain. Entrance: `plainest`.
+The search, which knows no processes, describes with many knots what they explain. Entrances: `in_one_region`, `plainest`.
 """
 
 from __future__ import annotations
@@ -37,24 +37,32 @@ WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is trie
 Pair = tuple[HypothesisFit, Evidence]
 
 
-def plainest(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> Pair:
-    """The hypothesis as it is, or acting between two times alone, of a grid or of its own knots, whichever is likelier
-    beside processes; then without the changes that are not wanted there, its knots and delays where they are likeliest.
+def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> list[Pair]:
+    """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone."""
+    fit = pair[0]
+    if len(fit.mechanisms) != 1:
+        return [pair]
+    like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
+    found = acting(problem, like, fit.mechanisms, null, even_edges(frame, PLAIN_EDGES), ONSETS)
+    return [pair] if found is None else [pair, found]
+
+
+def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
+    """The likeliest beside processes of a hypothesis as it is, in one region, between its own knots and grown from
+    there; then without the changes that are not wanted, its knots and delays where they are likeliest.
     """
-    fit, pairs = pair[0], [pair]
+    (fit, _), pairs = offered[0], list(offered)
     if len(fit.mechanisms) == 1:
-        like, time = replace(fit, frame=frame.with_mechanisms(fit.mechanisms)), frame.coefficient_time
+        time = fit.frame.coefficient_time
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-        found = [
-            acting(problem, like, fit.mechanisms, null, even_edges(frame, PLAIN_EDGES), ONSETS),
-            acting(problem, like, fit.mechanisms, null, own),
-        ]
-        pairs += [each for each in found if each is not None]
-    best = _grown(problem, max(pairs[1:] or pairs, key=_level))
-    return moved(problem, _completed(problem, _without_unwanted(problem, max([*pairs, best], key=_level))))
+        found = acting(problem, offered[-1][0], fit.mechanisms, null, own)
+        pairs += [found] if found is not None else []
+        pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
+    return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
 
 
-def _level(pair: Pair) -> float:
+def level(pair: Pair) -> float:
+    """The log evidence."""
     return pair[1].level
 
 

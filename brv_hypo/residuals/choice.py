@@ -104,7 +104,7 @@ class Choice:
 
     @property
     def unwanted(self) -> tuple[str, ...]:
-        """Those that the held-out part agrees with, but processes explain far better, or are mostly of another family."""
+        """Those that the held-out part agrees with, but processes explain far better, or are of another family."""
         return tuple(each.candidate.name for each in self.tried if each.agrees and not each.accepted)
 
     @property

@@ -30,7 +30,7 @@ from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.judgement import NORMAL_95
-from brv_hypo.ranking.with_processes import fitted, moved, plainest
+from brv_hypo.ranking.with_processes import fitted, in_one_region, moved, plainest
 from brv_hypo.regression.channels import Part
 from brv_hypo.regression.channels import Rows as Histories
 from brv_hypo.regression.fit import HypothesisFit, solved
@@ -99,7 +99,8 @@ class Beside:
         if fit.mechanisms and (fit.mechanisms[0].time_variation != ("constant",) or fit.mechanisms[0].parameters()):
             one = len(self.rows.frame.motions) == 1
             frame = self.rows.frame_of(pair[0])
-            pair = plainest(problem, pair, self.null, frame) if one else moved(problem, pair)
+            offered = in_one_region(problem, pair, self.null, frame) if one else [pair]
+            pair = plainest(problem, offered, self.null) if one else moved(problem, pair)
         return pair[1].level - self.null.level, pair[0].selected
 
     def gain_of(self, fit: HypothesisFit) -> float:
