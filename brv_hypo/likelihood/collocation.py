@@ -20,7 +20,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
-from brv_hypo.likelihood.kkt import BlockRows, Coupling
+from brv_hypo.likelihood.elimination import BlockRows, Coupling
 from brv_hypo.likelihood.segment import Grid, Stencil
 
 _AT_ONCE = 8192

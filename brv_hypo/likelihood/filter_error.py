@@ -20,8 +20,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Weights, evaluate_segment, linearise_segment, weighted_change
+from brv_hypo.likelihood.elimination import Quadratic, log_determinant, solve_saddle
 from brv_hypo.likelihood.gauss_newton import Iterate, Parts, Problem, Sensitivity, quadratic_of, sensitivity_of
-from brv_hypo.likelihood.kkt import Quadratic, eliminate_by_band, log_determinant
 from brv_hypo.likelihood.noise import log_determinants, whitening
 from brv_hypo.likelihood.segment import Grid
 
@@ -235,7 +235,7 @@ class Marginal:
 
     def integrated(self, process_noise: FloatArray, covariance: FloatArray) -> Integrated | None:
         """The states eliminated; None where they are not determined."""
-        solution = eliminate_by_band(self._quadratic(process_noise, covariance))
+        solution = solve_saddle(self._quadratic(process_noise, covariance))
         if solution is None:
             return None
         found = sensitivity_of(solution)

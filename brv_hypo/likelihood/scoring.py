@@ -2,7 +2,7 @@
 
 With the states integrated out the outputs are Gaussian with covariance C(Q, R), linear in the variances, and
 
-    NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (K: the matrix of `kkt`)
+    NLLF = objective + 1/2 log det C + const,  log det C = log|det K| + sum log det R   (K: the matrix of `elimination`)
 
 Theta is integrated out too, which adds 1/2 log det I(theta) (restricted likelihood: Patterson and Thompson, Biometrika
 58 (1971) 545): variances that are best for the fitted theta are too small by what the fit took out of the residuals.
