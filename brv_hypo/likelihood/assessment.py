@@ -17,7 +17,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.derivatives import Points, evaluate
 from brv_hypo.likelihood.elimination import SaddlePoint
-from brv_hypo.likelihood.filter_error import kalman_innovations
+from brv_hypo.likelihood.filter_error import NoiseErrors, directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
@@ -28,7 +28,6 @@ from brv_hypo.likelihood.gauss_newton import (
 )
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.scoring import NoiseErrors, directions_of, noise_errors
 from brv_hypo.likelihood.search import Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid, SampledParameter
 from brv_hypo.likelihood.starts import TOLERATED
@@ -142,7 +141,7 @@ def _covariances(
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
-    # The likelihood of states that noise drives makes up for it itself (`scoring`).
+    # The likelihood of states that noise drives makes up for it itself (`filter_error`).
     white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:

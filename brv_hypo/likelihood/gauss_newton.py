@@ -268,9 +268,8 @@ def quadratic_of(
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
-    residual, by_parameter, outputs, dynamics = [], [], [], []
+    residual, by_parameter, outputs, dynamics, defect_by_parameter = [], [], [], [], []
     defect = [start_defect(problem, grid, x)]
-    defect_by_parameter = [np.zeros((1, size.size, len(problem.parameters.names)))]
     for part, each in linear:
         whitener = whitening(covariance, grid.measured[:, part])
         residual.append(_whitened(whitener, grid, each.output, part))
@@ -285,7 +284,7 @@ def quadratic_of(
         by_parameter=np.concatenate(by_parameter),
         defect=np.concatenate(defect),
         defect_by_state=BlockRows.joined(dynamics),
-        defect_by_parameter=np.concatenate(defect_by_parameter),
+        defect_by_parameter=np.concatenate([np.zeros_like(defect_by_parameter[0][:1]), *defect_by_parameter]),
         variance=_variance(problem, grid),
     )
 
