@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from brv_hypo.subset import best_columns, search
-from brv_hypo.subset.search import COMPILING_NODES, LOADING_NODES, Effort, kernel_on_disk
+from brv_hypo.subset import best, best_columns
+from brv_hypo.subset.best import COMPILING_NODES, LOADING_NODES, Effort, kernel_on_disk
 from tests.studies.subset.problems import spline_problem
 
 HERE = f"py{sys.version_info.major}{sys.version_info.minor}"
@@ -20,12 +20,12 @@ HERE = f"py{sys.version_info.major}{sys.version_info.minor}"
 @pytest.mark.parametrize(
     ("name", "told", "age", "there"),
     [
-        (f"kernel.search-34.{HERE}.nbi", version("numba"), 0.0, True),
-        (f"kernel.search-34.{HERE}.nbi", "0.1.0", 0.0, False),
-        (f"kernel.search-34.{HERE}.nbi", version("numba"), 1e9, False),
-        ("kernel.search-34.py27.nbi", version("numba"), 0.0, False),
-        (f"kernel_parts.record-140.{HERE}.nbi", version("numba"), 0.0, False),
-        (f"kernel.search-34.{HERE}.nbi", "", 0.0, False),
+        (f"compiled.search-34.{HERE}.nbi", version("numba"), 0.0, True),
+        (f"compiled.search-34.{HERE}.nbi", "0.1.0", 0.0, False),
+        (f"compiled.search-34.{HERE}.nbi", version("numba"), 1e9, False),
+        ("compiled.search-34.py27.nbi", version("numba"), 0.0, False),
+        (f"kernel.record-140.{HERE}.nbi", version("numba"), 0.0, False),
+        (f"compiled.search-34.{HERE}.nbi", "", 0.0, False),
     ],
 )
 def test_an_index_serves_this_python_numba_and_source(
@@ -44,15 +44,15 @@ def test_where_there_is_no_index_there_is_no_kernel(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("on_disk", [True, False])
 def test_numpy_is_given_what_sending_for_the_kernel_costs(monkeypatch: pytest.MonkeyPatch, on_disk: bool) -> None:
-    monkeypatch.setattr(search, "kernel_on_disk", lambda: on_disk)
-    monkeypatch.setattr(search, "_kernel_in_memory", lambda: False)
+    monkeypatch.setattr(best, "kernel_on_disk", lambda: on_disk)
+    monkeypatch.setattr(best, "_kernel_in_memory", lambda: False)
     expected = LOADING_NODES if on_disk else COMPILING_NODES
-    assert search._numpy_budget(Effort(), np.inf) == expected
+    assert best._numpy_budget(Effort(), np.inf) == expected
 
 
 @pytest.mark.parametrize("nodes", [0, 1, 100])
 def test_where_numpy_stops_changes_nothing(monkeypatch: pytest.MonkeyPatch, nodes: int) -> None:
     X, y = spline_problem()
     expected = best_columns(X, y, 6, n_best=2)
-    monkeypatch.setattr(search, "_numpy_budget", lambda *_: nodes)
+    monkeypatch.setattr(best, "_numpy_budget", lambda *_: nodes)
     assert best_columns(X, y, 6, n_best=2) == expected
