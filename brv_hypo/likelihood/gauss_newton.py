@@ -18,8 +18,7 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment, parts_of
 from brv_hypo.likelihood.elimination import BlockRows, Eliminated, Quadratic, eliminate, upper_triangle
 from brv_hypo.likelihood.noise import whitening
-from brv_hypo.likelihood.parameters import Parameters
-from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.segment import Grid, Parameters
 
 # ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 

@@ -30,10 +30,9 @@ from brv_hypo.likelihood.gauss_newton import (
     sensitivities,
 )
 from brv_hypo.likelihood.noise import least_variance, noise_from_differences
-from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.result import FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
-from brv_hypo.likelihood.segment import WIDTH, Grid, Segment, build_grid, inputs_at, inputs_of
+from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
 
 # ---- Long segments as several pieces ----
 

@@ -1,7 +1,6 @@
 """A model's parts: its terms, how their coefficients vary in time, and the baseline that every model holds.
 
-term.py            a term at its nonlinear parameters with a basis in time; the candidates of a mechanism
-moment.py          the one sum of coefficient x time basis x term
+term.py            a term at its nonlinear parameters with a basis in time; candidates; the one sum, a model's moment
 baseline.py        static moment with drift and cubic part, pitch damping
 slope_schedule.py  a smooth change of slope and cubic part with Mach number: a Gaussian process, by its leading terms
 aero_table.py      a user's table of the static slope, and increments to it within its uncertainty

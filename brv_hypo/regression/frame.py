@@ -17,8 +17,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.mechanisms.checked import checked_terms, read_only
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import CommonTime, OwnTime
-from brv_hypo.model.moment import evaluated
-from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.model.term import Regressor, Theta, evaluated
 from brv_hypo.motion.kinematics import body_from_plane
 from brv_hypo.motion.motion import Motion, with_in_plane_moment
 from brv_hypo.motion.reconstruction import Reconstruction

@@ -18,8 +18,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray, Values
 from brv_hypo.constants import MOMENT_SLOPE_STEP
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
-from brv_hypo.model.moment import evaluated, summed
-from brv_hypo.model.term import Regressor
+from brv_hypo.model.term import Regressor, evaluated, summed
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.interpolation import Spline
 from brv_hypo.motion.kinematics import CROSSFLOW_FLOOR, crossflow

@@ -12,8 +12,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
-from brv_hypo.model.moment import summed
-from brv_hypo.model.term import TimeBasis, delays_among
+from brv_hypo.model.term import TimeBasis, delays_among, summed
 from brv_hypo.motion.motion import Motion
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig, per_flight
 

@@ -12,8 +12,7 @@ from scipy.linalg import block_diag
 from brv_hypo.likelihood.collocation import Model, linearise_segment
 from brv_hypo.likelihood.filter_error import Determinant, determinant, kalman_innovations
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, Sensitivity, sensitivities
-from brv_hypo.likelihood.parameters import build_parameters
-from brv_hypo.likelihood.segment import Hold, Segment, build_grid
+from brv_hypo.likelihood.segment import Hold, Segment, build_grid, build_parameters
 
 THETA = {"mu": 0.8, "gain": 1.3, "slope": 0.4}
 

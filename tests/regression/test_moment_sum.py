@@ -7,8 +7,7 @@ import pytest
 
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
-from brv_hypo.model.moment import evaluated
-from brv_hypo.model.term import TimeBasis, candidates, theta_grid
+from brv_hypo.model.term import TimeBasis, candidates, evaluated, theta_grid
 from brv_hypo.simulation.planted import Planted
 
 
