@@ -71,10 +71,6 @@ class Interpolator:
         self._slope_start = np.clip(nodes - _SLOPE_WIDTH // 2, 0, n - _SLOPE_WIDTH)
         self._slope = _slope_weights(t, nodes, self._slope_start)
 
-    def part(self, first: int, last: int) -> Interpolator:
-        """The interpolator of some of the samples."""
-        return Interpolator(self.t[first:last])
-
     def stencil(self, query: FloatArray) -> Stencil:
         """Weights at the query times, (n,), s."""
         t = self.t

@@ -1,8 +1,8 @@
 """`best_subsets` and `best_columns`, the entrances to the exact search; what they return, and how they search.
 
-Small searches are done in numpy; the compiled kernel is loaded once numpy has visited about as many nodes as loading
-or compiling it costs, which depends on whether an earlier process left it on disk. Columns that are too ill-conditioned
-for its Schur complements stay with numpy, whose steps are orthogonal. `Certificate` says what was proved.
+Small searches are done in numpy; the compiled kernel is loaded once numpy has visited about as many nodes as compiling
+it costs. Columns that are too ill-conditioned for its Schur complements stay with numpy, whose steps are orthogonal.
+`Certificate` says what was proved.
 """
 
 from __future__ import annotations
@@ -10,12 +10,8 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -163,13 +159,10 @@ SCHUR_CONDITION = 2e5
 # The same where Schur complements are asked for by name: beyond, their H has no digits left.
 SCHUR_BREAKDOWN = 1e7
 KERNELS = ("auto", "numpy", "numba-schur")
-# Nodes that numpy is given before the compiled kernel is sent for: about what sending for it costs, to the compiler (in
-# one search) or to the disk alone (in all searches of a process).
-COMPILING_NODES, LOADING_NODES = 8000, 1000
+# Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
+COMPILING_NODES = 8000
 # Seconds that a time limit must leave for the compiled kernel to be worth sending for.
 COMPILE_ALLOWANCE_S = 10.0
-# First bytes of an index of numba's, in which it names its version.
-HEAD = 64
 
 
 @dataclass(frozen=True)
@@ -186,10 +179,6 @@ class Effort:
             raise UsageError(f"got threads={self.threads}; expected 1 or more")
         if self.kernel not in KERNELS:
             raise UsageError(f"kernel {self.kernel!r} is unknown; expected one of {', '.join(KERNELS)}")
-
-
-# Nodes that numpy visited in this process, by all its searches.
-_visited = Counter(nodes=0)
 
 
 def search(board: Board, effort: Effort) -> Certificate:
@@ -226,7 +215,7 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
 
     Pieces are made one after the other and let go again: dependent columns may make tens of thousands.
     """
-    allowed = _numpy_budget(effort, deadline) - (_visited["nodes"] if kernel_on_disk() else 0)
+    allowed = _numpy_budget(effort, deadline)
     nodes, budget = 0, allowed
 
     def spend() -> None:
@@ -255,7 +244,6 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
             tree.run(piece)
         except StopSearchError:
             continue
-    _visited["nodes"] += nodes
     return nodes, tree.open_subtrees + left
 
 
@@ -273,36 +261,11 @@ def _numpy_budget(effort: Effort, deadline: float) -> float:
     # A compiled kernel that is in memory already is quicker from the first node.
     if effort.kernel != "auto" or _kernel_in_memory():
         return 0.0
-    if kernel_on_disk():
-        return LOADING_NODES
     return COMPILING_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
 
 
 def _kernel_in_memory() -> bool:
     return "brv_hypo.subset.compiled" in sys.modules
-
-
-@cache
-def kernel_on_disk(folder: Path | None = None) -> bool:
-    """Whether an index of this Python and numba, no older than the kernel's source, lies in `folder`.
-
-    Told without importing numba, and once in a process, which may search hundreds of times. A kernel that was compiled
-    on another processor passes: then it is compiled anew, once, a few nodes too early. Indices that numba keeps
-    elsewhere, by its own settings, are not looked for.
-    """
-    source = Path(__file__).with_name("compiled.py")
-    python = f"py{sys.version_info.major}{sys.version_info.minor}"
-    try:
-        compiler = version("numba").encode()
-        indices = (folder or source.parent / "__pycache__").glob(f"compiled.search-*.{python}.nbi")
-        return any(_serves(index, source, compiler) for index in indices)
-    except (PackageNotFoundError, OSError):
-        return False
-
-
-def _serves(index: Path, source: Path, compiler: bytes) -> bool:
-    with index.open("rb") as stream:
-        return compiler in stream.read(HEAD) and index.stat().st_mtime >= source.stat().st_mtime
 
 
 def proved_gaps(board: Board, left: Sequence[OpenSubtree]) -> tuple[float, ...]:
