@@ -102,9 +102,9 @@ class Work(NamedTuple):
     excludes: Any  # (columns, columns) bytes, empty without rules
     hits: Any  # rows of (size, columns...)
     scratch: Any  # (5, m)
-    packing: Any  # (5, m): see `bounds`
-    factor: Any  # (m, m): see `bounds`
-    sets: Any  # (4, m): see `bounds`
+    packing: Any  # (5, m): see `grow`
+    factor: Any  # (m, m): see `grow`
+    sets: Any  # (4, m): see `grow`
     place: Any  # 0, 1, 2, ...
     state: Any  # LEVEL, NODES, HITS, TRAIL
     base: int  # columns included before the search
