@@ -8,7 +8,7 @@ exp(i Phi) ("de-rolled"), the states omega = q + i r and zeta = v + i w follow
 
 with p measured, e its error, w the wind. De-rolled states turn as slowly as the nose does, whatever the roll
 rate. Outputs are q, r, a_y, a_z in body axes. Errors of record, vehicle and air are time histories
-(record_errors.py): k, Q, q_inf, S / m are the true ones; zeta is V times the true direction, V as measured.
+(parameters.py): k, Q, q_inf, S / m are the true ones; zeta is V times the true direction, V as measured.
 
 `MomentModel` evaluates the regressors at a motion, `Shapes` has them as angular accelerations, and
 `VehicleModel` has the functions that `likelihood.fit` takes, with the derivatives that are known in closed form.
@@ -29,8 +29,7 @@ from numpy.polynomial.legendre import legvander
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
-from brv_hypo.identification.parameters import Structure, averaged, kink, of_flight, on_grid, placed
-from brv_hypo.identification.record_errors import (
+from brv_hypo.identification.parameters import (
     ACCELEROMETERS,
     CROSSFLOW,
     FORCE_SCALE_ERROR,
@@ -42,8 +41,14 @@ from brv_hypo.identification.record_errors import (
     READ,
     ROLL_RATE_ERROR,
     SPEED_ERROR,
+    Structure,
     alpha_over_sine,
+    averaged,
+    kink,
     lever_force,
+    of_flight,
+    on_grid,
+    placed,
 )
 from brv_hypo.likelihood import Delayed
 from brv_hypo.mechanisms.contract import Mechanism

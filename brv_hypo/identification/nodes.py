@@ -20,8 +20,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.identification.parameters import input_error
-from brv_hypo.identification.record_errors import RecordErrors, Tolerated, noise_free_flights, record_errors
+from brv_hypo.identification.parameters import RecordErrors, Tolerated, input_error, noise_free_flights, record_errors
 from brv_hypo.likelihood import Segment
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis

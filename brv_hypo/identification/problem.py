@@ -17,8 +17,14 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, use_of_rates
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
-from brv_hypo.identification.parameters import Structure, input_error, of_flight, structure_of
-from brv_hypo.identification.record_errors import ROLL_RATE_ERROR, Tolerated
+from brv_hypo.identification.parameters import (
+    ROLL_RATE_ERROR,
+    Structure,
+    Tolerated,
+    input_error,
+    of_flight,
+    structure_of,
+)
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.derivatives import PartialJacobian
 from brv_hypo.likelihood.search import Progress

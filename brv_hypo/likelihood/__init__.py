@@ -7,11 +7,10 @@
     FitResult             result.py       estimate, standard errors, likelihood, innovations; its report
     Status                search.py       how the search ended, with cause and remedy
 
-In the order of the data: segment and parameters (checked input), derivatives (complex step or central differences),
-collocation (Hermite-Simpson defects), kkt and condensing (the states eliminated, by one banded solve or by a recursion
-in time), gauss_newton (step, line search, extrapolation), starts (starting points, long gaps, finer meshes), noise
-(measurement noise), filter_error, scoring and compiled (process noise), search, then uncertainty and assessment
-(standard errors, and what cannot be trusted).
+In the order of the data: segment (checked input), derivatives (complex step or central differences),
+collocation (Hermite-Simpson defects), elimination (of the states), gauss_newton (step, line search, extrapolation),
+starts (starting points, long gaps, finer meshes), noise (measurement noise), filter_error (process noise), search, then
+uncertainty and assessment (standard errors, and what cannot be trusted).
 """
 
 from brv_hypo.likelihood.derivatives import Delayed, PartialJacobian

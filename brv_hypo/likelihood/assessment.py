@@ -3,8 +3,8 @@
 The discretisation's effect on the estimate is part of it. An interval's error is the difference of two quadratures of
 the slope, Simpson's with the midpoint of the collocation's cubic and Boole's on a quartic, whose points come from one
 Picard step from that cubic; what process noise adds over the interval is no error of the mesh. A change dc of the
-defects moves the estimate by -H^-1 L' dc, with L the derivatives of the multipliers by theta (see `kkt`) and H the
-information. `assess` is the entrance.
+defects moves the estimate by -H^-1 L' dc, with L the derivatives of the multipliers by theta (see `elimination`) and H
+the information. `assess` is the entrance.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.derivatives import Points, evaluate
-from brv_hypo.likelihood.filter_error import kalman_innovations
+from brv_hypo.likelihood.elimination import SaddlePoint
+from brv_hypo.likelihood.filter_error import NoiseErrors, directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
@@ -25,10 +26,8 @@ from brv_hypo.likelihood.gauss_newton import (
     information_factor,
     sensitivities,
 )
-from brv_hypo.likelihood.kkt import BandSolution
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.scoring import NoiseErrors, directions_of, noise_errors
 from brv_hypo.likelihood.search import Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid, SampledParameter
 from brv_hypo.likelihood.starts import TOLERATED
@@ -52,6 +51,8 @@ _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
 _ROUNDING = 1e-12
 """The same of rounding."""
+_MOST_JUDGED = 8192
+"""Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
 
 Segments = tuple[Sensitivity, ...]
 
@@ -140,7 +141,7 @@ def _covariances(
     parameters = problem.parameters
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
-    # The likelihood of states that noise drives makes up for it itself (`scoring`).
+    # The likelihood of states that noise drives makes up for it itself (`filter_error`).
     white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
@@ -258,19 +259,20 @@ def mesh_shift(
 ) -> FloatArray:
     """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
 
-    `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, and
-    for segments that were eliminated by a band.
+    `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, for
+    segments of at most _MOST_JUDGED samples.
     """
     p = len(problem.parameters.names)
     known = np.isfinite(np.diag(covariance))
-    usable = not problem.model.delays and all(isinstance(s.eliminated, BandSolution) for s in segments)
-    if not usable or not segments or not known.any():
+    long = any(grid.n > _MOST_JUDGED for grid in problem.grids)
+    if problem.model.delays or long or not segments or not known.any():
         return np.full(p, np.nan)
     gradient = np.zeros(p)
     for grid, x, segment in zip(problem.grids, iterate.x, segments, strict=True):
+        assert isinstance(segment.eliminated, SaddlePoint)  # only delays are condensed
         with np.errstate(all="ignore"):
             error = interval_errors(problem, grid, x, problem.parameters.as_mapping(iterate.theta))
-        multiplier = segment.eliminated.multiplier[1:, :, 1:]  # type: ignore[attr-defined]
+        multiplier = segment.eliminated.multiplier[1:, :, 1:]
         gradient += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
     block = covariance[np.ix_(known, known)]
     shift = np.full(p, np.nan)

@@ -10,7 +10,7 @@ which is fourth-order accurate and, each state being an unknown, never integrate
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -20,14 +20,11 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
-from brv_hypo.likelihood.kkt import BlockRows, Coupling
+from brv_hypo.likelihood.elimination import BlockRows, Coupling
 from brv_hypo.likelihood.segment import Grid, Stencil
 
 _AT_ONCE = 8192
 """Samples at which the functions are evaluated at a time: what a call needs stays small beside the record."""
-
-_BEND = 1e-4
-"""Change of a state, in its size, between the first derivatives whose difference is the second."""
 
 
 @dataclass(frozen=True)
@@ -218,87 +215,6 @@ class _There:
         by_parameter = np.zeros((*found.by_parameter.shape[:2], selected.size))
         by_parameter[:, :, selected] = found.by_parameter
         return found._replace(by_parameter=by_parameter)
-
-
-class Weights(NamedTuple):
-    """One for each derivative by states: of the defects, `before` and `after` (k, n - 1, n_states, n_states) those of
-    an interval's ends, and of the outputs, `observe` (k, n, n_outputs, n_states); k sets of them.
-    """
-
-    before: FloatArray
-    after: FloatArray
-    observe: FloatArray
-
-
-def weighted_change(
-    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...], weights: Weights
-) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of weighted sums of a segment's derivatives by states: by states (k, n, n_states), and parameters
-    (k, p). Without delays.
-
-    Second derivatives of the functions are had from differences of first ones.
-    """
-    place = _Place.of(grid, slice(None))
-    there = _There(model, grid, x, theta, {}, place)
-    everywhere = there.everywhere
-    slope = there.jacobian(model.dynamics, everywhere, names)
-    starts, middles, ends = place.of_intervals
-    a, a_mid, a_end = (slope.by_state[where].transpose(0, 2, 1) for where in (starts, middles, ends))
-    h = place.step[:, None, None]
-    through_mid = h / 3 * a_mid
-    of_slope = np.zeros((len(weights.before), *slope.by_state.shape))
-    of_slope[:, starts] = -h / 6 * weights.before - h / 4 * (through_mid @ weights.before)
-    of_slope[:, ends] += -h / 6 * weights.after + h / 4 * (through_mid @ weights.after)
-    of_slope[:, middles] = (
-        -h / 3 * (weights.before + weights.after + h / 4 * (weights.before @ a - weights.after @ a_end))
-    )
-    (by_point, by_theta), (by_state, by_outputs) = (
-        _bent(there, function, points, names, weight)
-        for function, points, weight in (
-            (model.dynamics, everywhere, of_slope),
-            (model.outputs, there.at_samples, weights.observe),
-        )
-    )
-    middle = by_point[:, middles, :, None]
-    by_state[:, :-1] += by_point[:, starts] + (0.5 * middle + h / 8 * (a @ middle))[..., 0]
-    by_state[:, 1:] += (0.5 * middle - h / 8 * (a_end @ middle))[..., 0]
-    if grid.jumps:
-        by_state[:, 1:] += by_point[:, ends]
-    else:
-        by_state[:, -1] += by_point[:, ends][:, -1]
-    moved = h / 8 * (slope.by_parameter[starts] - slope.by_parameter[ends])
-    return by_state, by_theta + by_outputs + np.tensordot(by_point[:, middles], moved, 2)
-
-
-def _bent(
-    there: _There, function: Function, points: Points, names: tuple[str, ...], weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the sums of weights (k, points, rows, n_states) times a function's derivatives by states: by
-    states (k, points, n_states), and parameters (k, p).
-    """
-    n_states, n = points.x.shape
-    by_state = np.zeros((len(weights), n, n_states))
-    by_parameter = np.zeros((len(weights), len(names)))
-    size = np.sqrt(np.mean(points.x**2, axis=1))
-    step = _BEND * np.where(size > 0.0, size, 1.0)
-    bending = np.flatnonzero(weights.any(axis=(0, 1, 2)))
-    several = max(1, _AT_ONCE // (2 * n))
-    for first in range(0, bending.size, several):
-        states = bending[first : first + several]
-        shift = (step[:, None] * np.eye(n_states))[:, states]
-        shifted = points.repeated(np.concatenate([shift, -shift], axis=1))
-        found = there.jacobian(function, shifted, names)
-        for j, (bent, by_theta) in zip(states.tolist(), _differences(found, states.size), strict=True):
-            weight = weights[..., j] / (2.0 * step[j])
-            by_state += np.einsum("kna,nam->knm", weight, bent)
-            by_parameter += np.tensordot(weight, by_theta, 2)
-    return by_state, by_parameter
-
-
-def _differences(found: Jacobian, count: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Derivatives by states and parameters at points shifted up less those at points shifted down, `count` times."""
-    split = (part.reshape(2, count, -1, *part.shape[1:]) for part in (found.by_state, found.by_parameter))
-    return zip(*(up - down for up, down in split), strict=True)
 
 
 def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:

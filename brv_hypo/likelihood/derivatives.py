@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -77,16 +77,6 @@ class Points:
     """Their derivatives by time."""
     time_varying: tuple[SampledParameter, ...] = ()
     """The parameters that vary along the samples."""
-
-    def repeated(self, shift: FloatArray) -> Points:
-        """All points once for each column of `shift`, (n_states, times), which is added to x. Without delays."""
-        times = shift.shape[1]
-        return Points(
-            (self.x[:, None] + shift[:, :, None]).reshape(len(self.x), -1),
-            np.tile(self.u, times),
-            np.tile(self.t, times),
-            time_varying=tuple(replace(c, shapes=np.tile(c.shapes, times)) for c in self.time_varying),
-        )
 
 
 class Jacobian(NamedTuple):

@@ -3,46 +3,107 @@
 With Q > 0 the least-squares states are the smoothed ones, and the likelihood of theta is theirs times a determinant.
 For linear dynamics, and to the order of Laplace's approximation otherwise,
 
-    NLLF = objective + 1/2 sum over samples of log det S - log det R
+    NLLF = objective + 1/2 log det C + const,   log det C = log|det K| - 2 log|det D| + sum log det R
 
-with S the innovations' covariance of a Kalman filter about the smoothed states, the initial state held (Schweppe, IEEE
-Trans. Information Theory 11 (1965) 61). At Q = 0 the sum vanishes and output error remains. `Determinant` is that sum
-with its gradient; `Marginal` is a linearised segment with its states integrated out for any variances of both noises.
+with C(Q, R) the covariance of the outputs and K, D the matrices of `elimination` (Schweppe, IEEE Trans. Information
+Theory 11 (1965) 61). At Q = 0 it is that of R and output error remains. `determinant` is what C adds, the initial state
+held; `Determinant` its gradient, the states following theta.
+
+C is linear in the variances. They are estimated by Fisher scoring, Q moving as Q exp(s), R as F exp(S) F' with F its
+Cholesky factor, free initial states and theta integrated out, which adds 1/2 log det I(theta) (restricted likelihood:
+Patterson and Thompson, Biometrika 58 (1971) 545): variances that are best for the fitted theta are too small by what
+the fit took out of the residuals. The expected Hessian is minus half the second derivative of log det C + log det I.
+
+Not knowing the variances adds to the covariance of theta: cov theta = V + D W D', D = d theta / d s = -V dg / ds,
+with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta. Entrances:
+`scored` and `noise_errors`, which also says which variances went to 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Weights, evaluate_segment, linearise_segment, weighted_change
-from brv_hypo.likelihood.gauss_newton import Iterate, Parts, Problem, Sensitivity, quadratic_of, sensitivity_of
-from brv_hypo.likelihood.kkt import Quadratic, eliminate_by_band, log_determinant
-from brv_hypo.likelihood.noise import log_determinants, whitening
-from brv_hypo.likelihood.segment import Grid
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.likelihood.collocation import evaluate_segment, linearise_segment, parts_of
+from brv_hypo.likelihood.elimination import log_determinant, solve_saddle
+from brv_hypo.likelihood.gauss_newton import (
+    Iterate,
+    Parts,
+    Problem,
+    Sensitivity,
+    information_factor,
+    linearised,
+    quadratic_of,
+    sensitivity_of,
+)
+from brv_hypo.likelihood.noise import Shape, log_determinants
 
-if TYPE_CHECKING:
-    from brv_hypo.likelihood.compiled import Filter
+Variances = Sequence[tuple[FloatArray, FloatArray]]
+"""Process noise (n_states,) per root second, and covariance of the measurement noise (n_outputs, n_outputs)."""
+
+# ---- The determinant that integrating the states out adds, and its gradient ----
 
 
 _FAR = 1e-3
 """Way in standard errors over which the gradient is held. It turns with the logarithm of the information, so that the
 estimate is off by that way over the root of the samples.
 """
+_THETA_STEP = 1e-4
+"""Change of a parameter, in its size, for the gradient: truncation 1e-8 of the third derivative, rounding 1e-6."""
+
+
+def determinant(problem: Problem, iterate: Iterate) -> float:
+    """What integrating the states out adds to the objective; 0 for output error."""
+    if not np.any(problem.process_noise):
+        return 0.0
+    return float(_determinants(problem, iterate, [(problem.process_noise, iterate.covariance)])[0])
+
+
+def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> FloatArray:
+    """It with several variances, (k,)."""
+    total = np.zeros(len(variances))
+    theta = problem.parameters.as_mapping(iterate.theta)
+    for grid, x in zip(problem.grids, iterate.x, strict=True):
+        linear = [(part, linearise_segment(problem.model, grid, x, theta, (), part)) for part in parts_of(grid.n)]
+        for k, (noise, covariance) in enumerate(variances):
+            quadratic = quadratic_of(replace(problem, process_noise=noise), grid, x, linear, covariance)
+            variance = quadratic.variance.copy()
+            variance[0] = 0.0
+            of_dynamics = np.linalg.slogdet(quadratic.defect_by_state.blocks[:, 1])[1]
+            total[k] += 0.5 * log_determinant(replace(quadratic, variance=variance)) - np.sum(of_dynamics)
+    return total
+
+
+def _determinant_gradients(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], variances: Variances
+) -> FloatArray:
+    """Derivatives of the determinants by theta, the states following, (k, p)."""
+    names = problem.parameters.names
+    gradients = np.zeros((len(variances), len(names)))
+    for i, name in enumerate(names):
+        step = _THETA_STEP * max(abs(iterate.theta[i]), (problem.model.scale or {}).get(name, 1.0))
+        direction = np.eye(1, 1 + len(names), 1 + i)[0]
+        follow = [0.0 if s.void[i] else s.eliminated.states(direction).T * problem.size[:, None] for s in segments]
+        up, down = (
+            replace(
+                iterate,
+                theta=iterate.theta + move * direction[1:],
+                x=tuple(x + move * along for x, along in zip(iterate.x, follow, strict=True)),
+            )
+            for move in (step, -step)
+        )
+        change = _determinants(problem, up, variances) - _determinants(problem, down, variances)
+        gradients[:, i] = change / (2.0 * step)
+    return gradients
 
 
 class Determinant:
-    """What integrating the states out adds to the objective; knows the filter's run where it was asked for last, and
-    the gradient from near by.
-    """
+    """Knows the determinant's gradient by theta from near by."""
 
     def __init__(self) -> None:
-        self._last: tuple[Problem, Iterate, list[_Run]] | None = None
-        self._moves: tuple[Iterate, list[_Motion]] | None = None
         self._gradient: FloatArray | None = None
         self._way = 0.0
 
@@ -50,35 +111,12 @@ class Determinant:
         """The search takes a step of this length, in standard errors."""
         self._way += length
 
-    def term(self, problem: Problem, iterate: Iterate) -> float:
-        """It; 0 for output error."""
-        if not np.any(problem.process_noise):
-            return 0.0
-        return sum(
-            run.filter.log_det - 0.5 * log_determinants(grid.measured, iterate.covariance)
-            for run, grid in zip(self._runs(problem, iterate), problem.grids, strict=True)
-        )
-
     def gradient(self, problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
         """Its derivative by theta, (p,), the states following."""
         if self._gradient is None or self._way > _FAR:
-            weights = [run.determinant_weights() for run in self._runs(problem, iterate)]
-            self._gradient, self._way = _by_theta(problem, iterate, segments, weights)[0], 0.0
+            here = [(problem.process_noise, iterate.covariance)]
+            self._gradient, self._way = _determinant_gradients(problem, iterate, segments, here)[0], 0.0
         return self._gradient
-
-    def _runs(self, problem: Problem, iterate: Iterate) -> list[_Run]:
-        if self._last is None or self._last[0] is not problem or self._last[1] is not iterate:
-            motions = self._motions(problem, iterate)
-            self._last = problem, iterate, [m.run(problem.process_noise, iterate.covariance) for m in motions]
-        return self._last[2]
-
-    def _motions(self, problem: Problem, iterate: Iterate) -> list[_Motion]:
-        """They do not change as the variances do."""
-        known = self._moves
-        if known is None or known[0].x is not iterate.x or known[0].theta is not iterate.theta:
-            known = iterate, [_motion(problem, iterate, s) for s in range(len(problem.grids))]
-            self._moves = known
-        return known[1]
 
 
 def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
@@ -97,165 +135,420 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
 
     By segment, (n_outputs, n), nan in gaps; the NLLF of Eq. 3.10 (E8).
     """
-    noises = problem.process_noise, iterate.covariance
-    runs = [_motion(problem, iterate, s).run(*noises).filter for s in range(len(problem.grids))]
-    return tuple(run.innovation.T for run in runs), sum(run.log_det + run.squares for run in runs)
+    from statsmodels.tsa.statespace.kalman_filter import KalmanFilter  # here: it takes long to load
+
+    theta = problem.parameters.as_mapping(iterate.theta)
+    innovations, nllf = [], 0.0
+    for grid, x in zip(problem.grids, iterate.x, strict=True):
+        linear = linearise_segment(problem.model, grid, x, theta, ())
+        before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
+        inverse = np.linalg.inv(after)
+        drive = (inverse * (problem.process_noise**2 * grid.step[:, None])[:, None]) @ inverse.transpose(0, 2, 1)
+        residual = np.where(grid.measured, grid.y - linear.output.T, np.nan)
+
+        def by_sample(values: FloatArray) -> FloatArray:
+            """Of each interval, then zero for the one after the last sample: (..., n)."""
+            return np.moveaxis(np.concatenate([values, np.zeros_like(values[:1])]), 0, -1)
+
+        model = KalmanFilter(k_endog=len(grid.y), k_states=len(x), selection=np.eye(len(x)))
+        model.bind(residual.T.copy())
+        model["design"] = np.moveaxis(linear.output_by_state.blocks[:, 0], 0, -1)
+        model["obs_cov"] = iterate.covariance
+        model["transition"] = by_sample(-inverse @ before)
+        model["state_intercept"] = by_sample(-(inverse @ linear.defect[:, :, None])[:, :, 0])
+        model["state_cov"] = by_sample(drive)
+        model.initialize_known(np.zeros(len(x)), np.zeros((len(x), len(x))))
+        found = model.filter()
+        innovations.append(np.where(grid.measured, found.forecasts_error, np.nan))
+        nllf -= float(found.llf) + 0.5 * np.log(2.0 * np.pi) * np.count_nonzero(grid.measured)
+    return tuple(innovations), nllf
 
 
-def gradients_elsewhere(
+# ---- Noise covariances: Fisher scoring of all variances together ----
+
+
+_DIFFERENCE = 1e-3
+"""Relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6."""
+_SMALL_DIFFERENCE = 1e-5
+"""The same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6."""
+_ROUNDING = 1e-4
+"""Information on the logarithm of a variance that is no more than rounding: only its gradient is used."""
+_LARGEST_MOVE = 3.0
+"""Largest change of the logarithm of a variance in one step."""
+_HALVINGS = 5
+_SCORINGS = 6
+"""Steps on one linearisation at most."""
+_CURVED = 0.1
+"""Least curvature of the likelihood along a step, against that expected, from which the Hessian learns."""
+_VANISHED = 1e-2
+"""NLLF that a variance has left to win on its way to 0 below which it counts as 0."""
+_UNSEEN = 1e-10
+"""Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
+_COUPLED = 12
+"""Variances up to which all their cross informations are had; beyond, those of the diagonals of Q and R."""
+
+
+@dataclass(frozen=True)
+class Directions:
+    """What is estimated: the variances of the process noise of some states, and entries (a, b) of S."""
+
+    driven: tuple[int, ...]
+    entries: tuple[tuple[int, int], ...]
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns, process noise first."""
+        return len(self.driven) + len(self.entries)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Gradient of the NLLF (k,) and its expected Hessian (k, k) by the unknowns of `directions`."""
+
+    directions: Directions
+    gradient: FloatArray
+    information: FloatArray
+
+    @property
+    def vanished(self) -> BoolArray:
+        """Variances that have next to nothing left to win on their way to 0, (k,)."""
+        little = (self.gradient >= 0.0) & (self.gradient < _VANISHED)
+        return np.asarray(little & (np.diag(self.information) < _VANISHED))
+
+    def step(self) -> FloatArray:
+        """The scoring step, (k,); those that vanished rest."""
+        move = np.zeros(self.gradient.size)
+        live = ~self.vanished
+        if live.any():
+            known, gradient = self.information[np.ix_(live, live)].copy(), self.gradient[live]
+            weak = np.diag(known) < _ROUNDING
+            known[weak] = known[:, weak] = 0.0
+            known[weak, weak] = np.abs(gradient[weak]) / _LARGEST_MOVE
+            size = np.sqrt(np.maximum(np.diag(known), 1e-300))
+            solved = np.linalg.lstsq(known / np.outer(size, size), -gradient / size, rcond=1e-8)[0]
+            move[live] = np.clip(solved / size, -_LARGEST_MOVE, _LARGEST_MOVE)
+        return move
+
+    def length(self, move: FloatArray) -> float:
+        """The largest move in standard errors."""
+        return float(np.max(np.abs(move) * np.sqrt(np.maximum(np.diag(self.information), 0.0)), initial=0.0))
+
+
+def directions_of(problem: Problem, shape: Shape, estimate_noise: bool, estimate_process_noise: bool) -> Directions:
+    """The variances to be estimated."""
+    driven = np.flatnonzero(problem.process_noise).tolist() if estimate_process_noise else []
+    outputs = problem.grids[0].y.shape[0] if estimate_noise else 0
+    entries = [(a, b) for a in range(outputs) for b in range(a, outputs if shape == "full" else a + 1)]
+    return Directions(tuple(driven), tuple(sorted(entries, key=lambda e: e[0] != e[1])))
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Where scoring led."""
+
+    problem: Problem
+    """With the process noise that was found."""
+    iterate: Iterate
+    """With the measurement noise that was found."""
+    first: float = 0.0
+    """Length of the first step, in standard errors."""
+    last: float = 0.0
+    """The same of the last."""
+    information: FloatArray | None = None
+    """The Hessian that it ended with, (k, k)."""
+    segments: tuple[Sensitivity, ...] = ()
+    """The sensitivities there, none where the states are not determined."""
+
+
+def scored(
     problem: Problem,
     iterate: Iterate,
-    segments: Sequence[Sensitivity],
-    process_noise: FloatArray,
-    covariance: FloatArray,
-) -> FloatArray:
-    """The determinant's derivatives by theta with other variances, process noises (k, n_states) and covariances (k,
-    n_outputs, n_outputs): (k, p).
+    directions: Directions,
+    enough: float,
+    held: Sequence[Parts] | None = None,
+    information: FloatArray | None = None,
+) -> Scored:
+    """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
+
+    `held` is the linearisation, where it is known, `information` the Hessian from near by, kept up by the gradients
+    (BFGS).
     """
-    weights = []
-    for s in range(len(problem.grids)):
-        motion = _motion(problem, iterate, s)
-        each = [motion.run(q, r).determinant_weights() for q, r in zip(process_noise, covariance, strict=True)]
-        weights.append(Weights(*(np.concatenate(part) for part in zip(*each, strict=True))))
-    return _by_theta(problem, iterate, segments, weights)
-
-
-def _by_theta(
-    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], weights: Sequence[Weights]
-) -> FloatArray:
-    """Derivatives of weighted sums (k) by theta, the states following, (k, p)."""
-    parameters = problem.parameters
-    gradient = np.zeros((len(weights[0].before), len(parameters.names)))
-    for s, (segment, weight) in enumerate(zip(segments, weights, strict=True)):
-        theta = parameters.as_mapping(iterate.theta)
-        by_state, by_theta = weighted_change(
-            problem.model, problem.grids[s], iterate.x[s], theta, parameters.names, weight
-        )
-        gradient += by_theta
-        for parameter in np.flatnonzero(~segment.void).tolist():
-            direction = np.eye(1, 1 + len(parameters.names), 1 + parameter)[0]
-            follow = segment.eliminated.states(direction) * problem.size
-            gradient[:, parameter] += np.tensordot(by_state, follow, 2)
-    return gradient
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """A segment as a filter takes it."""
-
-    inverse: FloatArray
-    """That of the defects' derivatives by the state after, (n - 1, n_states, n_states)."""
-    transition: FloatArray
-    """From state to state, (n - 1, n_states, n_states)."""
-    shift: FloatArray
-    """What the dynamics add to the states, (n - 1, n_states)."""
-    step: FloatArray
-    """Lengths of the intervals, (n - 1,), s."""
-    residual: FloatArray
-    """Measured less predicted outputs, (n, n_outputs), nan in gaps."""
-    observe: FloatArray
-    """The outputs' derivatives by the states, (n, n_outputs, n_states)."""
-
-    def run(self, process_noise: FloatArray, covariance: FloatArray) -> _Run:
-        """The filter's, with these variances."""
-        from brv_hypo.likelihood.compiled import filtered  # here: numba takes long to load
-
-        drive = process_noise**2 * self.step[:, None]
-        driven = (self.inverse * drive[:, None, :]) @ self.inverse.transpose(0, 2, 1)
-        found = filtered(self.transition, self.shift, driven, self.residual, self.observe, covariance)
-        return _Run(self, driven, found)
-
-
-@dataclass(frozen=True)
-class _Run:
-    """A filter's run over a segment, `driven` (n - 1, n_states, n_states) by process noise."""
-
-    motion: _Motion
-    driven: FloatArray
-    filter: Filter
-
-    def determinant_weights(self) -> Weights:
-        """Derivatives of half the sum of log det S by those of defects and outputs by states, one set."""
-        from brv_hypo.likelihood.compiled import determinant_derivatives
-
-        motion = self.motion
-        by_transition, by_driven, by_observe = determinant_derivatives(
-            self.filter, motion.transition, self.driven, motion.observe
-        )
-        turned = -motion.inverse.transpose(0, 2, 1)
-        through = by_transition @ motion.transition.transpose(0, 2, 1) + 2.0 * by_driven @ self.driven
-        return Weights((turned @ by_transition)[None], (turned @ through)[None], by_observe[None])
-
-
-def _motion(problem: Problem, iterate: Iterate, s: int) -> _Motion:
-    grid = problem.grids[s]
-    linear = linearise_segment(problem.model, grid, iterate.x[s], problem.parameters.as_mapping(iterate.theta), ())
-    before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
-    inverse = np.asarray(np.linalg.inv(after), dtype=float)
-    return _Motion(
-        inverse=inverse,
-        transition=np.asarray(-inverse @ before),
-        shift=-(inverse @ linear.defect[:, :, None])[:, :, 0],
-        step=grid.step,
-        residual=np.where(grid.measured.T, grid.y.T - linear.output, np.nan),
-        observe=np.ascontiguousarray(linear.output_by_state.blocks[:, 0]),
+    linear = linearised(problem, iterate) if held is None else held
+    solved = _solved(problem, iterate, linear)
+    if solved is None:
+        return Scored(problem, iterate)
+    lengths = []
+    score: Score | None = None
+    move = np.zeros(directions.count)
+    for _ in range(_SCORINGS if directions.count else 0):
+        gradient = _gradient(problem, iterate, directions, linear, solved)
+        if information is None:
+            information = _information(problem, iterate, directions, linear, solved)
+        if score is not None:
+            information = _updated(information, gradient - score.gradient, move)
+        score = Score(directions, gradient, information)
+        problem, iterate, solved, move = _moved(problem, iterate, score, linear, solved)
+        lengths.append(score.length(move))
+        if lengths[-1] < enough:
+            break
+    first, last = (lengths[0], lengths[-1]) if lengths else (0.0, 0.0)
+    return Scored(
+        problem=problem, iterate=iterate, first=first, last=last, information=information, segments=solved.segments
     )
 
 
-# ---- A linearised segment whose states are integrated out, for any variances of both noises ----
+def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
+    """The Hessian that agrees with the change of the gradient over a move, where it is positive-definite then."""
+    along, pull = float(change @ move), information @ move
+    if not along > _CURVED * float(pull @ move):
+        return information
+    return np.asarray(information + np.outer(change, change) / along - np.outer(pull, pull) / float(pull @ move))
+
+
+def _moved(
+    problem: Problem, iterate: Iterate, score: Score, linear: Sequence[Parts], solved: _Solved
+) -> tuple[Problem, Iterate, _Solved, FloatArray]:
+    """As far along the score's step as the likelihood rises, and the move."""
+    move = score.step()
+    for _ in range(_HALVINGS):
+        trial = moved_noise(problem, iterate, score.directions, move)
+        found = _solved(*trial, linear)
+        if found is not None and found.nllf <= solved.nllf + 1e-10 * abs(solved.nllf):
+            return *trial, found, move
+        move = 0.5 * move
+    return problem, iterate, solved, np.zeros_like(move)
+
+
+def _gradient(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Parts], solved: _Solved
+) -> FloatArray:
+    """Of the restricted NLLF, by differences."""
+    changes = _SMALL_DIFFERENCE * np.eye(directions.count)
+    found = _at_variances(problem, iterate, changed_variances(problem, iterate, directions, changes), linear)
+    return np.array([(each or solved).nllf - solved.nllf for each in found]) / _SMALL_DIFFERENCE
+
+
+def _information(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Parts], solved: _Solved
+) -> FloatArray:
+    """The expected Hessian, from second differences."""
+    count, unit = directions.count, _DIFFERENCE * np.eye(directions.count)
+    coupled = count if count <= _COUPLED else len(directions.driven) + problem.grids[0].y.shape[0]
+    pairs = np.array([(a, b) for a in range(min(coupled, count)) for b in range(a)], dtype=int).reshape(-1, 2)
+    changes = np.concatenate([unit, -unit, unit[pairs[:, 0]] + unit[pairs[:, 1]]])
+    found = _at_variances(problem, iterate, changed_variances(problem, iterate, directions, changes), linear)
+    differences = np.array([(each or solved).log_det - solved.log_det for each in found])
+    up, down, both = np.split(differences, [count, 2 * count])
+    second = np.diag(up + down)
+    for (a, b), value in zip(pairs, both, strict=True):
+        second[a, b] = second[b, a] = value - up[a] - up[b]
+    return np.asarray(-0.5 * second / _DIFFERENCE**2)
+
+
+def moved_noise(
+    problem: Problem, iterate: Iterate, directions: Directions, move: FloatArray
+) -> tuple[Problem, Iterate]:
+    """Q exp(s) and F exp(S) F'."""
+    noise = problem.process_noise.copy()
+    driven = list(directions.driven)
+    noise[driven] *= np.exp(0.5 * move[: len(driven)])
+    power, rotation = np.linalg.eigh(_symmetric(directions, move, iterate.covariance.shape[0]))
+    root = np.linalg.cholesky(iterate.covariance) @ rotation * np.exp(0.5 * power)
+    covariance = iterate.covariance if not directions.entries else np.asarray(root @ root.T)
+    return replace(problem, process_noise=noise), replace(iterate, covariance=covariance)
+
+
+def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArray:
+    found = np.zeros((size, size))
+    for (a, b), value in zip(directions.entries, move[len(directions.driven) :], strict=True):
+        found[a, b] = found[b, a] = value
+    return found
+
+
+def changed_variances(problem: Problem, iterate: Iterate, directions: Directions, changes: FloatArray) -> Variances:
+    """After changes (k, unknowns) of the variances on straight lines: Q (1 + s), F (1 + S) F'."""
+    factor = np.ones((len(changes), problem.process_noise.size))
+    factor[:, list(directions.driven)] += changes[:, : len(directions.driven)]
+    root = np.linalg.cholesky(iterate.covariance)
+    turned = np.array([_symmetric(directions, change, len(root)) for change in changes])
+    noises, covariances = problem.process_noise * np.sqrt(factor), iterate.covariance + root @ turned @ root.T
+    return list(zip(noises, covariances, strict=True))
+
+
+def _at_variances(
+    problem: Problem, iterate: Iterate, variances: Variances, linear: Sequence[Parts]
+) -> Iterator[_Solved | None]:
+    """The same with each of several variances."""
+    for noise, covariance in variances:
+        yield _solved(replace(problem, process_noise=noise), replace(iterate, covariance=covariance), linear)
 
 
 @dataclass(frozen=True)
-class Integrated(Sensitivity):
-    """With the states best for some variances: what is left, then derivatives by the segment's parameters."""
+class _Solved:
+    """With the states best for the variances, the functions linear."""
 
-    outputs: FloatArray
-    """(n, n_outputs, 1 + p), whitened."""
-    noise: FloatArray
-    """Process noise (n, n_states, 1 + p), whitened, the initial state's row first."""
+    objective: float
+    """Half the weighted sum of squares."""
     log_det: float
-    """That of `Marginal.log_det`."""
+    """log det C + log det I(theta), but for a constant."""
+    segments: tuple[Sensitivity, ...]
+    """The segments, states integrated out."""
+
+    @property
+    def nllf(self) -> float:
+        """Restricted NLLF but for a constant, priors left out; infinite where it is not finite."""
+        total = self.objective + 0.5 * self.log_det
+        return total if np.isfinite(total) else float("inf")
 
 
-@dataclass(frozen=True)
-class Marginal:
-    """A segment about states x, (n_states, n), linearised part by part."""
-
-    problem: Problem
-    grid: Grid
-    x: FloatArray
-    parts: Parts
-
-    def log_det(self, process_noise: FloatArray, covariance: FloatArray) -> float:
-        """log det of the outputs' covariance, initial states that are free integrated out, but for a constant.
-
-        Of variances of the process noise, (n_states,) per root second, and of the measurement noise.
-        """
-        return self._of_noise(covariance) + log_determinant(self._quadratic(process_noise, covariance))
-
-    def integrated(self, process_noise: FloatArray, covariance: FloatArray) -> Integrated | None:
-        """The states eliminated; None where they are not determined."""
-        solution = eliminate_by_band(self._quadratic(process_noise, covariance))
+def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Parts]) -> _Solved | None:
+    """None where the states are not determined."""
+    segments, log_det, squares = [], 0.0, 0.0
+    for grid, x, parts in zip(problem.grids, iterate.x, linear, strict=True):
+        solution = solve_saddle(quadratic_of(problem, grid, x, parts, iterate.covariance))
         if solution is None:
             return None
-        found = sensitivity_of(solution)
-        return Integrated(
-            eliminated=solution,
-            triangle=found.triangle,
-            void=found.void,
-            outputs=solution.residuals(),
-            noise=solution.noise(),
-            log_det=self._of_noise(covariance) + solution.log_det,
+        segments.append(sensitivity_of(solution))
+        squares += float(np.sum(segments[-1].triangle[:, -1] ** 2))
+        log_det += log_determinants(grid.measured, iterate.covariance) + solution.log_det
+    log_det += _log_det_information(problem, iterate, segments)
+    return _Solved(objective=0.5 * squares, log_det=log_det, segments=tuple(segments))
+
+
+def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> float:
+    """log det I(theta), priors in it, over what the data and the bounds leave free."""
+    parameters = problem.parameters
+    inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
+    p = inside.size
+    data = information_factor(segments)[:p, :p]
+    rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)])
+    size = np.linalg.norm(rows, axis=0)
+    free = np.flatnonzero(inside & (size > 0.0))
+    _, singular, rotation = np.linalg.svd(rows[:, free] / size[free], full_matrices=False)
+    kept = singular > _UNSEEN * singular.max(initial=0.0)
+    unseen = rotation[~kept] / size[free]  # what the scaling added along it is taken out again
+    found = 2.0 * (np.sum(np.log(size[free])) + np.sum(np.log(singular[kept])))
+    return float(found + np.linalg.slogdet(unseen @ unseen.T)[1])
+
+
+# ---- What not knowing the variances adds to the errors of theta in filter error ----
+
+
+_LOG_VARIANCE_STEP = 1e-3
+"""Relative change of a variance for derivatives by it."""
+_POOREST = 1.0
+"""Variance of the logarithm of a variance that is counted at most: beyond, nothing is linear."""
+
+
+def with_unknown_variances(
+    problem: Problem,
+    iterate: Iterate,
+    directions: Directions,
+    linear: Sequence[Parts],
+    segments: Sequence[Sensitivity],
+    spread: FloatArray,
+    covariance: FloatArray,
+) -> FloatArray:
+    """The covariance of theta (p, p), nan where it was; `spread` (unknowns, unknowns) is that of the variances."""
+    known = np.flatnonzero(np.isfinite(np.diag(covariance)))
+    weight, axes = np.linalg.eigh(spread)
+    axes, weight = axes[:, weight > 0.0].T, np.minimum(weight[weight > 0.0], _POOREST)
+    if not known.size or not weight.size:
+        return covariance
+    changes = _LOG_VARIANCE_STEP * np.concatenate([np.zeros((1, axes.shape[1])), axes])
+    variances = changed_variances(problem, iterate, directions, changes)
+    gradients = _determinant_gradients(problem, iterate, segments, variances)
+    for row, solved in zip(gradients, _at_variances(problem, iterate, variances, linear), strict=True):
+        # Of the objective, the states following: nan where these are not determined.
+        triangle = np.full((1, row.size + 1), np.nan) if solved is None else information_factor(solved.segments)
+        row += triangle[:, :-1].T @ triangle[:, -1]
+    if not np.all(np.isfinite(gradients)):
+        return covariance
+    block = np.ix_(known, known)
+    follow = covariance[block] @ (gradients[1:] - gradients[0])[:, known].T / _LOG_VARIANCE_STEP
+    found = covariance.copy()
+    found[block] += (follow * weight) @ follow.T
+    return found
+
+
+# ---- How well the variances of filter error are known, and which of them went to 0 ----
+
+
+@dataclass(frozen=True)
+class NoiseErrors:
+    """Standard errors of the standard deviations, `process` (n_states,) per root second and `measurement`
+    (n_outputs,); nan where they were given or vanished, and in output error. `covariance` (p, p) is that of theta, what
+    not knowing the variances adds to it included. `remarks` name those that vanished.
+    """
+
+    process: FloatArray
+    measurement: FloatArray
+    covariance: FloatArray
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def unknown(cls, problem: Problem, iterate: Iterate, covariance: FloatArray) -> NoiseErrors:
+        """None, `covariance` as it is."""
+        return cls(
+            np.full(problem.process_noise.size, np.nan), np.full(iterate.covariance.shape[0], np.nan), covariance
         )
 
-    def weighed(self, rows: FloatArray, covariance: FloatArray) -> FloatArray:
-        """Whitened rows (n, n_outputs, k) times the transposed whitener: R^-1 of what they were before."""
-        return np.asarray(whitening(covariance, self.grid.measured).transpose(0, 2, 1) @ rows)
 
-    def _quadratic(self, process_noise: FloatArray, covariance: FloatArray) -> Quadratic:
-        problem = replace(self.problem, process_noise=process_noise)
-        return quadratic_of(problem, self.grid, self.x, self.parts, covariance)
+def noise_errors(
+    problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Sensitivity], covariance: FloatArray
+) -> NoiseErrors:
+    """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
+    unknown = NoiseErrors.unknown(problem, iterate, covariance)
+    process, measurement = unknown.process, unknown.measurement
+    if not directions.count or not np.any(problem.process_noise):
+        return unknown
+    linear = linearised(problem, iterate)
+    solved = _solved(problem, iterate, linear)
+    if solved is None:
+        return unknown
+    score = Score(
+        directions,
+        _gradient(problem, iterate, directions, linear, solved),
+        _information(problem, iterate, directions, linear, solved),
+    )
+    gone = score.vanished
+    live = np.flatnonzero(~gone)
+    spread = np.zeros((directions.count, directions.count))
+    spread[np.ix_(live, live)] = np.linalg.pinv(score.information[np.ix_(live, live)], rcond=1e-12)
+    driven = list(directions.driven)
+    known = ~gone[: len(driven)]
+    error = 0.5 * problem.process_noise[driven] * np.sqrt(np.maximum(np.diag(spread)[: len(driven)], 0.0))
+    process[driven] = np.where(known, error, np.nan)
+    if directions.entries:
+        root = np.linalg.cholesky(iterate.covariance)
+        twice = [1.0 if a == b else 2.0 for a, b in directions.entries]
+        change = np.stack([w * root[:, a] * root[:, b] for w, (a, b) in zip(twice, directions.entries, strict=True)], 1)
+        variance = np.einsum("ij,jk,ik->i", change, spread[len(driven) :, len(driven) :], change)
+        measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
+        measurement[measurement == 0.0] = np.nan
+    if segments:
+        covariance = with_unknown_variances(problem, iterate, directions, linear, segments, spread, covariance)
+    never_measured = ~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
+    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, never_measured))
 
-    def _of_noise(self, covariance: FloatArray) -> float:
-        """log det of the measurement noise of all samples."""
-        return log_determinants(self.grid.measured, covariance)
+
+def _remarks(directions: Directions, gone: BoolArray, never_measured: BoolArray) -> tuple[str, ...]:
+    """What went to 0, by state and output; outputs that were never measured have no noise that could."""
+    states = [state for state, lost in zip(directions.driven, gone, strict=False) if lost]
+    lost = gone[len(directions.driven) :]
+    outputs = [
+        a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b and not never_measured[a]
+    ]
+    found = []
+    if states:
+        found.append(
+            f"the process noise of states {states} went to 0: their dynamics are exact as far as the data say. Leave "
+            "it out (0 in process_noise), where the fit is also faster"
+        )
+    if outputs:
+        found.append(
+            f"the measurement noise of outputs {outputs} went to 0: process noise explains all that is left of them. "
+            "Likely causes: sensors far better than the motion is smooth, or too slow a rate to tell the two apart. "
+            "Give noise_covariance where it is known"
+        )
+    return tuple(found)

@@ -15,10 +15,9 @@ from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Function, check_shape, choose_method, parameter_scales
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
 from brv_hypo.likelihood.noise import Shape, least_variance
-from brv_hypo.likelihood.parameters import Parameters, build_parameters
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Options, Progress, search
-from brv_hypo.likelihood.segment import Grid, Segment, build_grid, check_consistent
+from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
 from brv_hypo.likelihood.starts import (
     MOST_STEPS,
     begin,

@@ -1,6 +1,6 @@
 """One Gauss-Newton step in parameters and states, and how far to go along it.
 
-The states of each segment are eliminated first (`condensing`), which leaves a small bounded least-squares problem in
+The states of each segment are eliminated first (`elimination`), which leaves a small bounded least-squares problem in
 theta with its priors; the states then follow. The line search weighs the objective against the violation of the
 dynamics. Slow steps, which a model that is not quite right makes, are extrapolated from what the last steps did to
 each other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_newton_step`, `line_search`,
@@ -16,11 +16,9 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment, parts_of
-from brv_hypo.likelihood.condensing import eliminate
-from brv_hypo.likelihood.kkt import BlockRows, Eliminated, Quadratic, upper_triangle
+from brv_hypo.likelihood.elimination import BlockRows, Eliminated, Quadratic, eliminate, upper_triangle
 from brv_hypo.likelihood.noise import whitening
-from brv_hypo.likelihood.parameters import Parameters
-from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.segment import Grid, Parameters
 
 # ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 
@@ -218,9 +216,9 @@ def gauss_newton_step(
     x = []
     multiplier = 0.0
     for segment in segments:
-        states, multipliers = segment.eliminated.step(np.append(1.0, change))
-        x.append(states.T * problem.size[:, None])
-        multiplier = max(multiplier, float(np.abs(multipliers).max()))
+        weights = np.append(1.0, change)
+        x.append(segment.eliminated.states(weights).T * problem.size[:, None])
+        multiplier = max(multiplier, float(np.abs(segment.eliminated.multipliers(weights)).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     cost, violation = objective(problem, iterate)
@@ -269,9 +267,8 @@ def quadratic_of(
 ) -> Quadratic:
     """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
     size = problem.size
-    residual, by_parameter, outputs, dynamics = [], [], [], []
+    residual, by_parameter, outputs, dynamics, defect_by_parameter = [], [], [], [], []
     defect = [start_defect(problem, grid, x)]
-    defect_by_parameter = [np.zeros((1, size.size, len(problem.parameters.names)))]
     for part, each in linear:
         whitener = whitening(covariance, grid.measured[:, part])
         residual.append(_whitened(whitener, grid, each.output, part))
@@ -286,7 +283,7 @@ def quadratic_of(
         by_parameter=np.concatenate(by_parameter),
         defect=np.concatenate(defect),
         defect_by_state=BlockRows.joined(dynamics),
-        defect_by_parameter=np.concatenate(defect_by_parameter),
+        defect_by_parameter=np.concatenate([np.zeros_like(defect_by_parameter[0][:1]), *defect_by_parameter]),
         variance=_variance(problem, grid),
     )
 

@@ -15,7 +15,14 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import evaluate_segment
-from brv_hypo.likelihood.filter_error import Determinant, disturbance_cost
+from brv_hypo.likelihood.filter_error import (
+    Determinant,
+    Directions,
+    determinant,
+    directions_of,
+    disturbance_cost,
+    scored,
+)
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
     Iterate,
@@ -31,7 +38,6 @@ from brv_hypo.likelihood.gauss_newton import (
     sensitivities,
 )
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.scoring import Directions, directions_of, scored
 
 
 class Status(StrEnum):
@@ -193,7 +199,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
     derivatives = _HeldDerivatives(problem, _HELD * options.tolerance)
     extrapolation = Extrapolation(problem)
-    noise, determinant = _Noise(options), Determinant()
+    noise, integrated = _Noise(options), Determinant()
 
     def ended(status: Status, detail: str = "") -> Outcome:
         message = f"{detail}: {status.message}" if detail else status.message
@@ -207,14 +213,14 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         noisy = bool(np.any(problem.process_noise))
-        gradient = determinant.gradient(problem, iterate, segments) if noisy else None
+        gradient = integrated.gradient(problem, iterate, segments) if noisy else None
         step = gauss_newton_step(problem, iterate, segments, gradient)
         derivatives.moved(step.length)
-        determinant.moved(step.length)
+        integrated.moved(step.length)
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
-        term = partial(determinant.term, problem) if noisy else None
+        term = partial(determinant, problem) if noisy else None
         further = extrapolation.improved(iterate, step)
         if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot tell
             following, fraction = moved(problem, iterate, further, 1.0), 1.0
@@ -233,7 +239,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         history.append(
             Progress(
                 iteration=iteration,
-                cost=_nllf(problem, iterate, determinant),
+                cost=_nllf(problem, iterate),
                 violation=violation,
                 step_length=step.length,
                 fraction=fraction,
@@ -262,13 +268,13 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
     return tuple(found)
 
 
-def _nllf(problem: Problem, iterate: Iterate, determinant: Determinant) -> float:
+def _nllf(problem: Problem, iterate: Iterate) -> float:
     """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
     difference = np.concatenate(residuals(problem, iterate), axis=1)
     fit = negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance)
     if not np.any(problem.process_noise):
         return fit
-    return fit + disturbance_cost(problem, iterate) + determinant.term(problem, iterate)
+    return fit + disturbance_cost(problem, iterate) + determinant(problem, iterate)
 
 
 class _HeldDerivatives:

@@ -1,11 +1,10 @@
 """Where the search starts: smoothed states, several starting points, long gaps, finer meshes.
 
-States are read off the outputs, then smoothed with the dynamics held loosely; long segments are cut into shorter ones
-with first states of their own for that (multiple shooting). A model that is not quite right has more than one
-optimum: the search is started from several guesses of the noise, and the best likelihood wins. Across a long gap the
-outputs give no states: theta is fitted on the record between gaps first, and the model carries the motion across.
-Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one. Entrances: `begin`,
-`best_of`, `bridged`, `refine`.
+States are read off the outputs, then smoothed with the dynamics held loosely. A model that is not quite right has more
+than one optimum: the search is started from several guesses of the noise, and the best likelihood wins. Across a long
+gap the outputs give no states: theta is fitted on the record between gaps first, and the model carries the motion
+across. Where the mesh moves the estimate by more than is tolerable, the fit is repeated on a finer one. Entrances:
+`begin`, `best_of`, `bridged`, `refine`.
 """
 
 from __future__ import annotations
@@ -30,59 +29,9 @@ from brv_hypo.likelihood.gauss_newton import (
     sensitivities,
 )
 from brv_hypo.likelihood.noise import least_variance, noise_from_differences
-from brv_hypo.likelihood.parameters import Parameters
 from brv_hypo.likelihood.result import FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
-from brv_hypo.likelihood.segment import WIDTH, Grid, Segment, build_grid, inputs_at, inputs_of
-
-# ---- Long segments as several pieces ----
-
-
-PIECE = 8192
-"""Samples of a piece: far more than loose dynamics remember, few enough to be solved in little memory."""
-
-
-def cut(problem: Problem, iterate: Iterate) -> tuple[Problem, Iterate]:
-    """The problem with every long segment as several; what a delay sees before a piece is held where it stands."""
-    grids: list[Grid] = []
-    states: list[FloatArray] = []
-    for grid, x in zip(problem.grids, iterate.x, strict=True):
-        edges = _edges(grid.n)
-        for first, last in pairwise(edges):
-            grids.append(_piece(grid, x, first, last) if len(edges) > 2 else grid)
-            states.append(x[:, first:last])
-    return replace(problem, grids=tuple(grids)), replace(iterate, x=tuple(states))
-
-
-def joined(whole: Problem, states: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-    """The states of the whole segments from those of their pieces."""
-    remaining = iter(states)
-    return tuple(np.concatenate([next(remaining) for _ in _edges(grid.n)[1:]], axis=1) for grid in whole.grids)
-
-
-def _edges(n: int) -> list[int]:
-    """Where pieces begin, and n."""
-    return np.linspace(0, n, max(round(n / PIECE), 1) + 1).astype(np.int64).tolist()  # type: ignore[no-any-return]
-
-
-def _piece(grid: Grid, x: FloatArray, first: int, last: int) -> Grid:
-    intervals = np.arange(first, last - 1)
-    ends = 2 * grid.n - 1 + intervals if grid.jumps else intervals[:0]
-    where = np.concatenate([np.arange(first, last), grid.n + intervals, ends])
-    return Grid(
-        t=grid.t[where],
-        u=grid.u[:, where],
-        y=grid.y[:, first:last],
-        measured=grid.measured[:, first:last],
-        step=grid.step[first : last - 1],
-        start=grid.first if first == 0 else x[:, first],
-        start_std=grid.start_std if first == 0 else np.full_like(grid.start_std, np.inf),
-        interpolator=grid.interpolator.part(first, last),
-        time_varying=tuple(varying.part(where) for varying in grid.time_varying),
-        ignores=grid.ignores,
-        jumps=grid.jumps,
-    )
-
+from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
 
 # ---- Where the search starts: states read off the outputs, then smoothed with the dynamics held loosely ----
 
@@ -211,23 +160,20 @@ def approach(problem: Problem, iterate: Iterate, loose: FloatArray) -> Iterate:
 
 def _prepared(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
     """States smoothed and parameters brought near; as they are where the outputs leave a state undetermined."""
-    pieces, part = cut(problem, iterate)
     changes = np.concatenate([np.diff(x, axis=1) for x in iterate.x], axis=1)
     interval = np.median(np.concatenate([g.step for g in problem.grids]))
     change = np.maximum(np.sqrt(np.mean(changes**2, axis=1)), _LEAST_LOOSENESS * problem.size)
     loose = change / np.sqrt(interval)  # process noise that lets the states follow the outputs, not the model
     try:
         if any(g.start.ndim == 1 for g in problem.grids):
-            part = smooth(pieces, part, loose)
-        reach = delay_reach(problem.model.delays, pieces.parameters, pieces.grids, part.x)
-        reach = np.minimum(problem.reach, reach)
-        pieces = replace(pieces, size=state_sizes(part.x), reach=reach)
+            iterate = smooth(problem, iterate, loose)
+        reach = delay_reach(problem.model.delays, problem.parameters, problem.grids, iterate.x)
+        problem = replace(problem, size=state_sizes(iterate.x), reach=np.minimum(problem.reach, reach))
         if not near:
-            part = approach(pieces, part, loose)
+            iterate = approach(problem, iterate, loose)
     except SingularStatesError:
         pass  # the search says so if they stay undetermined
-    found = replace(part, x=joined(problem, part.x))
-    return replace(problem, size=pieces.size, reach=pieces.reach), found
+    return problem, iterate
 
 
 def _violation(problem: Problem, iterate: Iterate) -> float:

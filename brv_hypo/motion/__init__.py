@@ -1,16 +1,14 @@
 """Motion relative to the wind, and moments, from a flight record.
 
-reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py
+reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py; Euler's equations inverted
     options                                                      config.py
     gyros to attitude, accelerometers to the c.g.                inertial.py
-    the crossflow                                                methods/: joint, polar, rates, velocity
-    what open-loop methods share                                 method.py
+    the crossflow                                                methods/: joint; velocity, rates, polar: open_loop
     what the joint method rests on                               measurement.py, smoother.py
     sensitivity to errors of the record                          responses.py
-    Euler's equations inverted, axial force                      moments.py
     the result, and its file                                     reconstruction.py
     measured inputs freed of noise                               inputs.py
-try_record(flight) -> flight, RecordTrial                        compatibility.py, corrections.py
+try_record(flight) -> flight, RecordTrial                        compatibility.py
 Motion: what a mechanism may know                                motion.py
 on                                                               kinematics.py, signals.py, interpolation.py
 """

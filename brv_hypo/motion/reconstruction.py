@@ -1,4 +1,7 @@
-"""`Reconstruction`: motion, moments and how well each is known; `write_motion` writes it as one HDF5 file."""
+"""`Reconstruction`: motion, moments and how well each is known; `write_motion` writes it as one HDF5 file.
+
+`WindHistory` is what a method of reconstruction returns.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,52 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.binary import Dataset, Tree, write_tree
 from brv_hypo.motion.config import Method
-from brv_hypo.motion.inertial import WindStart, measured
+from brv_hypo.motion.inertial import InertialRecord, WindStart, measured
 from brv_hypo.motion.interpolation import Quadrature
-from brv_hypo.motion.kinematics import crossflow
+from brv_hypo.motion.kinematics import angle_of_attack, crossflow
 from brv_hypo.motion.motion import Motion, at_nodes, quadrature
+from brv_hypo.motion.responses import EffectFit
 from brv_hypo.motion.signals import InputError, rms
 from brv_hypo.results import HasCharts, Histories
+
+UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an angle of which nothing is known
+
+
+@dataclass(frozen=True)
+class WindHistory:
+    """The wind relative to the vehicle over a record of n samples, and how well it is known."""
+
+    record: InertialRecord
+    """What it was found in: the flight's inertial record, corrected by the errors that were estimated."""
+    crossflow: ComplexArray
+    """(v + i w) / V (n,) in body axes."""
+    radial_sigma: FloatArray
+    """Standard deviation (n,) of the crossflow along itself."""
+    tangential_sigma: FloatArray
+    """Standard deviation (n,) across it."""
+    gravity: FloatArray
+    """(3,) m/s^2 in body axes at the first sample."""
+    normal_force_slope: FloatArray
+    """(n,) 1/rad at alpha = 0, NaN where the method does not estimate it."""
+    accel_sigma: float
+    """White noise of the accelerometers as estimated by the fit, m/s^2."""
+    effects: EffectFit
+    """The estimated errors of the record."""
+    warnings: tuple[str, ...] = ()
+    """What limits the result."""
+    normal_force_bend: float = 0.0
+    """What the slope gains with the square of alpha, 1/rad^3."""
+
+    @property
+    def alpha_sigma(self) -> FloatArray:
+        """Standard deviation of alpha (n,), rad."""
+        return np.asarray(self.radial_sigma / np.cos(angle_of_attack(self.crossflow)))
+
+    @property
+    def phi_w_sigma(self) -> FloatArray:
+        """Standard deviation of the windward meridian (n,), rad; that of an unknown angle near alpha = 0."""
+        size = np.maximum(np.abs(self.crossflow), 1e-12)
+        return np.asarray(np.minimum(self.tangential_sigma / size, UNKNOWN_ANGLE))
 
 
 @dataclass(frozen=True)

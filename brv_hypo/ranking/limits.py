@@ -136,8 +136,8 @@ def regions(
     frame: RateFrame,
     mechanism: Mechanism,
     edges: FloatArray,
-    thetas: Sequence[Theta] = (),
     widths: Sequence[int] = (0,),
+    thetas: Sequence[Theta] = (),
 ) -> list[Shape]:
     """Every region between two edges, at every theta of a dense grid, or of those given; it comes on over so many parts
     between neighbouring edges, which are even unless that is 0.

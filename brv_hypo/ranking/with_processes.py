@@ -29,9 +29,9 @@ STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, 
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
-PLAIN_EDGES = 21  # times between which a hypothesis is tried acting
+PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which a mechanism is tried acting: with delays, without
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
-ONSETS = (0, 2, 4)  # parts between those times, over which it may come on
+ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
 Pair = tuple[HypothesisFit, Evidence]
@@ -43,7 +43,7 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
-    found = acting(problem, like, fit.mechanisms, null, even_edges(frame, PLAIN_EDGES), ONSETS)
+    found = acting(problem, like, fit.mechanisms, null, *_grid(frame, fit.mechanisms[0]))
     return [pair] if found is None else [pair, found]
 
 
@@ -61,6 +61,17 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
     return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
 
 
+def _grid(frame: RateFrame, mechanism: Mechanism) -> tuple[FloatArray, tuple[int, ...]]:
+    """Times between which a mechanism is tried acting, and over how many parts between them it may come on."""
+    if mechanism.parameters():
+        return even_edges(frame, PLAIN_EDGES), tuple(round(share * (PLAIN_EDGES - 1)) for share in ONSETS)
+    return _fine(frame)
+
+
+def _fine(frame: RateFrame) -> tuple[FloatArray, tuple[int, ...]]:
+    return even_edges(frame, FINE_EDGES), tuple(round(share * (FINE_EDGES - 1)) for share in ONSETS)
+
+
 def level(pair: Pair) -> float:
     """The log evidence."""
     return pair[1].level
@@ -73,7 +84,7 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
     for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
-        found = regions(own, frame, mechanism, even_edges(frame, PLAIN_EDGES), [fit.selected[0].theta], ONSETS)
+        found = regions(own, frame, mechanism, *_fine(frame), [fit.selected[0].theta])
         best = max(found, key=lambda each: each.peak, default=None)
         if best is None or 0.5 * best.peak < _LINEAR:
             break
@@ -152,7 +163,7 @@ def acting(
     """One of several mechanisms, that which explains most between two of these times, as a hypothesis like another;
     None where none is determined. It may come on over so many parts between times that are even.
     """
-    found = [(m, shape) for m in mechanisms for shape in regions(null, like.frame, m, edges, widths=onsets)]
+    found = [(m, shape) for m in mechanisms for shape in regions(null, like.frame, m, edges, onsets)]
     if not found:
         return None
     mechanism, best = max(found, key=lambda each: each[1].peak)
@@ -162,7 +173,7 @@ def acting(
     for _ in range(FINER if edges.size > 2 and best.width == 0.0 else 0):
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
-        nearer = regions(null, like.frame, mechanism, closer, [best.theta])
+        nearer = regions(null, like.frame, mechanism, closer, (0,), [best.theta])
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=lambda each: each.peak)
         reach *= 2.0 / (FINER_EDGES - 1)
     columns = _acting_between(mechanism, best, frame)

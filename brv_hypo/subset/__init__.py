@@ -2,22 +2,18 @@
 
 In the order of the data:
 
-    best.py          ``best_subsets``, the entrance; ``best_columns``, the same without the fits
-    frame.py         groups and parents of columns; weights, forced columns, scaling, aliases, triangular factor
-    incumbents.py    the best subsets so far, and good ones to start from; Efroymson's stepwise regression, to compare
-    tree.py          nodes, subproblems of independent columns, and the include/drop tree in numpy
-    search.py        choice of kernel, time limit, certificate
-    compiled.py      the tree compiled, on several threads
-    kernel.py, bounds.py, kernel_parts.py   the compiled loops: driver and steps, pruning, shared parts
-    criteria.py      least-squares fits in extended precision and selection criteria
-    result.py        what is returned
+    best.py         ``best_subsets``, the entrance, and what it returns; ``best_columns``, the same without the fits
+    frame.py        groups and parents of columns; weights, forced columns, scaling, aliases, triangular factor
+    incumbents.py   the best subsets so far, and good ones to start from
+    tree.py         nodes, subproblems of independent columns, and the include/drop tree in numpy
+    compiled.py     the tree compiled, on several threads; kernel.py: its loops for pruning and scoring
+    criteria.py     least-squares fits in extended precision and selection criteria
 """
 
-from brv_hypo.subset.best import best_columns, best_subsets
+from brv_hypo.subset.best import Certificate, Subset, SubsetResult, best_columns, best_subsets
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.subset.frame import Alias, Group, Refusal, at_most_one, together
-from brv_hypo.subset.incumbents import Chosen, stepwise_columns
-from brv_hypo.subset.result import Certificate, Subset, SubsetResult
+from brv_hypo.subset.incumbents import Chosen
 
 __all__ = [
     "Alias",
@@ -31,6 +27,5 @@ __all__ = [
     "at_most_one",
     "best_columns",
     "best_subsets",
-    "stepwise_columns",
     "together",
 ]

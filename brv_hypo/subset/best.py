@@ -1,16 +1,294 @@
-"""The entrances to the exact search: `best_subsets`, and `best_columns` without the fits."""
+"""`best_subsets` and `best_columns`, the entrances to the exact search; what they return, and how they search.
+
+Small searches are done in numpy; the compiled kernel is loaded once numpy has visited about as many nodes as compiling
+it costs. Columns that are too ill-conditioned for its Schur complements stay with numpy, whose steps are orthogonal.
+`Certificate` says what was proved.
+"""
 
 from __future__ import annotations
 
+import logging
+import sys
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.subset.frame import Groups, Parents, build_frame
-from brv_hypo.subset.incumbents import Board, Chosen, seed_board
-from brv_hypo.subset.result import SubsetResult, fitted_result
-from brv_hypo.subset.search import Effort, search
+from brv_hypo.results import Row, Tabular
+from brv_hypo.subset.criteria import Criteria, Reference, contiguous_blocks, evaluate, least_squares
+from brv_hypo.subset.frame import Alias, Frame, Groups, Parents, Refusal, build_frame, dependencies
+from brv_hypo.subset.incumbents import CLOSED, Board, Chosen, seed_board
+from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, StopSearchError, independent_pieces, make_node
+
+# ---- What a search returns: fitted subsets, their certificate, what was set aside ----
+
+
+# Contiguous blocks of rows for the held-out error.
+HELD_OUT_BLOCKS = 5
+
+
+@dataclass(frozen=True)
+class Subset:
+    """One subset and its fit."""
+
+    columns: tuple[int, ...]
+    """Chosen columns of X, ascending, without the forced ones."""
+    rss: float
+    """Residual sum of squares."""
+    terms: tuple[int, ...]
+    """The forced columns, then the chosen ones."""
+    coefficients: FloatArray
+    """Of `terms`, in their order."""
+    std_errors: FloatArray
+    """Ordinary ones, from RSS / (n - p), in the order of `terms`."""
+    criteria: Criteria
+    """The selection criteria."""
+
+    @property
+    def size(self) -> int:
+        """Number of chosen columns."""
+        return len(self.columns)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What the search has proved."""
+
+    exact: bool
+    """No allowed subset of a returned size beats the returned ones."""
+    nodes: int
+    """Nodes visited."""
+    margin: float
+    """Relative allowance for rounding with which branches were cut."""
+    gap: float
+    """The largest of `gaps`."""
+    gaps: tuple[float, ...]
+    """By how much, relatively, the RSS of size 1, 2, ... may still be too high; 0 where that size is proved."""
+    seconds: float
+    """Wall-clock time."""
+    kernel: str
+    """``numpy`` or ``numba-schur``: the last that was used."""
+    condition: float
+    """Condition number of the scaled candidates."""
+    status: str
+    """How it ended, in words."""
+
+
+@dataclass(frozen=True)
+class SubsetResult(Tabular):
+    """Subsets by size, then by residual sum of squares."""
+
+    subsets: tuple[Subset, ...]
+    """The best of every size."""
+    certificate: Certificate
+    """What was proved of them."""
+    aliases: tuple[Alias, ...]
+    """Columns that equal a combination of others.
+
+    Multiples of one column, and of forced ones, are not searched unless a rule names them, and stand-ins of the same
+    span can be read off here; of the columns of a longer combination no subset holds all.
+    """
+    baseline: Subset
+    """The forced model alone."""
+    refused: tuple[Refusal, ...] = ()
+    """Columns so near to dependence that no subset holds them together either, with the reason."""
+
+    __repr__ = Tabular.__repr__
+    __eq__ = Tabular.__eq__
+
+    def headline(self) -> str:
+        """How many subsets, and whether they are certainly the best."""
+        proof = "exact" if self.certificate.exact else f"gap {self.certificate.gap:.3g}"
+        return f"{len(self.subsets)} subsets, {proof}, {self.certificate.nodes} nodes"
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each subset."""
+        return [{"size": s.size, "columns": s.columns, "rss": s.rss} for s in self.subsets]
+
+    def best(self, size: int) -> Subset:
+        """The best subset of a size; KeyError where the search has none."""
+        for subset in self.subsets:
+            if subset.size == size:
+                return subset
+        sizes = sorted({s.size for s in self.subsets})
+        raise KeyError(f"no subset of {size} columns: the search returned sizes {sizes}")
+
+    def of_size(self, size: int) -> tuple[Subset, ...]:
+        """All subsets returned of a size, best first."""
+        return tuple(s for s in self.subsets if s.size == size)
+
+
+def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
+    """All subsets on the board, fitted in extended precision, with their criteria."""
+    frame = board.frame
+    independent = frame.candidates[dependencies(frame.R, frame.noise)[0]]
+    reference = Reference(
+        rss_forced=least_squares(frame.X[:, list(frame.forced)], frame.y).rss,
+        n_forced=len(frame.forced),
+        complete=least_squares(frame.X[:, [*frame.forced, *independent]], frame.y, variances=False),
+        blocks=contiguous_blocks(frame.y.size, HELD_OUT_BLOCKS),
+    )
+
+    def fitted(columns: tuple[int, ...]) -> Subset:
+        terms = frame.forced + columns
+        fit = least_squares(frame.X[:, list(terms)], frame.y)
+        criteria = evaluate(fit, reference)
+        return Subset(
+            columns=columns, rss=fit.rss, terms=terms, coefficients=fit.coefficients,
+            std_errors=np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal), criteria=criteria,
+        )  # fmt: skip
+
+    return SubsetResult(
+        subsets=tuple(fitted(columns) for _, columns in board.chosen()),
+        certificate=certificate,
+        aliases=frame.aliases,
+        baseline=fitted(()),
+        refused=frame.refused,
+    )
+
+
+# ---- How the search is run: by which kernel, for how long, and what it proved ----
+
+
+# Scaled condition number above which Schur complements lose too many digits.
+SCHUR_CONDITION = 2e5
+# The same where Schur complements are asked for by name: beyond, their H has no digits left.
+SCHUR_BREAKDOWN = 1e7
+KERNELS = ("auto", "numpy", "numba-schur")
+# Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
+COMPILING_NODES = 8000
+# Seconds that a time limit must leave for the compiled kernel to be worth sending for.
+COMPILE_ALLOWANCE_S = 10.0
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How to search: worker threads, time limit since the start, kernel."""
+
+    threads: int = 1
+    time_limit_s: float | None = None
+    kernel: str = "auto"
+    started: float = field(default_factory=time.perf_counter)
+
+    def __post_init__(self) -> None:
+        if self.threads < 1:
+            raise UsageError(f"got threads={self.threads}; expected 1 or more")
+        if self.kernel not in KERNELS:
+            raise UsageError(f"kernel {self.kernel!r} is unknown; expected one of {', '.join(KERNELS)}")
+
+
+def search(board: Board, effort: Effort) -> Certificate:
+    """Search until every branch is decided or the time is up; the board then holds the answer."""
+    deadline = np.inf if effort.time_limit_s is None else effort.started + effort.time_limit_s
+    nodes, left = _search_numpy(board, effort, deadline)
+    kernel = "numpy"
+    if left and time.perf_counter() < deadline:
+        # Imported here: numba takes longer to import than most searches take to finish.
+        if not _kernel_in_memory():
+            message = "loading the compiled search kernel; the first time ever it has to be compiled"
+            logging.getLogger(__name__).info(message)
+        from brv_hypo.subset.compiled import search_compiled
+
+        kernel = "numba-schur"
+        more, left = search_compiled(board, left, deadline, effort.threads)
+        nodes += more
+    gaps = proved_gaps(board, left)
+    return Certificate(
+        exact=not left,
+        nodes=nodes,
+        margin=board.margin,
+        gap=max(gaps, default=0.0),
+        gaps=gaps,
+        seconds=time.perf_counter() - effort.started,
+        kernel=kernel,
+        condition=board.frame.condition,
+        status="complete" if not left else f"stopped by the time limit of {effort.time_limit_s} s",
+    )
+
+
+def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, list[OpenSubtree]]:
+    """Search in numpy, what is well-conditioned within its budget: nodes visited, and what is left.
+
+    Pieces are made one after the other and let go again: dependent columns may make tens of thousands.
+    """
+    allowed = _numpy_budget(effort, deadline)
+    nodes, budget = 0, allowed
+
+    def spend() -> None:
+        nonlocal nodes
+        nodes += 1
+        if nodes > budget or (nodes % 64 == 0 and time.perf_counter() > deadline):
+            raise StopSearchError
+
+    tree = NumpyTree(board, spend=spend)
+    left: list[OpenSubtree] = []
+    for piece in independent_pieces(board.frame, board.max_size):
+        late = time.perf_counter() > deadline
+        if isinstance(piece, OpenSubtree):
+            if late:
+                left.append(piece)
+            else:
+                tree.score(piece)
+            continue
+        orthogonal = _ill_conditioned(board.frame, piece, effort.kernel)
+        board.widen(piece.rounding_margin(orthogonal=orthogonal))
+        budget = np.inf if orthogonal else allowed
+        if late or nodes >= budget:
+            left.append(OpenSubtree(piece.included, tuple(piece.undecided.tolist()), piece.bound))
+            continue
+        try:
+            tree.run(piece)
+        except StopSearchError:
+            continue
+    return nodes, tree.open_subtrees + left
+
+
+def _ill_conditioned(frame: Frame, piece: Node, kernel: str) -> bool:
+    """Whether Schur complements lose too many digits on this piece."""
+    limit = SCHUR_BREAKDOWN if kernel == "numba-schur" else SCHUR_CONDITION
+    if np.isfinite(frame.condition):
+        return frame.condition > limit
+    return bool(piece.undecided.size) and float(np.linalg.cond(piece.R)) > limit
+
+
+def _numpy_budget(effort: Effort, deadline: float) -> float:
+    if effort.kernel == "numpy":
+        return np.inf
+    # A compiled kernel that is in memory already is quicker from the first node.
+    if effort.kernel != "auto" or _kernel_in_memory():
+        return 0.0
+    return COMPILING_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
+
+
+def _kernel_in_memory() -> bool:
+    return "brv_hypo.subset.compiled" in sys.modules
+
+
+def proved_gaps(board: Board, left: Sequence[OpenSubtree]) -> tuple[float, ...]:
+    """Relative amount by which the best residual of size 1, 2, ... may still be too high."""
+    lowest = np.full(board.max_size + 1, np.inf)
+    for subtree in left:
+        node = make_node(board.frame, subtree.included, subtree.undecided)
+        if node is not None:
+            # With t = 1, 2, ... more columns one of the t + 1 costliest is left out.
+            least = node.bound + np.append(np.sort(node.rises())[::-1], 0.0)[1:]
+            sizes = lowest[len(node.included) + 1 :][: least.size]
+            np.minimum(sizes, least[: sizes.size], out=sizes)
+    return tuple(_gap(board, size, float(lowest[size])) for size in range(1, board.max_size + 1))
+
+
+def _gap(board: Board, size: int, lowest: float) -> float:
+    worst = board.worst(size)
+    if not np.isfinite(lowest) or board.limits[size] == CLOSED or lowest > board.limits[size]:
+        return 0.0
+    return max(0.0, 1.0 - lowest / worst) if board.full(size) and worst > 0.0 else 1.0
+
+
+# ---- The entrances ----
 
 
 def best_subsets(

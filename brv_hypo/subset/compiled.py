@@ -1,8 +1,10 @@
-"""The compiled tree search, called: serially at first, on several threads once a search has proved long.
+"""The compiled tree search on Schur complements, for well-conditioned columns, and its calls.
 
-`CompiledSearch` builds the working arrays of one subproblem, runs the kernel on and reads out what is left;
-`search_compiled` is the entrance. Imported only when the compiled kernel is wanted: importing numba costs more than
-most searches.
+The column to branch on is moved to the last place; including it is a rank-one step on S into the next level, dropping
+it one on H in place. Both are stored in full, as `kernel` reads rows; a level copies H from its parent when it first
+branches. `CompiledSearch` builds the working arrays of one subproblem, runs the kernel on and reads out what is left;
+`search_compiled` is the entrance: serially at first, on several threads once a search has proved long. Imported only
+when the compiled kernel is wanted: importing numba costs more than most searches.
 """
 
 from __future__ import annotations
@@ -20,20 +22,202 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.subset.frame import Constraints
 from brv_hypo.subset.incumbents import Board
-from brv_hypo.subset.kernel import search
-from brv_hypo.subset.kernel_parts import (
+from brv_hypo.subset.kernel import (
     BRANCHED,
     DROPPED,
     FORCED,
     HITS,
     INCLUDED,
     LEVEL,
+    NEW,
     NODES,
+    NONE,
     UNDECIDED,
     Work,
+    compiled,
+    compiled_part,
+    implied,
+    leave,
+    mark_dropped,
+    packed_quota,
+    padded,
+    quota_of,
+    record,
+    score,
+    score_fours,
+    score_triples,
     whole_vectors,
 )
 from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, make_node
+
+# ---- Steps on Schur complements ----
+
+
+@compiled_part
+def rises(w: Work, level: int, m: int, out: Any) -> None:
+    """Rise of the bound on dropping each undecided column: beta^2 / H_jj."""
+    H = w.B[level] if w.owns[level] else w.B[level - 1]
+    beta = w.beta[level]
+    for i in range(m):
+        out[i] = beta[i] * beta[i] / H[i, i]
+    out[m : padded(m)] = 0.0
+
+
+@compiled_part
+def place(w: Work, level: int, j: int, m: int) -> int:
+    """Move the column to branch on to the last place."""
+    S, H, c, beta, ids = w.A[level], w.B[level], w.x[level], w.beta[level], w.ids[level]
+    if not w.owns[level]:
+        source = w.B[level - 1]
+        for i in range(m):
+            for k in range(padded(m)):
+                H[i, k] = source[i, k]
+        w.owns[level] = True
+    last = m - 1
+    if j != last:
+        _swap(S, j, last)
+        _swap(H, j, last)
+        c[j], c[last] = c[last], c[j]
+        beta[j], beta[last] = beta[last], beta[j]
+        ids[j], ids[last] = ids[last], ids[j]
+    return last
+
+
+@compiled_part
+def drop(w: Work, level: int, last: int) -> None:
+    """Drop the last column: a rank-one step on H, S as it stands."""
+    H, beta = w.B[level], w.beta[level]
+    w.bound[level] += beta[last] * beta[last] / H[last, last]
+    _downdate(H, beta, H, beta, last)
+
+
+@compiled_part
+def include(w: Work, level: int, last: int) -> None:
+    """Include the last column: a rank-one step on S into the next level, H as it stands."""
+    S, c = w.A[level], w.x[level]
+    _downdate(S, c, w.A[level + 1], w.x[level + 1], last)
+    w.rss[level + 1] = w.rss[level] - c[last] * c[last] / S[last, last]
+    for i in range(last):
+        w.beta[level + 1, i] = w.beta[level, i]
+        w.ids[level + 1, i] = w.ids[level, i]
+
+
+@compiled_part
+def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
+    """Score the singles, and the pairs, of a node."""
+    S = w.A[level]
+    d = w.scratch[1]
+    for i in range(m):
+        d[i] = S[i, i]
+    score(w, S, d, w.x[level], w.ids[level], m, w.base + level, pairs, w.rss[level], limits)
+
+
+@compiled_part
+def _swap(M: Any, j: int, last: int) -> None:
+    """Exchange rows and columns j and last of a symmetric matrix."""
+    for k in range(last + 1):
+        M[j, k], M[last, k] = M[last, k], M[j, k]
+    for k in range(last + 1):
+        M[k, j], M[k, last] = M[k, last], M[k, j]
+
+
+@compiled_part
+def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
+    """Schur complement on the last row: out = M - q q' / q_last, out_v = v - q v_last / q_last."""
+    scale = 1.0 / M[last, last]
+    shift = v[last] * scale
+    width = padded(last + 1)
+    for i in range(last):
+        factor = M[last, i] * scale
+        for k in range(width):
+            out[i, k] = M[i, k] - factor * M[last, k]
+    for i in range(last):
+        out_v[i] = v[i] - M[last, i] * shift
+
+
+# ---- The depth-first search ----
+
+
+# Nodes visited after a hit before the kernel hands it over.
+PATIENCE = 32
+
+
+@compiled
+def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
+    """Go on until the tree or the budget is done, hits have waited long enough, or their room is short.
+
+    ``limits[k]``: a subset of size k is of interest below it; ``loosest[k]``: the largest limit from size k
+    on. The level in ``w.state`` is -1 when the tree is done.
+    """
+    constrained = w.requires.size > 0
+    rise = w.scratch[0]
+    stop = w.state[NODES] + budget
+    while w.state[LEVEL] >= 0 and w.state[NODES] < stop:
+        level = w.state[LEVEL]
+        size = w.base + level
+        m = w.count[level]
+        if w.state[HITS] > 0:
+            stop = min(stop, w.state[NODES] + PATIENCE)
+            if w.state[HITS] + m * m > w.hits.shape[0]:
+                return
+        if w.phase[level] == FORCED:
+            leave(w, level)
+            continue
+        if w.phase[level] == BRANCHED:
+            if constrained:
+                mark_dropped(w, w.ids[level, w.at[level]], level)
+            drop(w, level, w.at[level])
+            m = w.count[level] = m - 1
+            w.phase[level] = NEW
+            if w.bound[level] > loosest[size + 1]:
+                leave(w, level)
+                continue
+        w.state[NODES] += 1
+        rises(w, level, m, rise)
+        quota = quota_of(rise, m, w.bound[level], limits, size, w.most[level])
+        quota = packed_quota(w, level, m, rise, quota, limits)
+        w.most[level] = size + quota
+        if (quota == 3 or (quota == 4 and score_fours(w, level, m, limits))) and score_triples(
+            w, level, m, rise, limits
+        ):
+            leave(w, level)
+            continue
+        if quota <= 2:
+            if quota > 0:
+                score_leaf(w, level, m, quota == 2, limits)
+            leave(w, level)
+            continue
+        j = 0
+        for i in range(1, m):
+            if rise[i] > rise[j]:
+                j = i
+        w.phase[level] = BRANCHED
+        verdict = 0
+        if constrained:
+            forced, verdict = implied(w, w.ids[level], m)
+            if verdict == INCLUDED:
+                w.phase[level] = FORCED
+            j = forced if verdict else j
+        j = place(w, level, j, m)
+        w.at[level] = j
+        if verdict == DROPPED:
+            continue
+        include(w, level, j)
+        w.bound[level + 1] = w.bound[level]
+        w.count[level + 1] = m - 1
+        w.phase[level + 1] = NEW
+        w.owns[level + 1] = False
+        w.most[level + 1] = w.most[level]
+        w.chosen[size] = w.ids[level, j]
+        if constrained:
+            w.status[w.ids[level, j]] = INCLUDED
+        if w.rss[level + 1] <= limits[size + 1]:
+            record(w, size + 1, NONE, NONE)
+        w.state[LEVEL] = level + 1
+
+
+# ---- The search of one piece, called ----
+
 
 HIT_ROOM = 512
 # Bytes of a cache line.
@@ -46,9 +230,8 @@ SCORED, MOST_PREFIXES = 4, 3000
 class CompiledSearch:
     """Depth-first search of one piece that stops and goes on."""
 
-    def __init__(self, board: Board, piece: Node, *, orthogonal: bool) -> None:
-        self._orthogonal = True if orthogonal else None
-        self._work = _working_arrays(board, piece, orthogonal)
+    def __init__(self, board: Board, piece: Node) -> None:
+        self._work = _working_arrays(board, piece)
 
     @property
     def done(self) -> bool:
@@ -63,7 +246,7 @@ class CompiledSearch:
     def run(self, limits: FloatArray, budget: int) -> list[tuple[int, ...]]:
         """Search on under these limits, at most ``budget`` nodes; the subsets that got under them."""
         loosest = np.maximum.accumulate(limits[::-1])[::-1].copy()
-        search(self._work, limits, loosest, budget, self._orthogonal)
+        search(self._work, limits, loosest, budget)
         state, hits = self._work.state, self._work.hits
         found = [tuple(row[1 : row[0] + 1]) for row in hits[: state[HITS]].tolist()]
         state[HITS] = 0
@@ -84,20 +267,17 @@ class CompiledSearch:
         return rest
 
 
-def _working_arrays(board: Board, piece: Node, orthogonal: bool) -> Work:
+def _working_arrays(board: Board, piece: Node) -> Work:
     base, m, n = len(piece.included), piece.undecided.size, board.frame.n_candidates
     levels = board.max_size - base + 2
     width = whole_vectors(m)
     A = _aligned(levels, m, width)
-    B = _aligned(2 if orthogonal else levels, m, width)
+    B = _aligned(levels, m, width)
     x, beta = _aligned(levels, width), _aligned(levels, width)
-    if orthogonal:
-        A[0, :, :m], x[0, :m] = piece.R, piece.z
-    else:
-        # H from the inverse of R, never from the inverse of S, which would square the condition number.
-        inverse = piece.inverse
-        A[0, :, :m], x[0, :m] = piece.R.T @ piece.R, piece.R.T @ piece.z
-        B[0, :, :m], beta[0, :m] = inverse @ inverse.T, inverse @ piece.z
+    # H from the inverse of R, never from the inverse of S, which would square the condition number.
+    inverse = piece.inverse
+    A[0, :, :m], x[0, :m] = piece.R.T @ piece.R, piece.R.T @ piece.z
+    B[0, :, :m], beta[0, :m] = inverse @ inverse.T, inverse @ piece.z
     ids = np.empty((levels, m), dtype=np.int64)
     ids[0] = piece.undecided
     count, rss, bound = np.zeros(levels, dtype=np.int64), np.empty(levels), np.empty(levels)
@@ -147,10 +327,10 @@ SERIAL_S = 0.1
 
 
 def search_compiled(
-    board: Board, subtrees: Sequence[OpenSubtree], orthogonal: bool, deadline: float, threads: int
+    board: Board, subtrees: Sequence[OpenSubtree], deadline: float, threads: int
 ) -> tuple[int, list[OpenSubtree]]:
     """Search all subtrees: nodes visited, and what is left at the deadline."""
-    pool = _Pool(board, subtrees, orthogonal, threads)
+    pool = _Pool(board, subtrees, threads)
     pool.until = min(deadline, time.perf_counter() + SERIAL_S) if threads > 1 else deadline
     pool.work()
     pool.until = deadline
@@ -168,9 +348,8 @@ def search_compiled(
 class _Pool:
     """Subtrees waiting, lowest bound first; workers take them, and give parts back when others are idle."""
 
-    def __init__(self, board: Board, subtrees: Sequence[OpenSubtree], orthogonal: bool, threads: int) -> None:
+    def __init__(self, board: Board, subtrees: Sequence[OpenSubtree], threads: int) -> None:
         self._board = board
-        self._orthogonal = orthogonal
         self._threads = threads
         self._change = threading.Condition()
         self._heap: list[tuple[float, int, OpenSubtree]] = []
@@ -221,18 +400,18 @@ class _Pool:
             self._board.offer(piece.included)
         if not piece.undecided.size or len(piece.included) >= self._board.max_size:
             return
-        search = CompiledSearch(self._board, piece, orthogonal=self._orthogonal)
+        own = CompiledSearch(self._board, piece)
         counted = 0
-        while not search.done:
-            hits = search.run(self._board.limits.copy(), TURN)
+        while not own.done:
+            hits = own.run(self._board.limits.copy(), TURN)
             with self._change:
                 self._board.offer_all(hits)
-                self.nodes += search.nodes - counted
-                counted = search.nodes
+                self.nodes += own.nodes - counted
+                counted = own.nodes
                 # The first turn may have waited for the compiler; that is no reason to split.
                 idle = self._threads - self._busy - len(self._heap)
-                if time.perf_counter() >= self.until or (self._busy > 1 and idle > 0 and not search.done):
-                    for part in search.open_subtrees():
+                if time.perf_counter() >= self.until or (self._busy > 1 and idle > 0 and not own.done):
+                    for part in own.open_subtrees():
                         self._push(part)
                     self._change.notify_all()
                     return

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.identification import coefficient_histories, identify
-from brv_hypo.identification.record_errors import tolerated_mechanisms
+from brv_hypo.identification.parameters import tolerated_mechanisms
 from brv_hypo.mechanisms import record_effects
 from tests.studies.identification.study import errors, flights, regress, trial
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.identification.record_errors import lever_force, noise_free_flights
+from brv_hypo.identification.parameters import lever_force, noise_free_flights
 from brv_hypo.motion.inputs import smooth_inputs
 
 RNG = np.random.default_rng(3)

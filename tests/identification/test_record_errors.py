@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.identification.parameters import of_flight
-from brv_hypo.identification.record_errors import (
+from brv_hypo.identification.parameters import (
     ACCELEROMETERS,
     CROSSFLOW,
     GYROS,
@@ -18,6 +17,7 @@ from brv_hypo.identification.record_errors import (
     RecordErrors,
     lever_force,
     noise_free_flights,
+    of_flight,
     record_errors,
 )
 from brv_hypo.motion.inputs import smooth_inputs

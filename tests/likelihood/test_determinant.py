@@ -1,4 +1,4 @@
-"""What integrating the states out adds: its gradient against differences, its value against dense algebra."""
+"""What integrating the states out adds: against a Kalman filter, its gradient against differences."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
-from brv_hypo.likelihood.collocation import Model
-from brv_hypo.likelihood.filter_error import Determinant
+from brv_hypo.likelihood.collocation import Model, linearise_segment
+from brv_hypo.likelihood.filter_error import Determinant, determinant, kalman_innovations
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, Sensitivity, sensitivities
-from brv_hypo.likelihood.parameters import build_parameters
-from brv_hypo.likelihood.segment import Hold, Segment, build_grid
+from brv_hypo.likelihood.segment import Hold, Segment, build_grid, build_parameters
 
 THETA = {"mu": 0.8, "gain": 1.3, "slope": 0.4}
 
@@ -44,6 +44,35 @@ def place(hold: Hold, method: Any) -> tuple[Problem, Iterate]:
 
 
 @pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_it_is_that_of_the_outputs_covariance(hold: Hold) -> None:
+    """C = R + H D^-1 Q D^-T H', by dense algebra, the initial state held; a Kalman filter finds the same."""
+    problem, iterate = place(hold, "complex")
+    expected, squares = 0.0, 0.0
+    for grid, x in zip(problem.grids, iterate.x, strict=True):
+        linear = linearise_segment(problem.model, grid, x, problem.parameters.as_mapping(iterate.theta), ())
+        n = grid.n
+        dynamics = np.eye(2 * n)
+        for k, (before, after) in enumerate(linear.defect_by_state.blocks):
+            rows = slice(2 * k + 2, 2 * k + 4)
+            dynamics[rows, 2 * k : 2 * k + 2], dynamics[rows, rows] = before, after
+        drive = np.concatenate([np.zeros((1, 2)), problem.process_noise**2 * grid.step[:, None]])
+        observe, noise = block_diag(*linear.output_by_state.blocks[:, 0]), np.kron(np.eye(n), iterate.covariance)
+        follow = observe @ np.linalg.inv(dynamics)
+        kept = np.flatnonzero(grid.measured.T)
+        noise = noise[np.ix_(kept, kept)]
+        whole = noise + (follow @ np.diag(drive.ravel()) @ follow.T)[np.ix_(kept, kept)]
+        shift = np.concatenate([np.zeros((1, 2)), linear.defect]).ravel()
+        left = ((grid.y.T - linear.output).ravel() + follow @ shift)[kept]
+        expected += 0.5 * (np.linalg.slogdet(whole)[1] - np.linalg.slogdet(noise)[1])
+        squares += 0.5 * float(left @ np.linalg.solve(whole, left)) + 0.5 * np.linalg.slogdet(whole)[1]
+    assert determinant(problem, iterate) == pytest.approx(expected, rel=1e-9)
+    innovations, nllf = kalman_innovations(problem, iterate)
+    assert nllf == pytest.approx(squares, rel=1e-9)
+    for found, grid in zip(innovations, problem.grids, strict=True):
+        np.testing.assert_array_equal(np.isfinite(found), grid.measured)
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
 @pytest.mark.parametrize("method", ["complex", "central"])
 def test_its_gradient_is_that_of_its_differences(hold: Hold, method: str) -> None:
     problem, iterate = place(hold, method)
@@ -64,6 +93,6 @@ def _slope(problem: Problem, iterate: Iterate, segments: tuple[Sensitivity, ...]
             old + segment.eliminated.states(np.append(0.0, change)).T * problem.size[:, None]
             for old, segment in zip(iterate.x, segments, strict=True)
         ]
-        return Determinant().term(problem, replace(iterate, theta=iterate.theta + change, x=tuple(x)))
+        return determinant(problem, replace(iterate, theta=iterate.theta + change, x=tuple(x)))
 
     return (at(h) - at(-h)) / (2 * h)

@@ -26,13 +26,7 @@ def fitted(problem: ModelProblem, samples: int) -> FitResult:
 )
 def test_in_parts_a_record_gives_the_same_result(problem: ModelProblem, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = fitted(problem, 600)
-    for name, value in (
-        ("collocation._AT_ONCE", 100),
-        ("condensing.LENGTH", 100),
-        ("condensing._LONG", 200),
-        ("starts.PIECE", 200),
-    ):
-        monkeypatch.setattr(f"{MODULE}.{name}", value)
+    monkeypatch.setattr(f"{MODULE}.collocation._AT_ONCE", 100)
     parts = fitted(problem, 600)
     assert (whole.status, parts.status) == ("converged", "converged")
     for name, error in whole.std_error.items():

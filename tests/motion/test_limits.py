@@ -9,8 +9,7 @@ import numpy as np
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import inertial_record
 from brv_hypo.motion.methods import method_of
-from brv_hypo.motion.moments import moment_estimate
-from brv_hypo.motion.pipeline import limits_of
+from brv_hypo.motion.pipeline import limits_of, moment_estimate
 from tests.flights import nominal
 
 

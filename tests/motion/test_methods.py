@@ -19,13 +19,16 @@ from brv_hypo.settings import settings_of
 HALFWAY = '''
 from dataclasses import replace
 
-from brv_hypo.motion.method import from_nose
+from brv_hypo.motion.methods.open_loop import from_nose
 
 
 def halfway(record, config, perturbations):
     """Half the crossflow of the velocity method."""
     found = from_nose(record, config, perturbations, forces=True)
     return replace(found, crossflow=0.5 * found.crossflow)
+
+
+METHODS = (halfway,)
 '''
 
 

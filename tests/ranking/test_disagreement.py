@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.ranking.summary import criteria_disagree
-from brv_hypo.subset import stepwise_columns
+from tests.studies.subset.stepwise import stepwise_columns
 
 
 def row(mechanism, f_ratio, cp, error):

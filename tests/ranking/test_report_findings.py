@@ -9,7 +9,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import RankedHypothesis
 from brv_hypo.simulation import simulate
-from brv_hypo.subset import stepwise_columns
+from tests.studies.subset.stepwise import stepwise_columns
 
 # Table 4.1: the 27 terms beside the constant, as powers of (alpha, Re, Mach).
 TERMS = {

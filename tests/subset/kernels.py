@@ -7,7 +7,7 @@ from typing import Any
 from unittest.mock import patch
 
 from brv_hypo.subset import SubsetResult, best, best_subsets
-from brv_hypo.subset.search import Effort
+from brv_hypo.subset.best import Effort
 
 
 def best_subsets_by(kernel: str, *arguments: Any, **options: Any) -> SubsetResult:

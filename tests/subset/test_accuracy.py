@@ -71,7 +71,7 @@ def test_filip_rss_from_double_columns() -> None:
     assert digits(fit("Filip").subsets[-1].rss, certified("Filip")["anova"]["residual"]["ss"]) >= 9.0
 
 
-@pytest.mark.parametrize("kernel", ["numba-givens", "numba-schur", pytest.param("numpy", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("kernel", ["auto", "numba-schur", pytest.param("numpy", marks=pytest.mark.thorough)])
 def test_polynomial_rss_to_twelve_digits(kernel: str) -> None:
     """Against a fit in 60-digit arithmetic of the same double-precision columns."""
     X, y = polynomial_problem()

@@ -89,7 +89,7 @@ def sums(others: int) -> tuple[np.ndarray, np.ndarray]:
     return X, X.sum(axis=1) + rng.standard_normal(ROWS)
 
 
-@pytest.mark.parametrize("kernel", ["auto", "numpy", "numba-schur", "numba-givens"])
+@pytest.mark.parametrize("kernel", ["auto", "numpy", "numba-schur"])
 @pytest.mark.parametrize("most", range(1, 6))
 def test_leaves_of_any_size_hold_what_every_subset_does(most: int, kernel: str) -> None:
     X, y = sums(3)

@@ -12,7 +12,7 @@ from brv_hypo.subset import Group, SubsetResult
 from tests.subset.brute_force import Row, enumerate_subsets, representatives
 from tests.subset.kernels import best_subsets_by
 
-KERNELS = ("numpy", "numba-schur", "numba-givens")
+KERNELS = ("numpy", "numba-schur")
 BATCHES, PER_BATCH = 40, 25
 QUICK_BATCHES, THOROUGH_BATCHES = 4, 8
 """Batches of every run; each batch has every kernel, with and without rules."""
@@ -123,7 +123,7 @@ def test_agrees_with_complete_enumeration(batch: int) -> None:
         problem = random_problem(rng)
         if i % 2:
             problem = with_rules(problem, rng)
-        check(problem, solve(problem, KERNELS[(batch + i) % 3]))
+        check(problem, solve(problem, KERNELS[(batch + i // 2) % 2]))
 
 
 @pytest.mark.parametrize("kernel", KERNELS)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from brv_hypo.subset import best_subsets, stepwise_columns
+from brv_hypo.subset import best_subsets
 from tests.shared_data import shared_file
+from tests.studies.subset.stepwise import stepwise_columns
 from tests.subset.kernels import best_subsets_by
 
 # Hald's cement data: Draper and Smith, Applied Regression Analysis (x1..x4, y).
@@ -65,7 +66,7 @@ LEAPS = {
     "airpollution": "R_leaps_3.1_airpollution_raw.csv",
     "airpollution:log": "R_leaps_3.1_airpollution_log.csv",
 }
-KERNELS = ("auto", "numpy", "numba-schur", "numba-givens")
+KERNELS = ("auto", "numpy", "numba-schur")
 
 
 @pytest.mark.shared

@@ -17,7 +17,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.measurement import MeasurementModel, force_measurement, moment_measurement
-from brv_hypo.motion.method import WindHistory
+from brv_hypo.motion.reconstruction import WindHistory
 from brv_hypo.motion.responses import Perturbation, corrected, effect_responses, no_responses, nonzero_responses
 from brv_hypo.motion.signals import rms, with_smooth_air
 from brv_hypo.motion.smoother import RandomWalkSmoother, SmoothedMotion, StartingPoint
@@ -268,3 +268,6 @@ def _history(problem: RandomWalkSmoother, fit: SmoothedMotion, warnings: tuple[s
                 accel_sigma=float(np.median(force.sigma[np.isfinite(force.sigma)])),
             )
     return found
+
+
+METHODS = (joint,)

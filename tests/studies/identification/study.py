@@ -17,9 +17,8 @@ from scipy.signal import lfilter
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.identify import identify
-from brv_hypo.identification.record_errors import tolerated_mechanisms
-from brv_hypo.identification.result import Estimate, Identification
+from brv_hypo.identification.identify import Estimate, Identification, identify
+from brv_hypo.identification.parameters import tolerated_mechanisms
 from brv_hypo.mechanisms import find, record_effects
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct
