@@ -13,8 +13,7 @@ from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import at
 from brv_hypo.ranking.judgement import Judged
-from brv_hypo.ranking.limits import even_edges
-from brv_hypo.ranking.with_processes import PLAIN_EDGES, acting
+from brv_hypo.ranking.with_processes import acting
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.unmodelled import RATE, plain_columns, turning_moments, unmodelled_moments
@@ -39,7 +38,7 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
-    found = [acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null, even_edges(frame, PLAIN_EDGES))]
+    found = [acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null)]
     if (stretch := _stretch(leader, frame)) is not None:
         found.append(
             acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch))

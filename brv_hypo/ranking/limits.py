@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import eigh
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_QUANTILE
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.evidence import Evidence
@@ -138,23 +139,43 @@ def regions(
     edges: FloatArray,
     widths: Sequence[int] = (0,),
     thetas: Sequence[Theta] = (),
+    most: int | None = None,
 ) -> list[Shape]:
-    """Every region between two edges, at every theta of a dense grid, or of those given; it comes on over so many parts
-    between neighbouring edges, which are even unless that is 0.
+    """Every region between two edges, at every theta of a dense grid, or of those given; `most` of each that gain most.
+
+    A region comes on over so many parts between neighbouring edges, which are even unless that is 0.
     """
     acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
-    return [shape for theta in grid for shape in _shapes(evidence, acting, mechanism, theta, edges, widths)]
+    return [shape for t in grid for shape in _shapes(evidence, acting, mechanism, t, edges, tuple(widths), most)]
 
 
-def _weights(count: int, start: int, stop: int, width: int) -> FloatArray:
-    """How much of each of so many parts (count,) a region holds that comes on over `width` of them."""
+@lru_cache(maxsize=8)
+def _every_region(count: int, widths: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
+    """First and last edge and width (regions, 3) of every region of so many parts, how much of each it holds
+    (regions, count).
+    """
+    ends = np.array(
+        [
+            (first, last, width)
+            for width in widths
+            for first in range(width // 2, count)
+            for last in range(first + max(width // 2, 1), count + 1)
+        ]
+    )
+    first, last, width = ends.T[:, :, np.newaxis]
     place = np.arange(count) + 0.5
-    rise = np.clip((place - start) / width + 0.5, 0.0, 1.0) if width else place > start
-    return np.asarray(rise * (place < stop), dtype=float)
+    rise = np.where(width > 0, np.clip((place - first) / np.maximum(width, 1) + 0.5, 0.0, 1.0), place > first)
+    return ends, rise * (place < last)
 
 
 def _shapes(
-    evidence: Evidence, frame: RateFrame, mechanism: Mechanism, theta: Theta, edges: FloatArray, widths: Sequence[int]
+    evidence: Evidence,
+    frame: RateFrame,
+    mechanism: Mechanism,
+    theta: Theta,
+    edges: FloatArray,
+    widths: tuple[int, ...],
+    most: int | None,
 ) -> list[Shape]:
     """Every region between two edges, made of the parts between neighbouring ones."""
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
@@ -167,39 +188,35 @@ def _shapes(
     ]
     rows, moments = evidence.rows.of_moments(frame, parts), frame.moments(parts)
     count, terms = edges.size - 1, len(names)
-    ends = [
-        (a, b, width)
-        for width in widths
-        for a in range(width // 2, count)
-        for b in range(a + max(width // 2, 1), count + 1)
-    ]
-    inside = np.array([_weights(count, *each) for each in ends])
+    ends, every = _every_region(count, widths)
     part = float(np.min(np.diff(edges)))
 
-    def over_regions(products: FloatArray) -> FloatArray:
+    def over_regions(products: FloatArray, inside: FloatArray) -> FloatArray:
         """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
         first = (inside @ products.reshape(count, -1)).reshape(-1, terms, count, terms)
         return np.asarray(np.sum(first * inside[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
 
     products, against_y = evidence.projected_products(rows)
-    information = over_regions(products)
-    before = np.diagonal(over_regions(rows.T @ rows), axis1=1, axis2=2)
-    gram = over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0])
-    right = inside @ against_y.reshape(count, terms)
+    information, right = over_regions(products, every), every @ against_y.reshape(count, terms)
+    before = np.diagonal(over_regions(rows.T @ rows, every), axis1=1, axis2=2)
     scale = np.diagonal(information, axis1=1, axis2=2)
-    determined = np.flatnonzero(np.all(scale > _SPENT * before, axis=1))
-    determined = determined[np.linalg.cond(information[determined] / scale[determined, np.newaxis]) <= _WORST_CONDITION]
-    estimate = np.linalg.solve(information[determined], right[determined][..., np.newaxis])[..., 0]
-    peak = np.einsum("ra,rab,rb->r", estimate, information[determined], estimate)
+    kept = np.flatnonzero(np.all(scale > _SPENT * before, axis=1))
+    kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]
+    estimate = np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0]
+    peak = np.einsum("ra,rab,rb->r", estimate, information[kept], estimate)
+    if most is not None:
+        first = np.argsort(-peak, kind="stable")[:most]
+        kept, estimate, peak = kept[first], estimate[first], peak[first]
+    gram = over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0], every[kept])
     return [
         Shape(
             float(peak[k]),
             estimate[k],
             information[j],
-            gram[j],
+            gram[k],
             theta,
-            (float(edges[a]), float(edges[b])),
-            width * part,
+            (float(edges[ends[j, 0]]), float(edges[ends[j, 1]])),
+            float(ends[j, 2]) * part,
         )
-        for k, (j, (a, b, width)) in enumerate((j, ends[j]) for j in determined.tolist())
+        for k, j in enumerate(kept.tolist())
     ]

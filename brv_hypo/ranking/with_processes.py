@@ -1,6 +1,7 @@
 """A hypothesis beside processes: fitted, acting between two times, without what is not wanted there.
 
-The search, which knows no processes, describes with many knots what they explain. Entrances: `in_one_region`, `plainest`.
+The search, which knows no processes, describes with many knots what they explain. Entrances: `in_one_region` and
+`plainest`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column
+from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column, theta_grid
 from brv_hypo.ranking.limits import Shape, even_edges, regions
 from brv_hypo.regression.fit import HypothesisFit, solved
 from brv_hypo.regression.frame import RateFrame
@@ -27,9 +28,11 @@ _INFORMED = 1.0  # nats by which the data have to narrow what remains: that whic
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
-FINER, FINER_EDGES = 2, 9  # turns about the best two of them, and times about each: jumps have several optima
+FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
-PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which a mechanism is tried acting: with delays, without
+PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which all mechanisms and delays, and the best of them, are tried
+TRIED_FINELY = 3  # of those, at most
+_FURTHER = 10.0  # nats that such a region has to gain: smooth effects of other shapes gain some
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
@@ -43,7 +46,7 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
-    found = acting(problem, like, fit.mechanisms, null, *_grid(frame, fit.mechanisms[0]))
+    found = acting(problem, like, fit.mechanisms, null)
     return [pair] if found is None else [pair, found]
 
 
@@ -61,14 +64,12 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
     return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
 
 
-def _grid(frame: RateFrame, mechanism: Mechanism) -> tuple[FloatArray, tuple[int, ...]]:
-    """Times between which a mechanism is tried acting, and over how many parts between them it may come on."""
-    if mechanism.parameters():
-        return even_edges(frame, PLAIN_EDGES), tuple(round(share * (PLAIN_EDGES - 1)) for share in ONSETS)
-    return _fine(frame)
+def _peak(shape: Shape) -> float:
+    return shape.peak
 
 
 def _fine(frame: RateFrame) -> tuple[FloatArray, tuple[int, ...]]:
+    """Times between which a mechanism is tried acting, and over how many parts between them it may come on."""
     return even_edges(frame, FINE_EDGES), tuple(round(share * (FINE_EDGES - 1)) for share in ONSETS)
 
 
@@ -84,13 +85,12 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
     for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
-        found = regions(own, frame, mechanism, *_fine(frame), [fit.selected[0].theta])
-        best = max(found, key=lambda each: each.peak, default=None)
-        if best is None or 0.5 * best.peak < _LINEAR:
+        found = regions(own, frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)
+        if not found or 0.5 * found[0].peak < _FURTHER:
             break
-        further = _acting_between(mechanism, best, frame)
+        further = _acting_between(mechanism, found[0], frame)
         there = moved(problem, fitted(problem, fit, (*fit.selected, *further), own))
-        if there[1].level < own.level + _LINEAR:
+        if there[1].level < own.level + _FURTHER:
             break
         pair = there
     return pair
@@ -157,25 +157,29 @@ def acting(
     like: HypothesisFit,
     mechanisms: Sequence[Mechanism],
     null: Evidence,
-    edges: FloatArray,
-    onsets: Sequence[int] = (0,),
+    edges: FloatArray | None = None,
 ) -> Pair | None:
-    """One of several mechanisms, that which explains most between two of these times, as a hypothesis like another;
-    None where none is determined. It may come on over so many parts between times that are even.
+    """One of several mechanisms, that which explains most between two times, as a hypothesis like another; None where
+    none is determined. The times are those given, or of a fine grid; then it may come on over some of its parts.
     """
-    found = [(m, shape) for m in mechanisms for shape in regions(null, like.frame, m, edges, onsets)]
-    if not found:
+    every = [(mechanism, theta) for mechanism in mechanisms for theta in theta_grid(mechanism, dense=True)]
+    grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(like.frame, PLAIN_EDGES), (0,), TRIED_FINELY)]
+    grids = [*grids[len(every) <= TRIED_FINELY :], (*_fine(like.frame), 1)] if edges is None else [(edges, (0,), 1)]
+    for times, onsets, count in grids:
+        shapes = [(m, shape) for m, t in every for shape in regions(null, like.frame, m, times, onsets, [t], most=1)]
+        shapes.sort(key=lambda each: -each[1].peak)
+        every = [(mechanism, shape.theta) for mechanism, shape in shapes[:count]]
+    if not shapes:
         return None
-    mechanism, best = max(found, key=lambda each: each[1].peak)
+    mechanism, best = shapes[0]
     frame = like.frame.with_mechanisms([mechanism])
-    time = frame.coefficient_time
-    reach, shortest = float(np.min(np.diff(edges))), KNOT_MARGIN * (time.max() - time.min()) / (PLAIN_EDGES - 1)
-    for _ in range(FINER if edges.size > 2 and best.width == 0.0 else 0):
+    time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
+    shortest = KNOT_MARGIN * np.ptp(time) / (PLAIN_EDGES - 1)
+    if times.size > 2 and best.width == 0.0:
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
         nearer = regions(null, like.frame, mechanism, closer, (0,), [best.theta])
-        best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=lambda each: each.peak)
-        reach *= 2.0 / (FINER_EDGES - 1)
+        best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=_peak)
     columns = _acting_between(mechanism, best, frame)
     own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
     return moved(problem, fitted(problem, own, columns, null))
