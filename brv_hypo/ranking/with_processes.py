@@ -22,6 +22,7 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import KNOT_MARGIN, middle, nonlinear_parameters
+from brv_hypo.thresholds import FURTHER_REGION, ONSET_TAKES_TIME
 
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
@@ -32,7 +33,6 @@ FINER_EDGES = 9  # times about each of the best two of them: jumps have several 
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which all mechanisms and delays, and the best of them, are tried
 TRIED_FINELY = 24  # of those, at most
-_FURTHER = 10.0  # nats that such a region has to gain: smooth effects of other shapes gain some
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
@@ -86,11 +86,11 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
         found = regions(own, frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)
-        if not found or 0.5 * found[0].peak < _FURTHER:
+        if not found or 0.5 * found[0].peak < FURTHER_REGION:
             break
         further = _acting_between(mechanism, found[0], frame)
         there = moved(problem, fitted(problem, fit, (*fit.selected, *further), own))
-        if there[1].level < own.level + _FURTHER:
+        if there[1].level < own.level + FURTHER_REGION:
             break
         pair = there
     return pair
@@ -117,12 +117,12 @@ def widened(problem: Problem, pair: Pair) -> Pair:
         jumps = {column.time_basis for column in fit.selected if column.time_basis.kind == "jump"}
         found = [(*_best_width(fit, own, jump), jump) for jump in sorted(jumps, key=middle)]
         wide, gain, jump = max(found, key=lambda each: each[1], default=(None, 0.0, None))
-        if wide is None or gain < _LINEAR:
+        if wide is None or gain < ONSET_TAKES_TIME:
             break
         over = [replace(c, time_basis=wide, units=wide.units(c.units)) for c in fit.selected]
         columns = [new if old.time_basis == jump else old for old, new in zip(fit.selected, over, strict=True)]
         there = moved(problem, fitted(problem, fit, columns, own))
-        if there[1].level < own.level + _LINEAR:
+        if there[1].level < own.level + ONSET_TAKES_TIME:
             break
         pair = there
     return pair if pair is sharp else _without_unwanted(problem, pair)

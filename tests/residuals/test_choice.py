@@ -60,6 +60,17 @@ def chosen(
     return choose(here, any_state, discovery, 0.01, lambda one: any_state)
 
 
+@pytest.mark.parametrize(
+    ("name", "gain", "accepted"), [("lag", 0.0, False), ("lag", SPECIFIC, True), ("discovered_1", 0.0, True)]
+)
+def test_a_name_outside_the_family_that_explains_most_has_to_be_established(
+    name: str, gain: float, accepted: bool
+) -> None:
+    tried = replace(judged(candidate(name, 90.0), Agreement(5.0, 5.0), 0.5, certain=True), gain=gain)
+    assert tried.accepted
+    assert replace(tried, of_majority=False).accepted is accepted
+
+
 def test_a_refused_leader_makes_way_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)]
     result = chosen(found, "trim", monkeypatch)
