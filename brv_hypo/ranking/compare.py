@@ -169,11 +169,7 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         for each in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
-    fit = Fit(
-        leader.noise * beside.rows.noise_ratio,
-        beside.rows.size,
-        share.share * beside.squares * beside.rows.noise_ratio**2,
-    )
+    fit = Fit(beside.misfit, beside.rows.size, share.share * beside.squares * beside.rows.noise_ratio**2)
     verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses)
     if verdict.outcome == "none adequate":

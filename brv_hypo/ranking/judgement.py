@@ -65,6 +65,11 @@ class Judged:
         """The place of the most probable hypothesis."""
         return min(range(len(self.fits)), key=lambda k: self.fits[k].information)
 
+    @property
+    def misfit(self) -> float:
+        """What the leader and processes leave of the record, rms over the stated noise's."""
+        return self.evidences[self.leader].noise * self.rows.noise_ratio
+
     @cached_property
     def squares(self) -> float:
         """The sum of squares of the baseline's residual without processes."""
@@ -86,10 +91,12 @@ def judged(
 ) -> Judged:
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
-    Where another has the larger evidence there, the record is linearised about that one once more.
+    Where another has the larger evidence there, the record is linearised about that one once more. Of two points that
+    counts whose leader leaves less of the record, beyond what noise scatters: nothing but the point tells them apart.
     """
     problem, settings = shared_problem(reconstructions, config)
     fits, about = _searched(problem, hypotheses, say), set[str]()
+    found: Judged | None = None
     while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
         about.add(leader.name)
         say(f"linearising about {hypothesis(leader.name)}")
@@ -123,7 +130,11 @@ def judged(
         evidences = [own for _, own in pairs]
         scale = scale_variance(whole)
         fits = [with_design(problem, _estimated(*each, null, scale)) for each in pairs]
-    return Judged(problem, rows, tuple(fits), tuple(evidences))
+        there = Judged(problem, rows, tuple(fits), tuple(evidences))
+        if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
+            found = there
+    assert found is not None
+    return found
 
 
 def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
