@@ -38,7 +38,8 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
-    found = [acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null)]
+    # What comes on over a time is a process's.
+    found = [acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null, onsets=(0.0,))]
     if (stretch := _stretch(leader, frame)) is not None:
         found.append(
             acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch))

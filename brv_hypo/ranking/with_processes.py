@@ -68,9 +68,9 @@ def _peak(shape: Shape) -> float:
     return shape.peak
 
 
-def _fine(frame: RateFrame) -> tuple[FloatArray, tuple[int, ...]]:
+def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
     """Times between which a mechanism is tried acting, and over how many parts between them it may come on."""
-    return even_edges(frame, FINE_EDGES), tuple(round(share * (FINE_EDGES - 1)) for share in ONSETS)
+    return even_edges(frame, FINE_EDGES), tuple(round(share * (FINE_EDGES - 1)) for share in onsets)
 
 
 def level(pair: Pair) -> float:
@@ -158,15 +158,18 @@ def acting(
     mechanisms: Sequence[Mechanism],
     null: Evidence,
     edges: FloatArray | None = None,
+    onsets: Sequence[float] = ONSETS,
 ) -> Pair | None:
     """One of several mechanisms, that which explains most between two times, as a hypothesis like another; None where
-    none is determined. The times are those given, or of a fine grid; then it may come on over some of its parts.
+    none is determined. The times are those given, or of a fine grid; then it may come on over these shares of it.
     """
     every = [(mechanism, theta) for mechanism in mechanisms for theta in theta_grid(mechanism, dense=True)]
     grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(like.frame, PLAIN_EDGES), (0,), TRIED_FINELY)]
-    grids = [*grids[len(every) <= TRIED_FINELY :], (*_fine(like.frame), 1)] if edges is None else [(edges, (0,), 1)]
-    for times, onsets, count in grids:
-        shapes = [(m, shape) for m, t in every for shape in regions(null, like.frame, m, times, onsets, [t], most=1)]
+    grids = (
+        [*grids[len(every) <= TRIED_FINELY :], (*_fine(like.frame, onsets), 1)] if edges is None else [(edges, (0,), 1)]
+    )
+    for times, parts, count in grids:
+        shapes = [(m, shape) for m, t in every for shape in regions(null, like.frame, m, times, parts, [t], most=1)]
         shapes.sort(key=lambda each: -each[1].peak)
         every = [(mechanism, shape.theta) for mechanism, shape in shapes[:count]]
     if not shapes:

@@ -52,13 +52,13 @@ class Tried:
     gain: float | None = None
     """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
     of_majority: bool = True
-    """Whether it is of the family of processes that explains most of the residual."""
+    """Whether it is of the family of processes that explains most of the residual, if one does."""
 
     @property
     def accepted(self) -> bool:
         """Whether the held-out part agrees, and processes do not explain the record far better, or better at all.
 
-        What the evidence does not want beside them has to be of the family that explains most, or has no name.
+        What the evidence does not want beside them is refused where another family explains most of the residual.
         """
         least = 0.0 if self.carried else -SPECIFIC
         if self.gain is not None and self.gain < SPECIFIC and self.candidate.kind != "discovered":
@@ -138,7 +138,7 @@ def choose(
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
     tolerance that every fit allows it. `scheduled` says that the model has a schedule by Mach number; `weighed`: what
-    the last effect of a model gains beside all processes, and whether it is of the family that explains most.
+    the last effect of a model gains beside all processes, and whether no other family explains most of the residual.
     """
     held = {column.mechanism for column in here.problem.baseline}
     ranked = tuple(_ranked(here, discovery, held))

@@ -168,9 +168,9 @@ class Beside:
 
     @cached_property
     def majority(self) -> str | None:
-        """The family of processes that explains more than all others together; None where none does."""
+        """The family of processes that explains more than half of the residual; None where none does."""
         found = self.shares([])
-        return found[0].family if found and 2.0 * found[0].share > sum(each.share for each in found) else None
+        return found[0].family if found and found[0].share > 0.5 else None
 
     def _selected(self, names: Sequence[str]) -> list[tuple[tuple[str, ...], Evidence]]:
         """Families one after another, each the one that raises the evidence most; two at once where no one does."""

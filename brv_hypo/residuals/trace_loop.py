@@ -412,7 +412,7 @@ class _Loop:
             there = beside_processes(found, state.model, self.config, found.data.fitted)
             gain = there.gain(own := found.model.added[-1])
             gain = gain if gain >= 0.0 else max(gain, min(there.gain_in_place(own), 0.0))
-            return gain, gain >= SPECIFIC or beside.majority == there.families[own]
+            return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
 
         choice = choose(here, state, discovery, self.config.significance, add, white, known, weighed)
         if choice.accepted is None:
