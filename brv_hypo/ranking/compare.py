@@ -169,7 +169,8 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
         for each in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
-    fit = Fit(beside.misfit, beside.rows.size, share.share * beside.squares * beside.rows.noise_ratio**2)
+    squares = share.share * beside.squares * beside.rows.noise_ratio**2
+    fit = Fit(beside.misfit, beside.rows.size, squares, share.interval_95[0] > 0.0)
     verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses)
     if verdict.outcome == "none adequate":

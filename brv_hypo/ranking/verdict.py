@@ -38,12 +38,13 @@ class Candidate:
 @dataclass(frozen=True)
 class Fit:
     """How the leader fits: `noise` over what the record states, of so many `rows`; squares that it `explains` of the
-    residual of the baseline.
+    residual of the baseline, and whether the interval of their share excludes none.
     """
 
     noise: float
     rows: int
     explains: float
+    significant: bool = True
 
     @property
     def p_value(self) -> float:
@@ -156,7 +157,8 @@ def decide(
     if leader.impossible is not None:
         chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
     null = next((candidate for candidate in listed if candidate.name == NONE), leader)
-    predicts = null is leader or bool(fit.explains > 0.0 and np.sum(leader.held_out) > np.sum(null.held_out))
+    explains = fit.explains > 0.0 and fit.significant
+    predicts = null is leader or bool(explains and np.sum(leader.held_out) > np.sum(null.held_out))
     adequate = fit.adequate and chances[OTHER] < WINNING_PROBABILITY and leader.impossible is None
     return Decision(leader, chances, adequate, predicts)
 
@@ -216,8 +218,9 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:
     if not predicts:
         return (
-            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but explains nothing that "
-            "baseline and processes do not, or predicts stretches of the record from the others no better than these."
+            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but explains nothing "
+            "significant that baseline and processes do not, or predicts stretches of the record from the others no "
+            "better than these."
         )
     names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
     best = max(outside, key=lambda candidate: candidate.level, default=None)

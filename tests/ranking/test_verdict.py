@@ -178,13 +178,14 @@ def test_a_name_predicts_better_than_the_baseline_only(held_out: float, named: b
     if not named:
         assert (verdict.outcome, verdict.equivalent) == ("undecided", ("lag", NONE))
         assert verdict.reason == (
-            "The data do not name one hypothesis: lag has the largest evidence, but explains nothing that baseline and "
-            "processes do not, or predicts stretches of the record from the others no better than these."
+            "The data do not name one hypothesis: lag has the largest evidence, but explains nothing significant that "
+            "baseline and processes do not, or predicts stretches of the record from the others no better than these."
         )
 
 
-def test_what_explains_nothing_is_not_named() -> None:
-    verdict = said(NULL, LAG, fit=Fit(1.0, ROWS, 0.0))
+@pytest.mark.parametrize("fit", [Fit(1.0, ROWS, 0.0), Fit(1.0, ROWS, 800.0, significant=False)])
+def test_what_explains_nothing_significant_is_not_named(fit: Fit) -> None:
+    verdict = said(NULL, LAG, fit=fit)
     assert (verdict.outcome, verdict.winner) == ("undecided", None)
 
 
