@@ -23,7 +23,7 @@ from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 
 # Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
-_SPENT = 1e-8
+SPENT = 1e-8
 _DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
 # Condition number of a region's scaled information above which its terms cannot be distinguished.
 _WORST_CONDITION = 1e10
@@ -200,7 +200,7 @@ def _shapes(
     information, right = over_regions(products, every), every @ against_y.reshape(count, terms)
     before = np.diagonal(over_regions(rows.T @ rows, every), axis1=1, axis2=2)
     scale = np.diagonal(information, axis1=1, axis2=2)
-    kept = np.flatnonzero(np.all(scale > _SPENT * before, axis=1))
+    kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
     kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]
     estimate = np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0]
     peak = np.einsum("ra,rab,rb->r", estimate, information[kept], estimate)

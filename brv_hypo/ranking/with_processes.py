@@ -16,7 +16,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.evidence import Evidence, maximised
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column, theta_grid
-from brv_hypo.ranking.limits import Shape, even_edges, regions
+from brv_hypo.ranking.limits import SPENT, Shape, even_edges, regions
 from brv_hypo.regression.fit import HypothesisFit, solved
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
@@ -145,9 +145,10 @@ def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[Tim
         return jump, 0.0
     tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
     rows = own.rows.of_moments(frame, tried).reshape(-1, len(ramps), len(mine)) @ values / (2.0 * halves)
-    sharp = own.rows.of_moments(frame, [fit.selected[k] for k in mine]) @ values
-    information, right = own.projected_products(rows - sharp[:, np.newaxis])
-    gains = 0.5 * right**2 / np.diag(information)
+    more = rows - (own.rows.of_moments(frame, [fit.selected[k] for k in mine]) @ values)[:, np.newaxis]
+    information, right = own.projected_products(more)
+    known = np.diag(information)
+    gains = 0.5 * np.divide(right**2, known, out=np.zeros_like(known), where=known > SPENT * np.sum(more**2, axis=0))
     best = int(np.argmax(gains))
     return ramps[best], float(gains[best])
 

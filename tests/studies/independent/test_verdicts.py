@@ -156,7 +156,6 @@ def test_a_bend_of_large_angles_that_changes_with_the_speed_is_no_mechanism() ->
     assert said(drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)).winner in (None, "none")
 
 
-@pytest.mark.xfail(strict=True, reason="beside processes a bend at 30 deg that the speed changes still leaves 10 nats")
 def test_beside_such_a_bend_the_baseline_remains_in_the_credible_set() -> None:
     assert "none" in said(drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)).equivalent
 
