@@ -179,6 +179,7 @@ MECHANISM_AMPLITUDE = threshold(
 BOUND_COSTS = threshold(0.5, "1", "a mechanism is impossible: part of its gain that bounds cost", _FLIGHTS)
 SPECIFIC = threshold(5.0, "nats", "terms of a mechanism are significant", "Kass and Raftery 1995: very strong")
 FAMILY_SIGNIFICANT = threshold(3.0, "nats", "a family explains some of a residual", "Kass and Raftery 1995: strong")
+FAMILY_MAJORITY = threshold(0.5, "1", "a family explains most: its share of the residual", "majority, by definition")
 FAMILY_REST = threshold(0.1, "1", "an effect replaces processes: what its family adds, of what it explains", _FLIGHTS)
 ALWAYS = threshold(0.1, "1", "prior that a mechanism acts throughout the record", _FLIGHTS)
 NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _FLIGHTS)

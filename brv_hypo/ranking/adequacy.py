@@ -38,7 +38,7 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
-    # What comes on over a time is a process's.
+    # Gradual changes of such moments are described by processes.
     found = [acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null, onsets=(0.0,))]
     if (stretch := _stretch(leader, frame)) is not None:
         found.append(

@@ -91,8 +91,8 @@ def judged(
 ) -> Judged:
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
-    Where another has the larger evidence there, the record is linearised about that one once more. Of two points that
-    counts whose leader leaves less of the record, beyond what noise scatters: nothing but the point tells them apart.
+    Where another has the larger evidence there, the record is linearised about that one once more. The later of the
+    two linearisations is kept, unless its leader's residual is larger by more than noise scatters.
     """
     problem, settings = shared_problem(reconstructions, config)
     fits, about = _searched(problem, hypotheses, say), set[str]()
@@ -125,8 +125,8 @@ def judged(
         ]
         high = max(map(level, pairs)) - WIDENED
         pairs = [widened(problem, each) if level(each) > high else each for each in pairs]
-        first_of_all = max(range(len(pairs)), key=lambda k: level(pairs[k]))
-        pairs[first_of_all] = moved(problem, pairs[first_of_all], closely=True)
+        place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
+        pairs[place] = moved(problem, pairs[place], closely=True)
         evidences = [own for _, own in pairs]
         scale = scale_variance(whole)
         fits = [with_design(problem, _estimated(*each, null, scale)) for each in pairs]

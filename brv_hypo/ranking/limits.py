@@ -143,7 +143,7 @@ def regions(
 ) -> list[Shape]:
     """Every region between two edges, at every theta of a dense grid, or of those given; `most` of each that gain most.
 
-    A region comes on over so many parts between neighbouring edges, which are even unless that is 0.
+    `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
     """
     acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
     return [shape for t in grid for shape in _shapes(evidence, acting, mechanism, t, edges, tuple(widths), most)]

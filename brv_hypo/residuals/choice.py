@@ -61,9 +61,10 @@ class Tried:
         What the evidence does not want beside them is refused where another family explains most of the residual.
         """
         least = 0.0 if self.carried else -SPECIFIC
-        if self.gain is not None and self.gain < SPECIFIC and self.candidate.kind != "discovered":
-            return self.agrees and self.gain > least and self.of_majority
-        return self.agrees and (self.gain is None or self.gain > least)
+        if self.gain is None:
+            return self.agrees
+        may_be_named = self.of_majority or self.gain >= SPECIFIC or self.candidate.kind == "discovered"
+        return self.agrees and self.gain > least and may_be_named
 
     @property
     def agrees(self) -> bool:

@@ -45,7 +45,7 @@ from brv_hypo.residuals.fitted_model import State
 from brv_hypo.residuals.linearisation import Applied, Model
 from brv_hypo.residuals.problem import problem_of
 from brv_hypo.residuals.result import Family, ProcessHistory
-from brv_hypo.thresholds import FAMILY_SIGNIFICANT, SPECIFIC
+from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
 
 _PLACES = 9  # at which the history of a process is reported
 
@@ -170,7 +170,7 @@ class Beside:
     def majority(self) -> str | None:
         """The family of processes that explains more than half of the residual; None where none does."""
         found = self.shares([])
-        return found[0].family if found and found[0].share > 0.5 else None
+        return found[0].family if found and found[0].share > FAMILY_MAJORITY else None
 
     def _selected(self, names: Sequence[str]) -> list[tuple[tuple[str, ...], Evidence]]:
         """Families one after another, each the one that raises the evidence most; two at once where no one does."""
