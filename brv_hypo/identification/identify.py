@@ -8,7 +8,7 @@ variance f' M^-1 f, at the estimated motion; the uncertainty of the motion is no
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,11 +23,11 @@ from brv_hypo.identification.parameters import READ, of_flight, unique
 from brv_hypo.identification.problem import IdentificationConfig, Problem, build_problem
 from brv_hypo.likelihood import Delayed, FitResult
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.search import Progress
 from brv_hypo.likelihood.segment import Interpolator
 from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.term import Regressor
+from brv_hypo.progress import Progress
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.nuisance import beyond_tolerance
 from brv_hypo.regression.uncertainty import Regressed
@@ -224,7 +224,7 @@ def identify(
     options: IdentificationConfig | None = None,
     *,
     regressed: Regressed | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Progress | None = None,
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
@@ -260,7 +260,7 @@ def identify(
     return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
 
 
-def _search(problem: Problem, progress: Callable[[Progress], None] | None) -> tuple[Problem, FitResult, int]:
+def _search(problem: Problem, progress: Progress | None) -> tuple[Problem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     searches: list[FitResult] = []
 

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,11 +27,11 @@ from brv_hypo.identification.parameters import (
 )
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.derivatives import PartialJacobian
-from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.measurement import BENT
+from brv_hypo.progress import Progress
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.uncertainty import Regressed
 
@@ -160,7 +160,7 @@ class Problem:
         max_iterations: int | None = None,
         near_start: bool = True,
         fixed: Sequence[str] = (),
-        progress: Callable[[Progress], None] | None = None,
+        progress: Progress | None = None,
     ) -> FitResult:
         """Maximum likelihood, with some parameters `fixed`."""
         return fit(

@@ -21,7 +21,7 @@ from typing import TextIO
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.errors import BrvHypoError, FlightRecordError, UsageError, missing_package
 from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.files import check_regular
 from brv_hypo.io.sandbox import READ_BUDGET, read_in_sandbox
@@ -113,6 +113,8 @@ def _read_csv(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable
             for row in rows if names else ():
                 for name, place in places.items() if row else ():
                     columns[name].append(_number(row, place, name))
+    except BrvHypoError:
+        raise
     except (UnicodeDecodeError, csv.Error, OSError) as error:
         raise FlightRecordError(
             f"{path}: found a table that cannot be read ({one_line(str(error))}). Save it as UTF-8 csv."
@@ -158,7 +160,7 @@ def _number(row: list[str], index: int, name: str) -> float:
 
 def _read_parquet(path: Path, names: tuple[str, ...], delimiter: str) -> ColumnTable:
     if find_spec("pyarrow") is None:
-        raise UsageError(f"{path}: reading parquet needs pyarrow. Install the extra: pip install 'brv-hypo[tables]'.")
+        raise missing_package(f"{path}: reading parquet", "pyarrow", "tables")
     return read_in_sandbox("Parquet", parquet_table, path, names)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -247,6 +247,20 @@ class StudyConfig(Section):
             if twice:
                 raise ValueError(f"the {what} '{twice[0]}' is named twice: ask for more `flights` instead")
         return self
+
+
+class StudySettings(TypedDict, total=False):
+    """The fields of `StudyConfig` as keywords."""
+
+    title: str
+    vehicles: Sequence[str]
+    planted: Sequence[str]
+    flights: int
+    seed: int
+    draws: DrawsConfig | Mapping[str, Any]
+    sample_rate: float | None
+    visible_effect: float
+    compare: CompareConfig | Mapping[str, Any]
 
 
 def read_study(source: str | Path, **overrides: Any) -> StudyConfig:

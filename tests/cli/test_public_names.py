@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import doctest
+import inspect
+import logging
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
 import brv_hypo
+from brv_hypo import errors
+from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.ranking import CompareConfig
+from brv_hypo.residuals import TraceConfig
+from brv_hypo.simulation import SimulationConfig
+from brv_hypo.study import StudyConfig
 
 NAMES = ("load_flight", "reconstruct", "compare", "simulate")
+SETTINGS = {"compare": CompareConfig, "trace": TraceConfig, "reconstruct": ReconstructionConfig}
+SETTINGS |= {"predict": TraceConfig, "simulate": SimulationConfig, "run_study": StudyConfig}
+EXAMPLES = ("brv_hypo.progress", "brv_hypo.flight.format", "brv_hypo.simulation.simulator", "brv_hypo.ranking.compare")
+EXAMPLES += ("brv_hypo.model.reconstruction",)
+QUICK = {"mechanisms": ["lag"], "maximum_likelihood": "none", "knot_count": 2, "refine": False}
 
 
 def run(code):
@@ -45,3 +60,94 @@ def test_the_map_in_the_docstring_names_every_public_function():
     functions, _, places = brv_hypo.__doc__.strip().partition("\n\nWhere things are")
     assert len(functions.splitlines()) <= 12
     assert len(places.splitlines()) <= 4
+
+
+@pytest.mark.parametrize(("name", "model"), SETTINGS.items())
+def test_every_setting_is_a_keyword_with_its_meaning(name, model):
+    function, fields = getattr(brv_hypo, name), model.model_fields.keys()
+    given = inspect.get_annotations(function)["settings"].removeprefix("Unpack[").removesuffix("]")
+    assert vars(import_module(model.__module__))[given].__annotations__.keys() == fields
+    assert fields <= inspect.signature(function).parameters.keys()
+    for heading in ("Parameters", "Returns", "Other Parameters", "Raises"):
+        assert f"\n\n{heading}\n{'-' * len(heading)}\n" in function.__doc__
+    assert all(f"\n{field}\n    " in function.__doc__ for field in fields)
+
+
+def test_keywords_go_over_the_settings(flight_file):
+    flight = brv_hypo.load_flight(flight_file)
+    for config in (None, {"method": "joint"}, ReconstructionConfig(gravity=False)):
+        assert brv_hypo.reconstruct(flight, config, method="rates").method == "rates"
+    with pytest.raises(ValueError, match="is 'method' meant"):
+        brv_hypo.reconstruct(flight, methode="rates")
+    assert brv_hypo.load_flight(flight_file, instruments="laboratory").instruments.grade == "laboratory"
+
+
+@pytest.mark.parametrize(
+    "module", [*EXAMPLES, pytest.param("brv_hypo.model.reconstruction", marks=pytest.mark.thorough)]
+)
+def test_examples_of_docstrings_run(module, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = doctest.testmod(import_module(module))
+    assert done.attempted > 0
+    assert done.failed == 0
+
+
+@pytest.mark.parametrize(
+    ("call", "expected", "code"),
+    [
+        (lambda flight: brv_hypo.load_flight("nowhere.h5"), FileNotFoundError, 3),
+        (lambda flight: brv_hypo.load_flight(__file__), ValueError, 3),
+        (lambda flight: brv_hypo.reconstruct(flight, "nowhere.yaml"), FileNotFoundError, 2),
+        (lambda flight: brv_hypo.compare(flight, mechanisms=["lagg"]), ValueError, 2),
+        (lambda flight: flight.save(flight.path), FileExistsError, 2),
+        (lambda flight: flight.save("flight.csv"), ValueError, 2),
+        (lambda flight: brv_hypo.compare(flight.window(0.0, 0.3), **QUICK), ValueError, 1),
+    ],
+)
+def test_errors_are_what_python_code_catches(flight_file, call, expected, code):
+    with pytest.raises(expected) as caught:
+        call(brv_hypo.load_flight(flight_file))
+    assert isinstance(caught.value, errors.BrvHypoError)
+    assert caught.value.exit_code == code
+
+
+def test_every_error_is_a_built_in_one_too():
+    own = [each for each in vars(errors).values() if inspect.isclass(each) and each is not errors.BrvHypoError]
+    assert all(
+        any(base.__module__ == "builtins" and base not in (Exception, BaseException, object) for base in each.__mro__)
+        for each in own
+    )
+
+
+class _Tqdm:
+    total, n = None, 0.0
+
+    def __init__(self):
+        self.texts = []
+
+    def set_description_str(self, text):
+        self.texts.append(text)
+
+
+def test_one_form_of_progress_serves_callables_rich_tqdm_and_the_log(simulated_file, caplog):
+    from rich.progress import Progress
+
+    calls, bar, rich = [], _Tqdm(), Progress(disable=True)
+    with caplog.at_level(logging.INFO, "brv_hypo"):
+        for progress in (lambda *given: calls.append(given), bar, rich):
+            result = brv_hypo.compare(simulated_file, **QUICK, progress=progress)
+    fractions, texts = zip(*calls, strict=True)
+    assert list(fractions) == sorted(fractions)
+    assert 0.0 <= fractions[0] < 0.1 < 0.7 < fractions[-1] < 1.0
+    assert list(texts) == bar.texts
+    assert bar.n == rich.tasks[0].completed == fractions[-1]
+    assert len(caplog.records) == 3 * len(calls)
+    assert [name for name in dir(result) if name.startswith("model")] == []
+    assert "verdict" in dir(result)
+
+
+def test_a_flight_saves_and_plots_itself(flight_file, tmp_path):
+    flight = brv_hypo.load_flight(flight_file)
+    flight.save(tmp_path / "again.h5")
+    assert brv_hypo.load_flight(tmp_path / "again.h5").samples == flight.samples
+    assert len(flight.plot("rates").axes) == 3
