@@ -33,7 +33,7 @@ import typer
 from brv_hypo.cli import options
 from brv_hypo.cli.streams import require_output, shown
 from brv_hypo.errors import BrvHypoError, UsageError
-from brv_hypo.io.files import check_ending, check_target, remove_open_temporaries, write_whole
+from brv_hypo.io.files import check_suffix, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
 from brv_hypo.progress import Report
 
@@ -189,11 +189,11 @@ class Session:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
 
-    def claim(self, *files: Path | None, endings: Sequence[str] = ()) -> None:
+    def claim(self, *files: Path | None, suffixes: Sequence[str] = ()) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
 
         Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` has
-        none of the `endings`, where these are given.
+        none of the `suffixes`, where these are given.
         """
         if self.json_only:
             require_output("--json -")
@@ -204,8 +204,8 @@ class Session:
             if resolved.count(file.resolve()) > 1:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
             check_target(file, overwrite=self.force)
-            if endings and file in files:
-                check_ending(file, endings)
+            if suffixes and file in files:
+                check_suffix(file, suffixes)
             place = Path(os.path.realpath(file)).parent
             if not place.is_dir():
                 raise UsageError(f"{file} cannot be written: {place} does not exist. Create it, or choose another.")

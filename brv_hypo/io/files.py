@@ -123,12 +123,12 @@ def check_target(path: str | Path, *, overwrite: bool) -> None:
 HDF5 = (".h5", ".hdf5")
 
 
-def check_ending(path: str | Path, endings: Sequence[str]) -> None:
-    """Raise UsageError where the name of a file to be written has none of these endings."""
-    if Path(path).suffix.lower() not in endings:
-        better = Path(path).with_suffix(endings[0]).name if Path(path).stem else f"flight{endings[0]}"
+def check_suffix(path: str | Path, suffixes: Sequence[str]) -> None:
+    """Raise UsageError where the name of a file to be written has none of these suffixes."""
+    if Path(path).suffix.lower() not in suffixes:
+        better = Path(path).with_suffix(suffixes[0]).name if Path(path).stem else f"flight{suffixes[0]}"
         raise UsageError(
-            f"{path} would hold HDF5, expected a name that ends in {' or '.join(endings)}. Give {better}, say."
+            f"{path} would hold HDF5, expected a name that ends in {' or '.join(suffixes)}. Give {better}, say."
         )
 
 

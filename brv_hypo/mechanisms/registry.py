@@ -199,8 +199,8 @@ ALL_INSTALLED = "installed"
 def compared(names: Sequence[str]) -> list[str]:
     """The names, with `installed` replaced; where there are none, the mechanisms of this distribution and of files."""
     known = [item.name for item in mechanisms()]
-    asked = [name for name in known if (package := installed()[name].package) == OWN or package in _files]
-    return [each for name in names for each in (known if name == ALL_INSTALLED else [name])] or asked
+    own = [name for name in known if (package := installed()[name].package) == OWN or package in _files]
+    return [each for name in names for each in (known if name == ALL_INSTALLED else [name])] or own
 
 
 def record_effects() -> tuple[RecordEffect, ...]:
