@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.io.files import HDF5, check_suffix, check_regular, check_target, write_whole
+from brv_hypo.io.files import HDF5, check_regular, check_suffix, check_target, write_whole
 from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 from brv_hypo.io.text import one_line
 
