@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 import textwrap
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -59,17 +58,14 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
         raise UsageError(f"{where}: {problems}.") from None
 
 
+_FLIGHT = "str, Path, Flight or SimulatedFlight"
 _SHARED = {
-    "flight": "str, Path, Flight or SimulatedFlight\n    The flight, or the path of its record.",
-    "flights": "str, Path, Flight, SimulatedFlight, or a sequence of these\n    Several flights are fitted jointly.",
-    "config": "{model}, mapping, str or Path, optional\n    Settings, or the YAML file that holds them.",
-    "progress": "callable, rich or tqdm progress, optional\n    Called with the fraction done (or None) and a text; "
-    "see `brv_hypo.progress`.",
+    "flight": f"{_FLIGHT}\n    The flight, or the path of its record.",
+    "flights": f"{_FLIGHT}, or a sequence of these\n    Several flights are fitted jointly.",
+    "config": "settings, mapping, str or Path, optional\n    Settings, or the YAML file that holds them.",
+    "progress": "callable, rich or tqdm bar, optional\n    Called with fraction done and a text: `brv_hypo.progress`.",
 }
-"""Parameters that public functions share, in the form of numpydoc."""
-_RAISES = """Raises
-------
-UsageError
+_RAISES = """UsageError
     A name or a setting is unknown or wrong.
 UnanswerableError
     The data cannot answer; the message says what is missing.
@@ -86,26 +82,23 @@ def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Fu
     """
 
     def decorate(function: Function) -> Function:
-        declared, fields = inspect.signature(function), model.model_fields.items()
+        declared, meanings, fields = inspect.signature(function), {**_SHARED, **parameters}, model.model_fields
         own = [each for each in declared.parameters.values() if each.kind is not inspect.Parameter.VAR_KEYWORD]
-        keyword = partial(inspect.Parameter, kind=inspect.Parameter.KEYWORD_ONLY)
-        named = [
-            keyword(
-                name,
-                annotation=f.annotation,
-                default=... if f.is_required() else f.get_default(call_default_factory=True),
-            )
-            for name, f in fields
-        ]
+        named = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, annotation=f.annotation,
+                                   default=... if f.is_required() else f.get_default(call_default_factory=True))
+                 for n, f in fields.items()]  # fmt: skip
         function.__signature__ = declared.replace(parameters=[*own, *named])  # type: ignore[attr-defined]
-        known = {**_SHARED, **parameters}
-        before = [f"{each.name} : {known[each.name].format(model=model.__name__)}" for each in own]
-        settings = [f"{name}\n" + textwrap.indent(f.description or "See the class.", "    ") for name, f in fields]
-        text, _, rest = inspect.cleandoc(function.__doc__ or "").partition("\n\nReturns\n")
-        returns, _, examples = rest.partition("\n\nExamples\n")
-        parts = [text, "\n".join(["Parameters\n----------", *before]), f"Returns\n{returns}"]
-        parts += ["\n".join(["Other Parameters\n----------------", *settings]), _RAISES]
-        function.__doc__ = "\n\n".join([*parts, f"Examples\n{examples}"] if examples else parts)
+        text, _, rest = inspect.cleandoc(function.__doc__ or "").partition("\n\nReturns\n-------\n")
+        returns, _, examples = rest.partition("\n\nExamples\n--------\n")
+        sections = {
+            "Parameters": "\n".join(f"{each.name} : {meanings[each.name]}" for each in own),
+            "Returns": returns,
+            "Other Parameters": "\n".join(f"{n}\n    {f.description or 'See the class.'}" for n, f in fields.items()),
+            "Raises": _RAISES,
+            "Examples": examples,
+        }
+        parts = [f"{name}\n{'-' * len(name)}\n{content}" for name, content in sections.items() if content]
+        function.__doc__ = "\n\n".join([text, *parts])
         return function
 
     return decorate

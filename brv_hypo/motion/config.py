@@ -47,13 +47,8 @@ class ReconstructionConfig(BaseModel):
     accel_sigma: float | None = Field(default=None, gt=0.0, description="white noise, m/s^2; from the record if None")
 
 
-class ReconstructionSettings(TypedDict, total=False):
-    """The fields of `ReconstructionConfig` as keywords."""
-
-    method: str
-    gravity: bool
-    measurements: Measurements
-    gravity_magnitude: float | None
-    gyro_sigma: float | None
-    gyro_walk: ColouredNoise | None
-    accel_sigma: float | None
+ReconstructionSettings = TypedDict("ReconstructionSettings", {  # noqa: UP013
+    "method": str, "gravity": bool, "measurements": Measurements, "gravity_magnitude": float | None,
+    "gyro_sigma": float | None, "gyro_walk": ColouredNoise | None, "accel_sigma": float | None,
+}, total=False)  # fmt: skip
+"""The fields of `ReconstructionConfig` as keywords."""

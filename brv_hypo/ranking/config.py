@@ -62,20 +62,10 @@ class CompareConfig(BaseModel):
     )
 
 
-class CompareSettings(TypedDict, total=False):
-    """The fields of `CompareConfig` as keywords."""
-
-    mechanisms: Sequence[str] | None
-    options: Mapping[str, Mapping[str, Any]]
-    method: str
-    knots: Sequence[float] | None
-    knot_count: int
-    max_terms: int
-    offset_degree: int | None
-    slope_degree: int | None
-    exact_terms: int
-    refine: bool
-    accept_record: bool
-    held_out_blocks: int
-    maximum_likelihood: Literal["quick", "full", "none"]
-    other_prior: float
+CompareSettings = TypedDict("CompareSettings", {  # noqa: UP013
+    "mechanisms": Sequence[str] | None, "options": Mapping[str, Mapping[str, Any]], "method": str,
+    "knots": Sequence[float] | None, "knot_count": int, "max_terms": int, "offset_degree": int | None,
+    "slope_degree": int | None, "exact_terms": int, "refine": bool, "accept_record": bool, "held_out_blocks": int,
+    "maximum_likelihood": Literal["quick", "full", "none"], "other_prior": float,
+}, total=False)  # fmt: skip
+"""The fields of `CompareConfig` as keywords."""

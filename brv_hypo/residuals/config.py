@@ -49,18 +49,9 @@ class TraceConfig(BaseModel):
     """Whether the final model is refined by maximum likelihood."""
 
 
-class TraceSettings(TypedDict, total=False):
-    """The fields of `TraceConfig` as keywords."""
-
-    start: str | SavedModel
-    baseline: Baseline
-    aero: AeroTable | None
-    effects: Sequence[str] | None
-    discover: bool
-    method: str
-    blocks: int
-    max_steps: int
-    significance: float
-    knot_count: int
-    max_terms: int
-    maximum_likelihood: bool
+TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
+    "start": str | SavedModel, "baseline": Baseline, "aero": AeroTable | None, "effects": Sequence[str] | None,
+    "discover": bool, "method": str, "blocks": int, "max_steps": int, "significance": float, "knot_count": int,
+    "max_terms": int, "maximum_likelihood": bool,
+}, total=False)  # fmt: skip
+"""The fields of `TraceConfig` as keywords."""

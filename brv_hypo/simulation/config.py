@@ -344,21 +344,13 @@ class SimulationConfig(Section):
 Part = Mapping[str, Any]
 
 
-class SimulationSettings(TypedDict, total=False):
-    """The fields of `SimulationConfig` as keywords; parts are models or mappings."""
-
-    title: str
-    duration: float
-    step: float
-    sample_rate: float
-    vehicle: VehicleConfig | Part
-    aerodynamics: AerodynamicsConfig | Part
-    start: StartConfig | Part
-    environment: EnvironmentConfig | Part
-    instruments: InstrumentsConfig | Part
-    mechanisms: Sequence[PlantedConfig | Part]
-    asymmetries: Sequence[PlantedConfig | Part]
-    plantable: Mapping[str, Sequence[PlantedConfig | Part]]
+SimulationSettings = TypedDict("SimulationSettings", {  # noqa: UP013
+    "title": str, "duration": float, "step": float, "sample_rate": float, "vehicle": VehicleConfig | Part,
+    "aerodynamics": AerodynamicsConfig | Part, "start": StartConfig | Part, "environment": EnvironmentConfig | Part,
+    "instruments": InstrumentsConfig | Part, "mechanisms": Sequence[PlantedConfig | Part],
+    "asymmetries": Sequence[PlantedConfig | Part], "plantable": Mapping[str, Sequence[PlantedConfig | Part]],
+}, total=False)  # fmt: skip
+"""The fields of `SimulationConfig` as keywords; parts are models or mappings."""
 
 
 # ---- Configurations from files and mappings, with refusals that say what to write instead ----

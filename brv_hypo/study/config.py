@@ -249,18 +249,12 @@ class StudyConfig(Section):
         return self
 
 
-class StudySettings(TypedDict, total=False):
-    """The fields of `StudyConfig` as keywords."""
-
-    title: str
-    vehicles: Sequence[str]
-    planted: Sequence[str]
-    flights: int
-    seed: int
-    draws: DrawsConfig | Mapping[str, Any]
-    sample_rate: float | None
-    visible_effect: float
-    compare: CompareConfig | Mapping[str, Any]
+StudySettings = TypedDict("StudySettings", {  # noqa: UP013
+    "title": str, "vehicles": Sequence[str], "planted": Sequence[str], "flights": int, "seed": int,
+    "draws": DrawsConfig | Mapping[str, Any], "sample_rate": float | None, "visible_effect": float,
+    "compare": CompareConfig | Mapping[str, Any],
+}, total=False)  # fmt: skip
+"""The fields of `StudyConfig` as keywords."""
 
 
 def read_study(source: str | Path, **overrides: Any) -> StudyConfig:
