@@ -12,7 +12,7 @@ from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
 from brv_hypo.cli.session import Session, in_session
 from brv_hypo.errors import UsageError
-from brv_hypo.io.files import HDF5, write_whole
+from brv_hypo.io.files import write_whole
 
 if TYPE_CHECKING:
     from brv_hypo.simulation import SimulatedFlight
@@ -91,7 +91,7 @@ def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
 
 
 def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None:
-    session.claim(output, suffixes=HDF5)
+    session.claim(output, hdf5=True)
     from brv_hypo.flight import save_flight
     from brv_hypo.importing import bring_in
     from brv_hypo.report.document import Texts
@@ -125,7 +125,7 @@ def reconstruct(
     instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
-    session.claim(output, suffixes=HDF5)
+    session.claim(output, hdf5=True)
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
@@ -170,7 +170,7 @@ def simulate(
     seed: options.Seed = None,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""
-    session.claim(output, suffixes=HDF5)
+    session.claim(output, hdf5=True)
     from brv_hypo.report.listings import simulation_data, simulation_text
 
     flown = fly(session, config, seed, () if plant is None else tuple(plant.split(",")))

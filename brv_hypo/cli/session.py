@@ -21,7 +21,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,7 +33,7 @@ import typer
 from brv_hypo.cli import options
 from brv_hypo.cli.streams import require_output, shown
 from brv_hypo.errors import BrvHypoError, UsageError
-from brv_hypo.io.files import check_suffix, check_target, remove_open_temporaries, write_whole
+from brv_hypo.io.files import check_hdf5, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
 from brv_hypo.progress import Report
 
@@ -189,11 +189,11 @@ class Session:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
 
-    def claim(self, *files: Path | None, suffixes: Sequence[str] = ()) -> None:
+    def claim(self, *files: Path | None, hdf5: bool = False) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
 
-        Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` has
-        none of the `suffixes`, where these are given.
+        Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` is to
+        hold HDF5 and has a name that says otherwise.
         """
         if self.json_only:
             require_output("--json -")
@@ -204,8 +204,8 @@ class Session:
             if resolved.count(file.resolve()) > 1:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
             check_target(file, overwrite=self.force)
-            if suffixes and file in files:
-                check_suffix(file, suffixes)
+            if hdf5 and file in files:
+                check_hdf5(file)
             place = Path(os.path.realpath(file)).parent
             if not place.is_dir():
                 raise UsageError(f"{file} cannot be written: {place} does not exist. Create it, or choose another.")

@@ -520,10 +520,7 @@ def load_for_analysis(path: str | Path, start: float | None, stop: float | None,
 
     Without them it is known to those that the record states itself.
     """
-    flight = load_flight(path).window(start, stop)
-    if instruments is None:
-        return flight
-    return replace(flight, instruments=instruments_from(instruments, flight.instruments))
+    return load_flight(path, instruments=instruments).window(start, stop)
 
 
 def flights_of(source: FlightSource | Sequence[FlightSource]) -> tuple[Flight, ...]:

@@ -27,7 +27,6 @@ from brv_hypo.likelihood.segment import Interpolator
 from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.term import Regressor
-from brv_hypo.progress import Progress
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.nuisance import beyond_tolerance
 from brv_hypo.regression.uncertainty import Regressed
@@ -224,7 +223,6 @@ def identify(
     options: IdentificationConfig | None = None,
     *,
     regressed: Regressed | None = None,
-    progress: Progress | None = None,
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
@@ -237,7 +235,6 @@ def identify(
         columns: the model's columns. values: their regression coefficients (columns,).
         options: see `IdentificationConfig`.
         regressed: what the regression says beside its coefficients; None where the records are as measured.
-        progress: called after each iteration of the likelihood.
 
     Returns:
         The refined model; a failure is its status, with the regression's values left in place.
@@ -246,7 +243,7 @@ def identify(
     options = options or IdentificationConfig()
     try:
         problem = build_problem(frame, columns, values, options, regressed)
-        problem, found, iterations = _search(problem, progress)
+        problem, found, iterations = _search(problem)
     except (UnanswerableError, UsageError) as error:
         return Identification(
             status="failed",
@@ -260,12 +257,12 @@ def identify(
     return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
 
 
-def _search(problem: Problem, progress: Progress | None) -> tuple[Problem, FitResult, int]:
+def _search(problem: Problem) -> tuple[Problem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     searches: list[FitResult] = []
 
     def solve(problem: Problem, **how: Any) -> FitResult:
-        searches.append(problem.solve(progress=progress, **how))
+        searches.append(problem.solve(**how))
         return searches[-1]
 
     if _misfit(problem) > IDENTIFIED_POOR_START:

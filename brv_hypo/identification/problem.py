@@ -31,7 +31,6 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.measurement import BENT
-from brv_hypo.progress import Progress
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.uncertainty import Regressed
 
@@ -155,12 +154,7 @@ class Problem:
         return min(record.context.block for record in self.records)
 
     def solve(
-        self,
-        *,
-        max_iterations: int | None = None,
-        near_start: bool = True,
-        fixed: Sequence[str] = (),
-        progress: Progress | None = None,
+        self, *, max_iterations: int | None = None, near_start: bool = True, fixed: Sequence[str] = ()
     ) -> FitResult:
         """Maximum likelihood, with some parameters `fixed`."""
         return fit(
@@ -176,7 +170,6 @@ class Problem:
             max_iterations=max_iterations or self.config.max_iterations,
             tolerance=IDENTIFIED_TOLERANCE,
             near_start=near_start,
-            progress=progress,
         )
 
 

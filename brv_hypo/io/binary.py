@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.io.files import HDF5, check_regular, check_suffix, check_target, write_whole
+from brv_hypo.io.files import check_hdf5, check_regular, check_target, write_whole
 from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 from brv_hypo.io.text import one_line
 
@@ -214,7 +214,7 @@ def write_tree(path: str | Path, tree: Tree, *, overwrite: bool = False) -> None
     import h5py
 
     check_target(path, overwrite=overwrite)
-    check_suffix(path, HDF5)
+    check_hdf5(path)
     # Made in memory first: a medium that fails must not fail inside the library.
     with h5py.File("image", "w", driver="core", backing_store=False) as handle:
         _write_group(handle, tree)

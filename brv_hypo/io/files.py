@@ -14,7 +14,7 @@ import shutil
 import socket
 import stat
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -120,16 +120,10 @@ def check_target(path: str | Path, *, overwrite: bool) -> None:
         raise ExistingOutputError(f"{path} exists already and is left as it is. Choose another name, or give --force.")
 
 
-HDF5 = (".h5", ".hdf5")
-
-
-def check_suffix(path: str | Path, suffixes: Sequence[str]) -> None:
-    """Raise UsageError where the name of a file to be written has none of these suffixes."""
-    if Path(path).suffix.lower() not in suffixes:
-        better = Path(path).with_suffix(suffixes[0]).name if Path(path).stem else f"flight{suffixes[0]}"
-        raise UsageError(
-            f"{path} would hold HDF5, expected a name that ends in {' or '.join(suffixes)}. Give {better}, say."
-        )
+def check_hdf5(path: str | Path) -> None:
+    """Raise UsageError where the name of a file that is to hold HDF5 says otherwise."""
+    if Path(path).suffix.lower() not in (".h5", ".hdf5"):
+        raise UsageError(f"{path} would hold HDF5, whose names end in .h5 or .hdf5. Give {Path(path).stem}.h5, say.")
 
 
 def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = True) -> None:
