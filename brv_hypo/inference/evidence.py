@@ -17,7 +17,7 @@ is that of restricted likelihood (Searle, Casella and McCulloch, Variance Compon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -80,11 +80,29 @@ class Evidence:
     @property
     def residual(self) -> FloatArray:
         """Rows (n,) less all that is fitted, under the stated noise."""
-        out = self.rows.y - np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border
+        fitted = np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border
+        return np.asarray(self.rows.y - fitted - self._of_processes)
+
+    @cached_property
+    def _of_processes(self) -> FloatArray:
+        """What all processes make of the rows (n,), at their mode."""
+        out = np.zeros(self.rows.y.size)
         for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
             scale = np.repeat(_amplitudes(self.rows, self.at), [own.stop - own.start for own in block.columns])
-            out[block.rows] -= block.z @ (scale * mode)
+            out[block.rows] = block.z @ (scale * mode)
         return out
+
+    @property
+    def share_of_terms(self) -> float:
+        """Of the squares that terms and processes make beside the baseline, those that terms make.
+
+        Those that processes make of noise alone do not count: its square for every degree of freedom that they take.
+        """
+        chosen = np.flatnonzero(self.terms.scaled)
+        made = self.terms.x[:, chosen] @ self.solution.border[self.rows.shared.shape[1] + chosen]
+        terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
+        freedom = sum(float(np.sum(1.0 - variances)) for variances in self.solution.variances)
+        return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
 
     @property
     def amplitudes(self) -> FloatArray:
@@ -160,6 +178,27 @@ class Evidence:
         found = [(mode[b.columns[process]], spread[b.columns[process]]) for b, mode, spread in each]
         modes, variances = (np.concatenate(part) for part in zip(*found, strict=True))
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
+
+    def along(
+        self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """A linear function of what is fitted on a flight, and its standard errors (points,).
+
+        `values` (points, coefficients): what it has per coefficient of the baseline and the terms; `splines` (points,
+        splines): of each process by its place, per spline coefficient in its units.
+        """
+        block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
+        known, first = self.rows.coefficients.shape[0], self.rows.shared.shape[1]
+        shared = np.zeros((values.shape[0], found.border.size))
+        shared[:, :rank] = values[:, :known] @ self.rows.coefficients
+        shared[:, first:] = values[:, known:]
+        own = np.zeros((values.shape[0], block.z.shape[1]))
+        for k, each in splines.items():
+            own[:, block.columns[k]] = _amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
+        both = shared - own @ found.follows[flight]
+        variance = np.sum((both @ found.covariance) * both, axis=1)
+        variance += np.sum((own @ found.inverses[flight]) * own, axis=1)
+        return shared @ found.border + own @ found.modes[flight], self.noise * np.sqrt(variance)
 
     @cached_property
     def held_out(self) -> FloatArray:
