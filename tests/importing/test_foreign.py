@@ -16,7 +16,8 @@ import yaml
 
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight import CHANNELS, Flight, load_flight, save_flight
-from brv_hypo.importing import formats, import_record
+from brv_hypo.importing import import_record
+from brv_hypo.importing.formats import sandboxed
 from brv_hypo.importing.guess import guess_map
 from tests.flight.records import UNITS, VEHICLE, motion, write_raw
 
@@ -214,7 +215,7 @@ def test_text_in_a_column_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_parquet_without_its_extra_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = write_parquet(tmp_path / "d.parquet", foreign_columns())
-    monkeypatch.setattr(formats, "find_spec", lambda name: None)
+    monkeypatch.setattr(sandboxed, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
         import_record(data, write_map(tmp_path, foreign_map()))
 

@@ -1,0 +1,240 @@
+"""Formats of foreign tables: a registry of readers, and what is done with the columns of any of them.
+
+A format is a `TableFormat` in the FORMATS of a file of this package: its endings, or marks by which its beginning is
+recognised, and a reader. A package adds one by an entry point in the group `brv_hypo.table_formats`, named as the
+ending without its point: a function of the path, the names of the columns to read and the `Layout`, which returns a
+`ColumnTable`. Entrances: `read_columns`, `read_all`.
+
+Whatever the format, dates become seconds, counters that wrap are unwrapped, and repeated rows are left out.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import BrvHypoError, FlightRecordError, UsageError
+from brv_hypo.io.binary import ColumnTable
+from brv_hypo.io.files import check_regular
+from brv_hypo.io.text import counted, one_line, refusal
+from brv_hypo.io.text import nearest as nearest_names
+
+MOST_NAMED = 40  # columns named where one is missing
+HEAD_BYTES = 1 << 14  # by which a format is recognised
+ENTRY_POINTS = "brv_hypo.table_formats"
+# What counters of 16 and 32 bits count, in their own units and as seconds of ms and us; a day and a week in s.
+WRAPS = tuple(2.0**bits * size for bits in (16, 32) for size in (1.0, 1e-3, 1e-6)) + (86400.0, 604800.0)
+LONGEST_WRAP = 20.0  # median steps across a wrap: a longer gap is no wrap
+
+
+class Layout(BaseModel):
+    """How a file is laid out; None is found from the file."""
+
+    model_config = ConfigDict(extra="forbid")
+    format: str | None = None
+    """Name of the format, where neither its ending nor its beginning shows it."""
+    encoding: str | None = None
+    delimiter: str | None = Field(default=None, min_length=1, max_length=1)
+    """Between the columns of a text; a blank stands for any number of blanks."""
+    decimal: str | None = Field(default=None, pattern="^[.,]$")
+    """The decimal sign of a text."""
+    names: tuple[str, ...] = ()
+    """Names of the columns, for a table or a MATLAB matrix without them."""
+    widths: tuple[int, ...] = ()
+    """Characters of each column, where nothing is between them."""
+    dates: str | None = None
+    """Dates or times as strptime writes them, such as "%d/%m/%y %I:%M:%S %p"."""
+    where: dict[str, str | float] = {}
+    """Only rows in which these columns hold these values: one of several sensors in a table."""
+
+
+Reader = Callable[[Path, tuple[str, ...], Layout], ColumnTable]
+
+
+@dataclass(frozen=True)
+class TableFormat:
+    """A format: `read` reads the columns that are named, and the names of all."""
+
+    name: str
+    read: Reader
+    endings: tuple[str, ...] = ()
+    recognises: Callable[[Path, str], bool] = lambda path, head: False
+    """Whether a file is of this format, whatever its ending, by its path and its first characters."""
+
+
+@cache
+def known_formats() -> tuple[TableFormat, ...]:
+    """All formats of this package."""
+    modules = [import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+    return tuple(each for module in modules for each in module.FORMATS)
+
+
+def read_columns(
+    path: Path, names: tuple[str, ...], layout: Layout | None = None, zero: np.datetime64 | None = None
+) -> ColumnTable:
+    """The columns `names` of a file, each (n,) of numbers; dates are s since `zero`, or since their first.
+
+    Raises UsageError (another type of file, a missing extra or column) and FlightRecordError (it is unreadable).
+    """
+    layout = layout or Layout()
+    table = _format_of(path, layout).read(path, names, layout)
+    check_columns(names, table.names, path)
+    return _cleaned(table, {name: table.columns[name] for name in names}, zero)
+
+
+def read_all(path: Path) -> ColumnTable:
+    """Every column of numbers of a file; errors as of `read_columns`."""
+    layout = Layout()
+    found = _format_of(path, layout)
+    table = found.read(path, (), layout)
+    names = tuple(dict.fromkeys(table.names))
+    try:
+        return _cleaned(table := found.read(path, names, layout), table.columns, None)
+    except BrvHypoError:
+        columns: dict[str, Any] = {}
+        for name in names:
+            with suppress(BrvHypoError):  # text: it is no channel
+                column = found.read(path, (name,), layout)
+                columns |= {name: _vector(column.columns[name], name)}
+                table = replace(table, lines=column.lines)
+        return _cleaned(table, columns, None)
+
+
+def _format_of(path: Path, layout: Layout) -> TableFormat:
+    """By the map, else by the beginning of the file, else by its ending."""
+    check_regular(path, "a record to import", FlightRecordError)
+    added = [TableFormat(each.name, each.load(), (f".{each.name}",)) for each in entry_points(group=ENTRY_POINTS)]
+    formats, suffix = (*known_formats(), *added), path.suffix.lower()
+    if layout.format is not None:
+        named = next((each for each in formats if each.name == layout.format), None)
+        if named is None:
+            raise UsageError(f"format: '{layout.format}' is none of {', '.join(each.name for each in formats)}.")
+        return named
+    with path.open("rb") as stream:
+        head = stream.read(HEAD_BYTES).decode("latin-1").replace("\0", "")
+    fitting = (
+        *(each for each in added if suffix in each.endings),
+        *(each for each in formats if each.recognises(path, head)),
+        *(each for each in formats if suffix in each.endings),
+    )
+    if not fitting:
+        raise UsageError(
+            f"{path}: found a file of type '{path.suffix}', expected "
+            f"{', '.join(ending for each in formats for ending in each.endings)}. Rename it if it is one of these (a "
+            "text table of any delimiter is .csv), give `format` in the map, else convert it first."
+        )
+    return fitting[0]
+
+
+def check_columns(names: Iterable[str], available: Iterable[str], path: Path) -> None:
+    """Raise UsageError for a name that is not among the columns of a file."""
+    available = list(available)
+    for name in names:
+        if name not in available:
+            known = ", ".join(map(one_line, available[:MOST_NAMED])) or "none"
+            raise UsageError(
+                f"{path}: there is no column '{name}', which the map asks for{nearest(name, available)}. "
+                f"It has {known}."
+            )
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A hint at the names that are like it, for a refusal; empty where none is."""
+    guess = nearest_names(name, known, 0.5, most=2)
+    return f" (is {' or '.join(one_line(repr(one)) for one in guess)} meant?)" if guess else ""
+
+
+def found_file(file: str, folders: tuple[Path, ...]) -> Path:
+    """A file that a map names, in the first of `folders` that has it."""
+    return next((folder / file for folder in folders if (folder / file).exists()), folders[0] / file)
+
+
+# ---- Columns of any format: dates, counters, repeated rows ----
+
+
+def _cleaned(table: ColumnTable, columns: Mapping[str, Any], zero: np.datetime64 | None) -> ColumnTable:
+    """The table with these columns as numbers, (n,) each."""
+    notes, found, stamps = [*table.notes], dict[str, FloatArray](), [*table.stamps]
+    for name, values in columns.items():
+        if np.asarray(values).dtype.kind == "M":
+            zero = values[0] if zero is None and len(values) else zero
+            values = (values - zero) / np.timedelta64(1, "s")
+            stamps.append(name)
+            notes.append(f"{one_line(name)} counts from {str(zero)[:19]} UTC")
+        found[name], wraps = _unwrapped(_vector(values, name))
+        if wraps:
+            notes.append(f"{one_line(name)}, a counter, is unwrapped at {counted(len(wraps), 'fall')} by {wraps[0]:g}")
+    kept = _first_of_repeated(found)
+    if kept is not None:
+        left_out = next(iter(found.values())).size - kept.size
+        notes.append(f"left out {counted(left_out, 'row')} that repeat another to the last digit")
+        found = {name: values[kept] for name, values in found.items()}
+    lines = table.lines if table.lines is None or kept is None else table.lines[kept]
+    return replace(table, columns=found, notes=tuple(notes), stamps=tuple(stamps), lines=lines, zero=zero)
+
+
+def _vector(values: np.ndarray, name: str) -> Any:
+    """Numbers as (n,); MATLAB has rows and columns. Dates as they are."""
+    if values.dtype.kind not in "fiuM":
+        raise refusal(name, "what is not numeric", "numbers", "text or dates", "map a numeric column")
+    array = values if values.dtype.kind == "M" else np.asarray(values, dtype=np.float64)
+    return array.reshape(-1) if array.size == max(array.shape, default=0) else array
+
+
+def _unwrapped(values: FloatArray) -> tuple[FloatArray, list[float]]:
+    """A counter that rises but where it wraps, and by how much it wraps; other columns as they are."""
+    steps = np.diff(values) if values.ndim == 1 else np.array([])
+    falls = np.flatnonzero(steps < 0.0)
+    if not falls.size or falls.size > 0.2 * steps.size or not np.all(np.isfinite(steps)):
+        return values, []
+    most = LONGEST_WRAP * float(np.median(steps[steps > 0.0]))
+    for size in WRAPS:
+        if (
+            values.max() < size
+            and values.min() >= 0.0
+            and np.all((steps[falls] + size) * (steps[falls] + size - most) < 0.0)
+        ):
+            return values + size * np.concatenate([[0.0], np.cumsum(steps < 0.0)]), [size] * falls.size
+    return values, []
+
+
+def _first_of_repeated(columns: Mapping[str, FloatArray]) -> Any:
+    """Rows (m,) that no earlier row repeats in every column; None where none repeats."""
+    values = [*columns.values()]
+    if len(values) < 2 or any(each.shape != values[0].shape or each.ndim != 1 for each in values):
+        return None
+    if any(np.all(np.diff(each) > 0.0) for each in values):
+        return None
+    _, first = np.unique(np.stack(values, axis=1), axis=0, return_index=True)
+    return np.sort(first) if first.size < values[0].size else None
+
+
+def clock_fault(table: ColumnTable, name: str) -> str | None:
+    """What keeps column `name` from being time: line, cell, cause and remedy; None where nothing does."""
+    time = table.columns[name]
+    wrong = np.flatnonzero(np.diff(time) <= 0.0) if time.ndim == 1 else np.array([])
+    if not wrong.size:
+        return None
+    at = int(wrong[0]) + 1
+    where = f"row {at + 1}" if table.lines is None else f"line {int(table.lines[at])}"
+    if np.all(np.diff(time)[wrong] == 0.0) or wrong.size > 0.1 * time.size:
+        cause = "several sensors or units in one table, or stamps coarser than the samples"
+        remedy = "`where: {column: value}` in the map keeps the rows of one; else give another column of time"
+    else:
+        cause = "a clock that was set or wraps at no usual size, or a second record behind the first"
+        remedy = "cut the file there, or map another column of time"
+    return (
+        f"{where}, column '{one_line(name)}': found {time[at]:.9g} after {time[at - 1]:.9g} ({wrong.size} such rows), "
+        f"expected a time that rises. Likely cause: {cause}. Remedy: {remedy}."
+    )
