@@ -479,7 +479,8 @@ def _rate(time: FloatArray, increments: FloatArray) -> FloatArray:
     if known.sum() < 2:
         return np.full_like(time, np.nan)
     grown = np.cumsum(np.interp(time, time[known], (increments / steps)[known]) * steps)
-    return np.where(known, CubicSpline(time, grown).derivative()(time), np.nan)
+    whole = CubicSpline(np.insert(time, 0, time[0] - steps[0]), np.insert(grown, 0, 0.0))
+    return np.where(known, whole.derivative()(time), np.nan)
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:

@@ -90,6 +90,8 @@ def read_columns(
     layout = layout or Layout()
     table = _format_of(path, layout).read(path, names, layout)
     check_columns(names, table.names, path)
+    if layout.where and not any(len(values) for values in table.columns.values()):
+        raise UsageError(f"{path}: where: {layout.where} keeps no row. Give a value that the column holds.")
     return _cleaned(table, {name: table.columns[name] for name in names}, zero)
 
 

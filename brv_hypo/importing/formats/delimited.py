@@ -174,6 +174,13 @@ def detect(path: Path, layout: Layout) -> Dialect:
             )
         names = _distinct(texts[0]) if texts else ()
         return Dialect(encoding, delimiter, decimal, names, ("number",) * len(names), len(head))
+    above = next((k for k in range(first - 1, -1, -1) if any(rows[k])), 0)
+    if not layout.names and delimiter != " " and 1 < len(rows[above]) < width - 1 and {*kinds[above]} == {"text"}:
+        raise FlightRecordError(
+            f"{path}: line {first + 1}, cell {width}: found {width} cells, expected {len(rows[above])} as the names in "
+            f"line {above + 1}: no column is cell {width}. Likely cause: the decimal sign is also the delimiter, or "
+            "names are missing. Remedy: write the table with another delimiter, or give `names` in the map."
+        )
     names, units = _heading(rows[:first], width, rows[first:])
     if layout.names:
         if len(layout.names) != width:
@@ -217,7 +224,7 @@ def _cells(line: str, delimiter: str, spans: Spans) -> list[str]:
     if spans:
         return [line[start:stop].strip() for start, stop in spans] if line.strip() else []
     if delimiter == " ":
-        return line.split()
+        return re.split(r"[ \t]+", line.strip(" \t")) if line.strip() else []
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
     except csv.Error:  # a cell without end, which the reading refuses
