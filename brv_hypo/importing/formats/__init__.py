@@ -88,11 +88,17 @@ def read_columns(
     Raises UsageError (another type of file, a missing extra or column) and FlightRecordError (it is unreadable).
     """
     layout = layout or Layout()
-    table = _format_of(path, layout).read(path, names, layout)
-    check_columns(names, table.names, path)
-    if layout.where and not any(len(values) for values in table.columns.values()):
-        raise UsageError(f"{path}: where: {layout.where} keeps no row. Give a value that the column holds.")
-    return _cleaned(table, {name: table.columns[name] for name in names}, zero)
+    wanted = tuple(dict.fromkeys((*names, *layout.where)))
+    table = _format_of(path, layout).read(path, wanted, layout)
+    check_columns(wanted, table.names, path)
+    columns = {name: table.columns[name] for name in names}
+    if layout.where:
+        kept = np.all([table.columns[name] == value for name, value in layout.where.items()], axis=0)
+        if not np.any(kept):
+            raise UsageError(f"{path}: where: {layout.where} keeps no row. Give a value that the column holds.")
+        columns = {name: values[kept] for name, values in columns.items()}
+        table = replace(table, lines=None if table.lines is None else table.lines[kept])
+    return _cleaned(table, columns, zero)
 
 
 def read_all(path: Path) -> ColumnTable:

@@ -16,7 +16,7 @@ import numpy as np
 
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.importing.formats import Layout, TableFormat
-from brv_hypo.importing.formats.delimited import Dialect, as_number, read_text
+from brv_hypo.importing.formats.delimited import Dialect, read_text
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.files import check_regular
 from brv_hypo.io.text import one_line
@@ -63,7 +63,7 @@ def read(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
     for name, _, _, each in columns:
         for key in ("MISSING_CONSTANT", "INVALID_CONSTANT", "NOT_APPLICABLE_CONSTANT"):
             if name in found and key in each and found[name].dtype.kind == "f":
-                found[name] = np.where(found[name] == as_number(each[key].split()[0], "."), np.nan, found[name])
+                found[name] = np.where(found[name] == float(each[key].split()[0]), np.nan, found[name])
     return replace(read_table, columns=found)
 
 
