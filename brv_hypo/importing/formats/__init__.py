@@ -34,43 +34,37 @@ MOST_NAMED = 40  # columns named where one is missing
 HEAD_BYTES = 1 << 14  # by which a format is recognised
 ENTRY_POINTS = "brv_hypo.table_formats"
 # What counters of 16 and 32 bits count, in their own units and as seconds of ms and us; a day and a week in s.
-WRAPS = tuple(2.0**bits * size for bits in (16, 32) for size in (1.0, 1e-3, 1e-6)) + (86400.0, 604800.0)
+WRAPS = (*(2.0**bits * size for bits in (16, 32) for size in (1.0, 1e-3, 1e-6)), 86400.0, 604800.0)
 LONGEST_WRAP = 20.0  # median steps across a wrap: a longer gap is no wrap
 
 
 class Layout(BaseModel):
-    """How a file is laid out; None is found from the file."""
+    """How a file is laid out. What is None is found from the file."""
 
     model_config = ConfigDict(extra="forbid")
     format: str | None = None
-    """Name of the format, where neither its ending nor its beginning shows it."""
     encoding: str | None = None
     delimiter: str | None = Field(default=None, min_length=1, max_length=1)
-    """Between the columns of a text; a blank stands for any number of blanks."""
+    """Between columns; a blank is any number of blanks."""
     decimal: str | None = Field(default=None, pattern="^[.,]$")
-    """The decimal sign of a text."""
     names: tuple[str, ...] = ()
-    """Names of the columns, for a table or a MATLAB matrix without them."""
+    """Of the columns of a table, or a MATLAB matrix, that has none."""
     widths: tuple[int, ...] = ()
     """Characters of each column, where nothing is between them."""
     dates: str | None = None
-    """Dates or times as strptime writes them, such as "%d/%m/%y %I:%M:%S %p"."""
+    """As of strptime, such as "%d/%m/%y %I:%M:%S %p"."""
     where: dict[str, str | float] = {}
-    """Only rows in which these columns hold these values: one of several sensors in a table."""
-
-
-Reader = Callable[[Path, tuple[str, ...], Layout], ColumnTable]
+    """Columns and their values in the rows to keep: one of several sensors."""
 
 
 @dataclass(frozen=True)
 class TableFormat:
-    """A format: `read` reads the columns that are named, and the names of all."""
+    """A format: `read` gives the named columns and the names of all; `recognises` by path and first characters."""
 
     name: str
-    read: Reader
+    read: Callable[[Path, tuple[str, ...], Layout], ColumnTable]
     endings: tuple[str, ...] = ()
     recognises: Callable[[Path, str], bool] = lambda path, head: False
-    """Whether a file is of this format, whatever its ending, by its path and its first characters."""
 
 
 @cache
@@ -103,44 +97,36 @@ def read_columns(
 
 def read_all(path: Path) -> ColumnTable:
     """Every column of numbers of a file; errors as of `read_columns`."""
-    layout = Layout()
-    found = _format_of(path, layout)
-    table = found.read(path, (), layout)
-    names = tuple(dict.fromkeys(table.names))
-    try:
-        return _cleaned(table := found.read(path, names, layout), table.columns, None)
-    except BrvHypoError:
-        columns: dict[str, Any] = {}
-        for name in names:
-            with suppress(BrvHypoError):  # text: it is no channel
-                column = found.read(path, (name,), layout)
-                columns |= {name: _vector(column.columns[name], name)}
-                table = replace(table, lines=column.lines)
-        return _cleaned(table, columns, None)
+    found = _format_of(path, Layout())
+    table = found.read(path, (), Layout())
+    columns: dict[str, Any] = {}
+    with suppress(BrvHypoError):
+        table = found.read(path, tuple(dict.fromkeys(table.names)), Layout())
+        columns = {name: _vector(values, name) for name, values in table.columns.items()}
+    for name in table.names if not columns else ():
+        with suppress(BrvHypoError):  # text: it is no channel
+            columns[name] = _vector(found.read(path, (name,), Layout()).columns[name], name)
+    return _cleaned(table, columns, None)
 
 
 def _format_of(path: Path, layout: Layout) -> TableFormat:
-    """By the map, else by the beginning of the file, else by its ending."""
+    """By the map, else by an ending of another package, the beginning of the file or its ending."""
     check_regular(path, "a record to import", FlightRecordError)
     added = [TableFormat(each.name, each.load(), (f".{each.name}",)) for each in entry_points(group=ENTRY_POINTS)]
     formats, suffix = (*known_formats(), *added), path.suffix.lower()
-    if layout.format is not None:
-        named = next((each for each in formats if each.name == layout.format), None)
-        if named is None:
-            raise UsageError(f"format: '{layout.format}' is none of {', '.join(each.name for each in formats)}.")
-        return named
     with path.open("rb") as stream:
         head = stream.read(HEAD_BYTES).decode("latin-1").replace("\0", "")
-    fitting = (
-        *(each for each in added if suffix in each.endings),
-        *(each for each in formats if each.recognises(path, head)),
-        *(each for each in formats if suffix in each.endings),
-    )
+    fitting = [each for each in added if suffix in each.endings]
+    fitting += [each for each in formats if each.recognises(path, head)]
+    fitting += [each for each in formats if suffix in each.endings]
+    if layout.format is not None:
+        fitting = [each for each in formats if each.name == layout.format]
     if not fitting:
         raise UsageError(
-            f"{path}: found a file of type '{path.suffix}', expected "
+            f"{path}: found a file of type '{layout.format or path.suffix}', expected "
             f"{', '.join(ending for each in formats for ending in each.endings)}. Rename it if it is one of these (a "
-            "text table of any delimiter is .csv), give `format` in the map, else convert it first."
+            f"text table of any delimiter is .csv), give `format` ({', '.join(each.name for each in formats)}) in the "
+            "map, else convert it first."
         )
     return fitting[0]
 
@@ -180,9 +166,9 @@ def _cleaned(table: ColumnTable, columns: Mapping[str, Any], zero: np.datetime64
             values = (values - zero) / np.timedelta64(1, "s")
             stamps.append(name)
             notes.append(f"{one_line(name)} counts from {str(zero)[:19]} UTC")
-        found[name], wraps = _unwrapped(_vector(values, name))
-        if wraps:
-            notes.append(f"{one_line(name)}, a counter, is unwrapped at {counted(len(wraps), 'fall')} by {wraps[0]:g}")
+        found[name], size = _unwrapped(_vector(values, name))
+        if size:
+            notes.append(f"{one_line(name)} is a counter that wraps at {size:g}: unwrapped")
     kept = _first_of_repeated(found)
     if kept is not None:
         left_out = next(iter(found.values())).size - kept.size
@@ -200,29 +186,23 @@ def _vector(values: np.ndarray, name: str) -> Any:
     return array.reshape(-1) if array.size == max(array.shape, default=0) else array
 
 
-def _unwrapped(values: FloatArray) -> tuple[FloatArray, list[float]]:
-    """A counter that rises but where it wraps, and by how much it wraps; other columns as they are."""
+def _unwrapped(values: FloatArray) -> tuple[FloatArray, float]:
+    """A counter that rises but where it wraps, and by how much it wraps; other columns as they are, and 0."""
     steps = np.diff(values) if values.ndim == 1 else np.array([])
-    falls = np.flatnonzero(steps < 0.0)
-    if not falls.size or falls.size > 0.2 * steps.size or not np.all(np.isfinite(steps)):
-        return values, []
-    most = LONGEST_WRAP * float(np.median(steps[steps > 0.0]))
-    for size in WRAPS:
-        if (
-            values.max() < size
-            and values.min() >= 0.0
-            and np.all((steps[falls] + size) * (steps[falls] + size - most) < 0.0)
-        ):
-            return values + size * np.concatenate([[0.0], np.cumsum(steps < 0.0)]), [size] * falls.size
-    return values, []
+    falls = steps[steps < 0.0]
+    if 0 < falls.size < 0.2 * steps.size and np.all(np.isfinite(steps)) and values.min() >= 0.0:
+        most = LONGEST_WRAP * float(np.median(steps[steps > 0.0]))
+        for size in WRAPS:
+            if values.max() < size and np.all((falls + size > 0.0) & (falls + size < most)):
+                return values + size * np.concatenate([[0.0], np.cumsum(steps < 0.0)]), size
+    return values, 0.0
 
 
 def _first_of_repeated(columns: Mapping[str, FloatArray]) -> Any:
     """Rows (m,) that no earlier row repeats in every column; None where none repeats."""
     values = [*columns.values()]
-    if len(values) < 2 or any(each.shape != values[0].shape or each.ndim != 1 for each in values):
-        return None
-    if any(np.all(np.diff(each) > 0.0) for each in values):
+    of_a_table = len(values) > 1 and all(each.shape == values[0].shape and each.ndim == 1 for each in values)
+    if not of_a_table or any(np.all(np.diff(each) > 0.0) for each in values):
         return None
     _, first = np.unique(np.stack(values, axis=1), axis=0, return_index=True)
     return np.sort(first) if first.size < values[0].size else None
@@ -236,13 +216,11 @@ def clock_fault(table: ColumnTable, name: str) -> str | None:
         return None
     at = int(wrong[0]) + 1
     where = f"row {at + 1}" if table.lines is None else f"line {int(table.lines[at])}"
+    cause, remedy = "a clock that was set, or a second record behind the first", "cut the file there"
     if np.all(np.diff(time)[wrong] == 0.0) or wrong.size > 0.1 * time.size:
         cause = "several sensors or units in one table, or stamps coarser than the samples"
-        remedy = "`where: {column: value}` in the map keeps the rows of one; else give another column of time"
-    else:
-        cause = "a clock that was set or wraps at no usual size, or a second record behind the first"
-        remedy = "cut the file there, or map another column of time"
+        remedy = "`where: {column: value}` in the map keeps the rows of one"
     return (
         f"{where}, column '{one_line(name)}': found {time[at]:.9g} after {time[at - 1]:.9g} ({wrong.size} such rows), "
-        f"expected a time that rises. Likely cause: {cause}. Remedy: {remedy}."
+        f"expected a time that rises. Likely cause: {cause}. Remedy: {remedy}, or map another column of time."
     )

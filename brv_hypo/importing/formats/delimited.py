@@ -1,9 +1,8 @@
 """Text tables of any dialect: found from the first lines, then read by pandas. Entrances: `detect`, `read_text`.
 
-Found are the encoding, the delimiter and decimal sign that make most cells values, the row of names above the first row
-of values (behind a comment mark or not), and units in a row below the names or in brackets behind each. A value is a
-number, with or without marks between thousands, a date or a time of day. Dates without a zone are UTC; where day and
-month cannot be told apart, the day is first.
+Found are the encoding, the delimiter and decimal sign that make most cells values, the names above the first row of
+values (behind a comment mark or not), and units in a row below them or in brackets. A value is a number, with marks
+between thousands or not, a date or a time of day. Dates without a zone are UTC; in doubt the day is before the month.
 """
 
 from __future__ import annotations
@@ -24,30 +23,30 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.errors import UsageError
 from brv_hypo.flight.units import is_unit, spelled
 from brv_hypo.importing.formats import Layout, TableFormat, check_columns
 from brv_hypo.io.binary import ColumnTable
-from brv_hypo.io.sandbox import READ_BUDGET
-from brv_hypo.io.text import one_line
+from brv_hypo.io.sandbox import READ_BUDGET, refused
 
 MISSING = ("", "NA", "N/A", "na", "n/a", "#N/A", "NaN", "nan", "NULL", "null", "None", "none", "-", "--", "---")
 LONGEST_LINE = 1 << 20  # characters; 14 channels need 300
 HEAD_LINES = 300  # from which the dialect is found
-DELIMITERS = (",", ";", "\t", "|", " ")  # a blank: any number of blanks
+DELIMITERS = ",;\t| "  # a blank: any number of blanks
 TEXT_ENDINGS = (".txt", ".tsv", ".dat", ".tab", ".asc", ".log")
 MARKS = dict.fromkeys(map(ord, "\u00a0\u2009\u202f\u2019'"))  # between thousands, beside comma, point and blank
-SWAPPED = str.maketrans(",.", ".,")
-NUMBER = re.compile(
-    r"[+-]?(?=[.\d])(?:[1-9]\d{0,2}(?:([, ])\d{3})(?:\1\d{3})*|\d*)(?:\.\d*)?(?:[eE][+-]?\d+)?|[+-]?inf"
-)
-CLOCK = re.compile(r"[+-]?(\d+:)?\d{1,2}:\d{1,2}([.,]\d*)?")
-DATE = re.compile(r"(\d{4}-\d{3}|\d{1,4}([-/.])(\d{1,2}|[A-Za-z]{3})\2\d{1,4})([T ]+\d.*)?")
+TORN = re.compile(r"\d.*[,;\t| ]|[,;\t| ].*\d")  # a value and more
+BLANKS = re.compile(r"(?<=\d) (?=\d{3}(\D|$))")  # between thousands, where blanks are not between columns
+KINDS = {
+    "number": re.compile(r"[+-]?(?=[.\d])([1-9]\d{0,2}(,\d{3})+|\d*)(\.\d*)?(e[+-]?\d+)?|[+-]?inf", re.IGNORECASE),
+    "date": re.compile(r"(\d{4}-\d{3}|\d{1,4}([-/.])(\d{1,2}|[A-Za-z]{3})\2\d{1,4})([T ]+\d.*)?"),
+    "clock": re.compile(r"[+-]?(\d+:)?\d{1,2}:\d{1,2}([.,]\d*)?"),
+}
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text table is written; `kinds` of its columns are number, date, clock (a time of day) or text."""
+    """How a text table is written: `kinds` of its columns, lines before the `first` of values, `spans` of columns."""
 
     encoding: str
     delimiter: str
@@ -55,10 +54,8 @@ class Dialect:
     names: tuple[str, ...]
     kinds: tuple[str, ...]
     first: int
-    """Lines before the first row of values."""
     units: Mapping[str, str] = field(default_factory=dict)
     spans: tuple[tuple[int, int], ...] = ()
-    """First and last place of each column, where nothing is between them."""
     thousands: str | None = None
 
 
@@ -68,91 +65,79 @@ def detect(path: Path, layout: Layout) -> Dialect:
     head = [re.sub(r"^(#|%|//|!)+ *", "", line) for line in text[:HEAD_LINES]]
     spans = tuple(pairwise(np.cumsum((0, *layout.widths)).tolist()))
     tried = {}
-    for delimiter in (layout.delimiter,) if layout.delimiter else (" ",) if spans else DELIMITERS:
+    for delimiter in (layout.delimiter,) if layout.delimiter else " " if spans else DELIMITERS:
         rows = [_cells(line, delimiter, spans) for line in head]
         for decimal in layout.decimal or ".,":
             kinds = [[_kind(cell, decimal, layout.dates) for cell in cells] for cells in rows]
             tried[delimiter, decimal] = (*_worth(rows, kinds), rows, kinds)
     delimiter, decimal = max(tried, key=lambda each: tried[each][:2])
     worth, width, rows, kinds = tried[delimiter, decimal]
-    columns = [_most([row[k] for row in kinds if len(row) == width]) for k in range(width)]
-    numeric = [k for k, kind in enumerate(columns) if kind != "text"]
-    first = next((at for at, row in enumerate(kinds) if len(row) == width and _is_data(row, numeric)), None)
+    columns = [Counter(row[k] for row in kinds if len(row) == width and row[k] != "empty") for k in range(width)]
+    most = tuple(max({"number": 0, **each}, key=lambda kind: each[kind]) for each in columns)
+    numeric = [k for k in range(width) if most[k] != "text"]
+    first = next((k for k, row in enumerate(kinds) if len(row) == width and _is_data([row[n] for n in numeric])), None)
     if first is None or worth <= 0:
         texts = [cells for cells in rows if any(cells)]
         if encoding != "utf-8-sig" or len(texts) > 1:
-            raise FlightRecordError(
-                f"{path}: found a table that cannot be read (no row of numbers in its first {len(head)} lines, as "
-                f"{encoding}). Likely cause: another kind of file or encoding. Remedy: give `encoding` in the map."
-            )
+            found = f"a table that cannot be read (no row of numbers in {len(head)} lines, as {encoding})"
+            raise refused(str(path), found, "a table", "another kind of file", "give `encoding` in the map")
         names = _distinct(texts[0]) if texts else ()
         return Dialect(encoding, delimiter, decimal, names, ("number",) * len(names), len(head))
-    cells = [(at, place, cell) for at in range(first, len(rows)) for place, cell in enumerate(rows[at], 1)]
-    marked = next(
-        (
-            each
-            for each in cells
-            if (mark := NUMBER.fullmatch(each[2].translate(SWAPPED) if decimal == "," else each[2])) and mark.group(1)
-        ),
-        None,
-    )
+    mark = "," if decimal == "." else "."
+    numbers = ((k, j) for k in range(first, len(rows)) for j, kind in enumerate(kinds[k]) if kind == "number")
+    marked = next(((k, j) for k, j in numbers if mark in rows[k][j]), None)
     if marked and decimal == "." and tried.get((delimiter, ","), (0,))[0] == worth:
-        raise FlightRecordError(
-            f"{path}: line {marked[0] + 1}, cell {marked[1]}: found '{marked[2]}', and no cell that shows whether commas "
-            'part thousands or decimals. Remedy: give `decimal` in the map: "." or ",".'
-        )
-    thousands = None if marked is None else " " if " " in marked[2] else "," if decimal == "." else "."
+        place = f"{path}: line {marked[0] + 1}, cell {marked[1] + 1}"
+        found = f"'{rows[marked[0]][marked[1]]}', and no cell that shows whether commas part thousands or decimals"
+        remedy = 'give `decimal` in the map: "." or ","'
+        raise refused(place, found, "one meaning", "numbers of three decimals", remedy)
     above = next((k for k in range(first - 1, -1, -1) if any(rows[k])), 0)
-    if not layout.names and delimiter != " " and 1 < len(rows[above]) < width - 1 and {*kinds[above]} == {"text"}:
-        raise FlightRecordError(
-            f"{path}: line {first + 1}, cell {width}: found {width} cells, expected {len(rows[above])} as the names in "
-            f"line {above + 1}: no column is cell {width}. Likely cause: the decimal sign is also the delimiter, or "
-            "names are missing. Remedy: write the table with another delimiter, or give `names` in the map."
+    count = len(layout.names or rows[above])
+    if layout.names and count != width:
+        raise UsageError(f"{path}: names: got {count}, expected one for each of the {width} columns.")
+    if delimiter != " " and 1 < count < width - 1 and {*kinds[above]} == {"text"}:
+        place, expected = (
+            f"{path}: line {first + 1}, cell {width}",
+            f"{count} as in line {above + 1}: no column is this",
         )
-    if layout.names and len(layout.names) != width:
-        raise UsageError(f"{path}: names: got {len(layout.names)}, expected one for each of the {width} columns.")
+        cause = "the decimal sign is also the delimiter, or names are missing"
+        raise refused(place, f"{width} cells", expected, cause, "take another delimiter, or give `names` in the map")
     names, units = _heading(rows[:first], rows[first:], width)
-    return Dialect(encoding, delimiter, decimal, layout.names or names, tuple(columns), first, units, spans, thousands)
+    return Dialect(
+        encoding, delimiter, decimal, layout.names or names, most, first, units, spans, mark if marked else None
+    )
 
 
 def _lines(path: Path, encoding: str | None) -> tuple[list[str], str]:
     """The lines of a text and its encoding: as given, by its mark or the zeros in it, else UTF-8, else Latin-1."""
     if path.stat().st_size > 4 * READ_BUDGET:  # a value of 8 bytes takes 32 characters at most
-        raise FlightRecordError(
-            f"{path}: found a table of more than {READ_BUDGET >> 18} MB. Remedy: cut it into flights."
-        )
+        raise refused(str(path), f"more than {READ_BUDGET >> 18} MB", "a flight", "many flights", "cut it into flights")
+    try:
+        codecs.lookup(encoding or "ascii")
+    except (LookupError, ValueError) as error:
+        raise UsageError(f"{path}: the encoding '{encoding}' is not known. Give another in the map.") from error
     raw = path.read_bytes()
-    zeros = [raw[start : 1 << 14 : 2].count(0) > 0.4 * len(raw[: 1 << 14]) / 2 for start in (0, 1)]
-    if encoding is None and raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        encoding = "utf-16"
-    tried = (
-        (encoding,)
-        if encoding
-        else ("utf-16-be",)
-        if zeros[0]
-        else ("utf-16-le",)
-        if zeros[1]
-        else ("utf-8-sig", "latin-1")
-    )
-    for each in tried:
-        try:
-            plain = re.sub(r"(?<=[\d.])[dD](?=[+-]\d)", "e", raw.decode(each).translate(MARKS))  # as Fortran writes it
+    zeros = [raw[start : 1 << 14 : 2].count(0) > 0.2 * len(raw[: 1 << 14]) for start in (0, 1)]
+    marked = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    found = "utf-16" if marked else "utf-16-be" if zeros[0] else "utf-16-le" if zeros[1] else None
+    for each in (encoding or found,) if encoding or found else ("utf-8-sig", "latin-1"):
+        with suppress(UnicodeError):
+            plain = re.sub(
+                r"(?<=[\d.])[dD](?=[+-]\d)", "e", raw.decode(each or "").translate(MARKS)
+            )  # Fortran's 1.0D+03
             lines = re.split(r"\r\n|\r|\n", plain)
-        except LookupError as error:
-            raise UsageError(f"{path}: the encoding '{encoding}' is not known. Give another in the map.") from error
-        except UnicodeError:
-            continue
-        if max(map(len, lines)) > LONGEST_LINE:
-            raise FlightRecordError(f"{path}: found a line of more than 1 MB. Likely cause: another kind of file.")
-        return lines, each
-    raise FlightRecordError(f"{path}: found a table that cannot be read as {tried[0]}. Save it as UTF-8 csv.")
+            if max(map(len, lines)) > LONGEST_LINE:
+                raise refused(str(path), "a line of more than 1 MB", "a table", "another kind of file", "convert it")
+            return lines, str(each)
+    raise refused(str(path), "a table that cannot be read in its encoding", "text", "damage", "save it as UTF-8 csv")
 
 
 def _cells(line: str, delimiter: str, spans: Sequence[tuple[int, int]]) -> list[str]:
     if spans or delimiter == " ":
         return [line[start:stop].strip() for start, stop in spans if line.strip()] or line.split()
     try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
+        cells = next(csv.reader([BLANKS.sub("", line)], delimiter=delimiter, skipinitialspace=True), [])
+        return [cell.strip() for cell in cells]
     except csv.Error:  # a cell without end, which the reading refuses
         return [line]
     except (TypeError, ValueError) as error:
@@ -163,40 +148,25 @@ def _kind(cell: str, decimal: str, form: str | None) -> str:
     """Of a cell: number, date, clock, text or empty."""
     if form is not None:
         with suppress(ValueError):
-            datetime.strptime(cell, form)
-            return "date"
-    if cell in MISSING:
-        return "empty"
-    patterns = {"number": NUMBER, "date": DATE, "clock": CLOCK}
-    spelled_cell = cell.translate(SWAPPED) if decimal == "," else cell
-    return next(
-        (kind for kind, each in patterns.items() if each.fullmatch(spelled_cell if each is NUMBER else cell)), "text"
-    )
+            return "date" if datetime.strptime(cell, form) else ""
+    number = cell.translate(str.maketrans(",.", ".,")) if decimal == "," else cell
+    fitting = (kind for kind, each in KINDS.items() if each.fullmatch(number if kind == "number" else cell))
+    return "empty" if cell in MISSING else next(fitting, "text")
 
 
 def _worth(rows: Sequence[Sequence[str]], kinds: Sequence[Sequence[str]]) -> tuple[int, int]:
     """How many cells are values, less those that hold one and more, in rows of the same width; and this width."""
     worth: Counter[int] = Counter()
     for cells, row in zip(rows, kinds, strict=True):
-        torn = [bool(re.search(r"\d.*[,;\t| ]|[,;\t| ].*\d", cell)) for cell in cells]
-        worth[len(cells)] += sum(
-            -2 * more if kind == "text" else kind != "empty" for kind, more in zip(row, torn, strict=True)
-        )
+        torn = sum(kind == "text" and bool(TORN.search(cell)) for cell, kind in zip(cells, row, strict=True))
+        worth[len(cells)] += sum(kind in KINDS for kind in row) - 2 * torn
     return max(((size, width) for width, size in worth.items() if width > 1), default=(0, 0))
 
 
-def _most(cells: Sequence[str]) -> str:
-    """What a column holds, by its cells: what half of those hold that hold anything."""
-    values = Counter(cell for cell in cells if cell not in ("text", "empty"))
-    texts = cells.count("text")
-    return values.most_common(1)[0][0] if values and 2 * values.total() >= texts else "text" if texts else "number"
-
-
-def _is_data(kinds: Sequence[str], numeric: Sequence[int]) -> bool:
-    """Whether a row has values, and no text beside them, or few."""
-    texts = sum(kinds[k] == "text" for k in numeric)
-    values = sum(kinds[k] not in ("text", "empty") for k in numeric)
-    return values > 0 and (texts == 0 or 2 * values > len(numeric))
+def _is_data(kinds: Sequence[str]) -> bool:
+    """Whether a row has values, and no text beside them, or little."""
+    values = sum(kind in KINDS for kind in kinds)
+    return values > 0 and ("text" not in kinds or 2 * values > len(kinds))
 
 
 def _heading(above: Any, data: Any, width: int) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -209,7 +179,7 @@ def _heading(above: Any, data: Any, width: int) -> tuple[tuple[str, ...], dict[s
         rows += [cells] if len(cells) == width else []
     has_units = len(rows) > 1 and _are_units(rows[0]) and not _are_units(rows[1])
     names = _distinct(rows[has_units] if rows else [""] * width)
-    units = {name: found.group(1) for name in names if (found := re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", name))}
+    units = {name: found[1] for name in names if (found := re.search(r"[\[(]([^\[\]()]+)[\])]\s*$", name))}
     return names, units | ({n: u.strip("[]()") for n, u in zip(names, rows[0], strict=True) if u} if has_units else {})
 
 
@@ -220,11 +190,9 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _distinct(names: Sequence[str]) -> tuple[str, ...]:
     """Names of which none is empty or stands twice."""
-    found: list[str] = []
-    for place, name in enumerate(names, 1):
-        twice = names[: place - 1].count(name)
-        found.append((f"{name} #{twice + 1}" if twice else name) if name else f"column {place}")
-    return tuple(found)
+    before = [names[:k].count(name) for k, name in enumerate(names)]
+    each = zip(names, before, strict=True)
+    return tuple((f"{n} #{k + 1}" if k else n) if n else f"column {place}" for place, (n, k) in enumerate(each, 1))
 
 
 def read_text(path: Path, names: tuple[str, ...], layout: Layout, dialect: Dialect | None = None) -> ColumnTable:
@@ -239,47 +207,40 @@ def read_text(path: Path, names: tuple[str, ...], layout: Layout, dialect: Diale
     table = ColumnTable({}, found.names, found.units, notes, np.array(numbers) + 1, (), found.delimiter)
     if not names:
         return table
-    places = {name: found.names.index(name) for name in names}
-    given: dict[str, Any] = {"header": None, "names": range(len(found.names)), "na_values": [*MISSING]}
-    given |= {"decimal": found.decimal, "thousands": found.thousands}
-    text = io.StringIO("\n".join(lines[k] for k in numbers))
+    how: dict[str, Any] = {"header": None, "names": range(len(found.names)), "na_values": [*MISSING]}
+    how |= {"decimal": found.decimal, "thousands": found.thousands}
+    blanks = found.delimiter == " "
+    text = io.StringIO("\n".join(lines[k] if blanks else BLANKS.sub("", lines[k]) for k in numbers))
+    cause, remedy = "a damaged line, a remark or another record in the table", "remove the line, or give `delimiter`"
     with warnings.catch_warnings(action="ignore"):
         try:
             if found.spans:
-                frame = pd.read_fwf(text, colspecs=[*found.spans], **given)
+                frame = pd.read_fwf(text, colspecs=[*found.spans], **how)
             else:
-                separator = r"\s+" if found.delimiter == " " else found.delimiter
-                frame = pd.read_csv(text, sep=separator, low_memory=False, skipinitialspace=True, **given)
+                separator = r"\s+" if blanks else found.delimiter
+                frame = pd.read_csv(text, sep=separator, low_memory=False, skipinitialspace=True, **how)
         except (ValueError, OverflowError) as error:  # of the parser
             at = re.search(r"line (\d+), saw (\d+)", str(error))
-            place = f"line {numbers[int(at[1]) - 1] + 1}, cell {at[2]}: " if at else ""
-            raise FlightRecordError(
-                f"{path}: {place}found a table that cannot be read ({one_line(str(error))}). Likely cause: a quotation mark "
-                "without its second, or another delimiter. Remedy: correct the line, or give `delimiter` in the map."
-            ) from error
-        columns = {
-            name: _converted(frame[place], found.kinds[place], name in layout.where, layout)
-            for name, place in places.items()
-        }
-    for name, place in places.items():
-        bad = np.flatnonzero(frame[place].notna() & pd.isna(columns[name]))
+            place = f"{path}: line {numbers[int(at[1]) - 1] + 1}, cell {at[2]}" if at else str(path)
+            got = f"a table that cannot be read ({error})"
+            raise refused(place, got, f"{len(found.names)} cells in a line", cause, remedy) from error
+        places = {name: found.names.index(name) for name in names}
+        columns = {name: _values(frame[k], found.kinds[k], name in layout.where, layout) for name, k in places.items()}
+    for name, k in places.items():
+        bad = np.flatnonzero(frame[k].notna() & pd.isna(columns[name]))
         if bad.size:
-            cell = frame[place].iloc[bad[0]]
-            raise FlightRecordError(
-                f"{path}: dataset '{one_line(name)}': line {numbers[bad[0]] + 1}, cell {place + 1}: found '{one_line(str(cell))}', "
-                f"expected a {found.kinds[place]}. Likely cause: a damaged line, a remark "
-                f"or another record in the table, or another decimal sign than '{found.decimal}'. Remedy: remove the line "
-                "(one that starts with # is skipped), or give `decimal`, `delimiter`, `widths` or `dates` in the map."
-            )
-    stamps = tuple(name for name, place in places.items() if found.kinds[place] == "clock")
-    return replace(table, columns=columns, stamps=stamps)
+            place = f"{path}: dataset '{name}': line {numbers[bad[0]] + 1}, cell {k + 1}"
+            remedy += ", `decimal`, `widths` or `dates` in the map (a line that starts with # is skipped)"
+            got = f"'{str(frame[k].iloc[bad[0]]).strip()}'"
+            raise refused(place, got, f"a {found.kinds[k]}, or an empty cell for a missing sample", cause, remedy)
+    return replace(table, columns=columns, stamps=tuple(n for n, k in places.items() if found.kinds[k] == "clock"))
 
 
-def _converted(cells: Any, kind: str, as_text: bool, layout: Layout) -> Any:
+def _values(cells: Any, kind: str, is_name: bool, layout: Layout) -> Any:
     """The values of a column's cells; missing where they are of another kind."""
     import pandas as pd
 
-    if kind == "text" and as_text:
+    if kind == "text" and is_name:
         return cells.fillna("").astype(str).to_numpy(dtype=np.str_)
     if kind == "clock":
         whole = cells.where(cells.str.count(":") > 1, "00:" + cells).str.replace(",", ".")
