@@ -222,8 +222,8 @@ def vehicle_of(
 ) -> tuple[Vehicle, float, list[str]]:
     """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes.
 
-    `zero` is that of dates. A property that a table gives is its mean over the window. Raises UsageError where a table holds nothing in it,
-    FlightRecordError for what no vehicle has.
+    `zero` is that of dates. A property that a table gives is its mean over the window. Raises UsageError where a table
+    holds nothing in it, FlightRecordError for what no vehicle has.
     """
     values: dict[str, Any] = {}
     changes, notes = 0.0, []

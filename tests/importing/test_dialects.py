@@ -13,17 +13,17 @@ from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight import Flight
 from brv_hypo.importing import import_record
 from brv_hypo.importing.guess import guess_map
+from brv_hypo.importing.guess_rules import by_name, units_in
 from tests.flight.records import UNITS
-from tests.importing.dialects import DIALECTS, REFUSED, Table, truth
+from tests.importing.dialects import DIALECTS, REFUSED, TRUTH, Table, csv
 from tests.importing.test_foreign import foreign_map, write_map
 
 
 def brought_in(table: Table, folder: Path) -> Flight:
     """The flight by a map that names the columns."""
-    path = folder / f"log.{table.suffix}"
-    table.write(path)
+    table.write(path := folder / f"log.{table.suffix}")
     channels: dict[str, dict[str, Any]] = {}
-    for name in truth():
+    for name in TRUTH:
         entry = {"column": table.columns.get(name, name), "units": UNITS[name], **table.channel.get(name, {})}
         channels[name] = {key: value for key, value in entry.items() if value is not None}
     return import_record(path, write_map(folder, {**foreign_map(), "channels": channels, **table.keys}))
@@ -31,15 +31,82 @@ def brought_in(table: Table, folder: Path) -> Flight:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_a_table_of_any_dialect_comes_in_as_the_truth(tmp_path: Path, dialect: str) -> None:
-    flight, expected = brought_in(DIALECTS[dialect], tmp_path), truth()
-    np.testing.assert_allclose(flight.time - flight.time[0], expected.pop("time"), atol=1e-6)
-    for name, values in expected.items():
+    flight = brought_in(DIALECTS[dialect], tmp_path)
+    np.testing.assert_allclose(flight.time - flight.time[0], TRUTH["time"], atol=1e-6)
+    for name in [*TRUTH][1:]:
         rough = 3e-3 if "increments" in dialect and name in "pqr" else 1e-6
-        np.testing.assert_allclose(getattr(flight, name), values, rtol=1e-8, atol=rough, err_msg=name)
+        np.testing.assert_allclose(getattr(flight, name), TRUTH[name], rtol=1e-8, atol=rough, err_msg=name)
 
 
-@pytest.mark.parametrize("dialect", REFUSED)
-def test_a_table_that_cannot_come_in_is_refused_by_line_and_cause(tmp_path: Path, dialect: str) -> None:
-    table, says = REFUSED[dialect]
+@pytest.mark.parametrize("says", REFUSED)
+def test_a_table_that_cannot_come_in_is_refused_by_line_and_cause(tmp_path: Path, says: str) -> None:
     with pytest.raises((FlightRecordError, UsageError), match=says):
-        brought_in(table, tmp_path)
+        brought_in(REFUSED[says], tmp_path)
+
+
+LOGGERS = {
+    "altos": "#version,serial,flight,call,time,state_name,altitude,accel_speed,accel_x,gyro_roll,latitude,altitude",
+    "blue-raven": "Flight_Time_(s),Baro_Altitude_ASL_(feet),Velocity_Up,Accel_X,Gyro_X,Tilt_Angle_(deg)",
+    "eggtimer": "T,Alt,Veloc,FAlt,FVeloc,LDA,LowV,Apogee,N-O,Drogue,Main",
+}
+LABEL = """PDS_VERSION_ID = PDS3
+RECORD_TYPE = FIXED_LENGTH
+^TABLE = "LOG.TAB"
+OBJECT = TABLE
+  INTERCHANGE_FORMAT = ASCII
+"""
+COLUMN = """OBJECT = COLUMN
+  NAME = {}
+  DATA_TYPE = ASCII_REAL
+  START_BYTE = {}
+  BYTES = 9
+  UNIT = {}
+  MISSING_CONSTANT = -99.0
+  DESCRIPTION = "Of the {}
+    = x axis"
+END_OBJECT = COLUMN
+"""
+
+
+@pytest.mark.parametrize("logger", LOGGERS)
+def test_a_logger_is_known_by_its_header_and_guessed_in_its_units(tmp_path: Path, logger: str) -> None:
+    names = LOGGERS[logger].split(",")
+    texts = {"call": "N0CALL", "state_name": "boost"}
+    rows = [[texts.get(name, f"{(t + 1) * (j + 1) * 0.02:.2f}") for j, name in enumerate(names)] for t in range(40)]
+    (tmp_path / "log.csv").write_text("\n".join([LOGGERS[logger], *map(",".join, rows)]))
+    found = yaml.safe_load(guess_map(tmp_path / "log.csv").text)["channels"]
+    units = {name: found[name]["units"] for name in ("time", "altitude", "velocity", "p", "ax") if name in found}
+    expected = {
+        "altos": {"time": "s", "altitude": "m", "velocity": "m/s", "p": "deg/s", "ax": "m/s^2"},
+        "blue-raven": {"time": "s", "altitude": "ft", "velocity": "ft/s", "p": "deg/s", "ax": "g"},
+        "eggtimer": {"time": "ms", "altitude": "ft", "velocity": "ft/s"},
+    }
+    assert units == expected[logger]
+
+
+def test_a_table_of_the_planetary_data_system_is_read_by_its_label(tmp_path: Path) -> None:
+    names = {"time": "SECOND", "p": '"RAD/S"'} | {name: UNITS[name] for name in [*TRUTH][2:]}
+    columns = [COLUMN.format(name, 1 + 9 * k, unit, name) for k, (name, unit) in enumerate(names.items())]
+    (tmp_path / "log.lbl").write_text(LABEL + "".join(columns) + "END_OBJECT = TABLE\nEND\n")
+    csv("", form="9.3f", names=None).write(tmp_path / "LOG.TAB")
+    mapping = write_map(tmp_path, foreign_map() | {"channels": {name: {"column": name} for name in TRUTH}})
+    for name in ("log.lbl", "LOG.TAB"):
+        flight = import_record(tmp_path / name, mapping)
+        np.testing.assert_allclose(flight.ax, TRUTH["ax"], atol=6e-4)
+
+
+def test_names_of_rates_and_of_pressures() -> None:
+    assert by_name(["P_BARO1", "gyro_roll", "V_BATT", "gyro_yaw", "t_s"])[0] == {
+        "p": "gyro_roll",
+        "r": "gyro_yaw",
+        "time": "t_s",
+    }
+    assert units_in("gyro_x_deg_per_s", "angular rate") == "deg/s"
+    assert units_in("ax [m/s²]", "acceleration") == "m/s^2"
+
+
+def test_why_no_column_is_time_is_said_by_line_and_cause(tmp_path: Path) -> None:
+    says = next(says for says in REFUSED if "several sensors" in says)
+    REFUSED[says].write(tmp_path / "log.csv")
+    with pytest.raises(UsageError, match=says):
+        guess_map(tmp_path / "log.csv")

@@ -117,7 +117,7 @@ def _format_of(path: Path, layout: Layout) -> TableFormat:
     with path.open("rb") as stream:
         head = stream.read(HEAD_BYTES).decode("latin-1").replace("\0", "")
     fitting = [each for each in added if suffix in each.endings]
-    fitting += [each for each in formats if each.recognises(path, head)]
+    fitting += [each for each in reversed(formats) if each.recognises(path, head)]
     fitting += [each for each in formats if suffix in each.endings]
     if layout.format is not None:
         fitting = [each for each in formats if each.name == layout.format]

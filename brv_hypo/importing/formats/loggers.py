@@ -5,9 +5,8 @@ other columns keep their names, and a map may use the logger's own. Axes are the
 
 altos        AltosCSV.java of AltOS (https://git.gag.com/fw/altos, folder altoslib), which states the units: TeleMega,
              EasyMega, TeleMetrum and others of Altus Metrum, as AltosUI exports them, the header behind a #
-blue-raven   Featherweight Blue Raven User's Manual (https://www.featherweightaltimeters.com): files of high and low rate
-eggtimer     Eggtimer TRS User's Guide, "Flight Summary" (https://eggtimerrocketry.com): TRS, Quantum; altitude above the
-             pad
+blue-raven   Featherweight Blue Raven user's manual (https://www.featherweightaltimeters.com): csv of high and low rate
+eggtimer     Eggtimer TRS User's Guide, "Flight Summary" (https://eggtimerrocketry.com): altitude above the pad
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ GYROS = "gyro_x: p deg/s; gyro_y: q deg/s; gyro_z: r deg/s"
 LOGGERS = {
     "altos": (
         ("version,serial,flight", "state_name"),
-        f"time: time s; accel_x: ax m/s^2; accel_y: ay m/s^2; accel_z: az m/s^2; {GYROS}; gyro_roll: p deg/s; gyro_pitch: "
-        "q deg/s; gyro_yaw: r deg/s; altitude: altitude m; accel_speed: velocity m/s; speed: velocity m/s",
+        f"time: time s; accel_x: ax m/s^2; accel_y: ay m/s^2; accel_z: az m/s^2; {GYROS}; gyro_roll: p deg/s; "
+        "gyro_pitch: q deg/s; gyro_yaw: r deg/s; altitude: altitude m; accel_speed: velocity m/s; speed: velocity m/s",
     ),
     "blue-raven": (
         ("Flight_Time_(s)",),
