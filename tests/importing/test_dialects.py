@@ -16,6 +16,7 @@ from brv_hypo.importing.guess import guess_map
 from brv_hypo.importing.guess_rules import by_name, units_in
 from tests.flight.records import UNITS
 from tests.importing.dialects import DIALECTS, REFUSED, TRUTH, Table, csv
+from tests.importing.mutated_tables import fault_of
 from tests.importing.test_foreign import foreign_map, write_map
 
 
@@ -72,7 +73,13 @@ END_OBJECT = COLUMN
 def test_a_logger_is_known_by_its_header_and_guessed_in_its_units(tmp_path: Path, logger: str) -> None:
     names = LOGGERS[logger].split(",")
     texts = {"call": "N0CALL", "state_name": "boost"}
-    rows = [[texts.get(name, f"{(t + 1) * (j + 1) * 0.02:.2f}") for j, name in enumerate(names)] for t in range(40)]
+    rows = [
+        [
+            texts.get(name, f"{50 * t}" if name == "T" else f"{(t + 1) * (j + 1) * 0.02:.2f}")
+            for j, name in enumerate(names)
+        ]
+        for t in range(40)
+    ]
     (tmp_path / "log.csv").write_text("\n".join([LOGGERS[logger], *map(",".join, rows)]))
     found = yaml.safe_load(guess_map(tmp_path / "log.csv").text)["channels"]
     units = {name: found[name]["units"] for name in ("time", "altitude", "velocity", "p", "ax") if name in found}
@@ -110,3 +117,9 @@ def test_why_no_column_is_time_is_said_by_line_and_cause(tmp_path: Path) -> None
     REFUSED[says].write(tmp_path / "log.csv")
     with pytest.raises(UsageError, match=says):
         guess_map(tmp_path / "log.csv")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("batch", range(3))
+def test_a_mutated_table_comes_in_or_is_refused(tmp_path: Path, batch: int) -> None:
+    assert not [fault for seed in range(100) if (fault := fault_of(tmp_path, 1000 * batch + seed))]

@@ -31,7 +31,7 @@ from brv_hypo.io.sandbox import READ_BUDGET, refused
 
 MISSING = ("", "NA", "N/A", "na", "n/a", "#N/A", "NaN", "nan", "NULL", "null", "None", "none", "-", "--", "---")
 LONGEST_LINE = 1 << 20  # characters; 14 channels need 300
-HEAD_LINES = 300  # from which the dialect is found
+HEAD_LINES = 100  # from which the dialect is found
 DELIMITERS = ",;\t| "  # a blank: any number of blanks
 TEXT_ENDINGS = (".txt", ".tsv", ".dat", ".tab", ".asc", ".log")
 MARKS = dict.fromkeys(map(ord, "\u00a0\u2009\u202f\u2019'"))  # between thousands, beside comma, point and blank
@@ -65,7 +65,8 @@ def detect(path: Path, layout: Layout) -> Dialect:
     head = [re.sub(r"^(#|%|//|!)+ *", "", line) for line in text[:HEAD_LINES]]
     spans = tuple(pairwise(np.cumsum((0, *layout.widths)).tolist()))
     tried = {}
-    for delimiter in (layout.delimiter,) if layout.delimiter else " " if spans else DELIMITERS:
+    present = [each for each in DELIMITERS if any(each in line for line in head)] or [","]
+    for delimiter in (layout.delimiter,) if layout.delimiter else " " if spans else present:
         rows = [_cells(line, delimiter, spans) for line in head]
         for decimal in layout.decimal or ".,":
             kinds = [[_kind(cell, decimal, layout.dates) for cell in cells] for cells in rows]
