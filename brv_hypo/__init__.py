@@ -12,7 +12,7 @@ Mechanism, hookimpl            how to write a mechanism of your own        brv_h
 brv-hypo --help                the command line                            brv_hypo.cli
 
 Where things are: mechanisms, effects, processes in `plugins`; methods of reconstruction in motion/methods; formats in
-importing/formats.py; tolerances of instrument grades in flight/tolerances.py; what decides a fault of a record in
+importing/formats; tolerances of instrument grades in flight/tolerances.py; what decides a fault of a record in
 thresholds.py, a verdict or a finding in constants.py; errors with their exit codes in errors.py.
 """
 

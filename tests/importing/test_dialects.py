@@ -15,8 +15,7 @@ from brv_hypo.importing import import_record
 from brv_hypo.importing.guess import guess_map
 from brv_hypo.importing.guess_rules import by_name, units_in
 from tests.flight.records import UNITS
-from tests.importing.dialects import DIALECTS, REFUSED, TRUTH, Table, csv
-from tests.importing.mutated_tables import fault_of
+from tests.importing.dialects import DIALECTS, REFUSED, TRUTH, Table, csv, fault_of
 from tests.importing.test_foreign import foreign_map, write_map
 
 
