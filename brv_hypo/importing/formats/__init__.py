@@ -124,8 +124,8 @@ def _format_of(path: Path, layout: Layout) -> TableFormat:
     if not fitting:
         raise UsageError(
             f"{path}: found a file of type '{layout.format or path.suffix}', expected "
-            f"{', '.join(', '.join(each.endings) for each in formats if each.endings)}. Rename it if it is one of these (a "
-            f"text table of any delimiter is .csv), give `format` ({', '.join(each.name for each in formats)}) in the "
+            f"{', '.join(', '.join(each.endings) for each in formats if each.endings)}. Rename it if it is one of "
+            f"these (a text table is .csv), give `format` ({', '.join(each.name for each in formats)}) in the "
             "map, else convert it first."
         )
     return fitting[0]
