@@ -129,16 +129,13 @@ def _find_time(table: ForeignTable) -> None:
 def _no_clock(table: ForeignTable) -> str:
     """Why no column is time, by the one that is called so or rises most."""
     rises = {name: np.mean(np.diff(values) > 0.0) for name, values in table.columns.items() if values.size > 1}
-    named = (
-        table.entries["time"].column
-        if "time" in table.entries
-        else max(rises, key=lambda each: rises[each], default="")
-    )
+    time = table.entries.get("time")
+    named = time.column if time is not None else max(rises, key=lambda each: rises[each], default="")
     fault = clock_fault(table.read, named) if rises.get(named, 0.0) > 0.3 else None
+    known = ", ".join(map(one_line, table.columns)) or "none"
     return fault or (
-        f"no column rises strictly from sample to sample, as time does (there are "
-        f"{', '.join(map(one_line, table.columns)) or 'none'}). Likely cause: a table without time. Remedy: add a "
-        "column of sample times."
+        f"no column rises strictly from sample to sample, as time does (there are {known}). Likely cause: a table "
+        "without time. Remedy: add a column of sample times."
     )
 
 

@@ -125,7 +125,7 @@ def _parts(name: str) -> list[str]:
 def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:
     """The channel that words stand for, and how far down the list of its names; None for none."""
     held = set(words)
-    for channel, names in _WORDS.items():
+    for channel, names in _WORDS.items() if words else ():
         for rank, needed in enumerate(names):
             alone = len(needed) > 1 or len(needed[0]) > 2 or (words[0] == needed[0] and not _of_another(words))
             if alone and held.issuperset(needed) and not _axis_of(words):

@@ -318,23 +318,21 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     for name, path in files.items():
         recorder = mapping.recorders[name] if name is not None else None
         channels = {key: entry for key, entry in mapping.channels.items() if entry.recorder == name}
-        columns = [*(entry.column for entry in channels.values())]
+        units = {entry.column: entry.units for entry in channels.values()}
         if recorder is not None:
-            columns += [recorder.time.column, *([recorder.align.column] if recorder.align else [])]
-        table = read_columns(path, tuple(dict.fromkeys(columns)), recorder or mapping, zero)
+            units |= {each.column: each.units for each in (recorder.time, recorder.align) if each is not None}
+        table = read_columns(path, tuple(units), recorder or mapping, zero)
         zero = table.zero if zero is None else zero
         for key, entry in channels.items():
             mapping.channels[key] = _with_units(entry, table, _dimension(key, entry), f"channels/{key}")
+            units[entry.column] = mapping.channels[key].units
+        clock = recorder.time if recorder is not None else mapping.channels["time"]
         if recorder is not None:
-            recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
-        clock = recorder.time.column if recorder is not None else mapping.channels["time"].column
-        if (fault := clock_fault(table, clock)) is not None:
+            clock = recorder.time = _with_units(clock, table, "time", f"recorders/{name}/time")
+            units[clock.column] = clock.units
+        if (fault := clock_fault(table, clock.column)) is not None:
             raise FlightRecordError(f"{path}: {fault}")
-        units = {entry.column: entry.units or "" for entry in mapping.channels.values() if entry.recorder == name}
-        if recorder is not None:
-            units[clock] = recorder.time.units or ""
-            units |= {recorder.align.column: recorder.align.units} if recorder.align else {}
-        raw[name] = RawTable(name or "main", table.columns, units)
+        raw[name] = RawTable(name or "main", table.columns, {column: unit or "" for column, unit in units.items()})
         notes += table.notes
     with naming(source):
         record, faults, phases = _record(raw, mapping, source, folders, zero, notes)
@@ -404,9 +402,8 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
         if entry.recorder is None
     }
     time = channels.pop("time")
-    channels = {
-        name: _rate(time, each) if mapping.channels[name].increments else each for name, each in channels.items()
-    }
+    for name in channels:
+        channels[name] = _rate(time, channels[name]) if mapping.channels[name].increments else channels[name]
     notes: list[str] = []
     for name, recorder in mapping.recorders.items():
         columns = raw[name].columns
@@ -447,22 +444,15 @@ def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: s
 def _dimension(name: str, entry: ColumnMap) -> Dimension:
     """Of what a channel's column holds. Raises UsageError for increments of what has none."""
     dimension = CHANNEL_DIMENSIONS[name]
-    if not entry.increments:
-        return dimension
-    if dimension not in INTEGRATED:
+    if entry.increments and dimension not in INTEGRATED:
         raise UsageError(f"channels/{name}/increments: only p, q, r, ax, ay and az may be given by increments.")
-    return INTEGRATED[dimension]
+    return INTEGRATED[dimension] if entry.increments else dimension
 
 
 def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, place: str) -> ColumnMap:
     """The entry with the units of its column: the map's, else the table's. Raises UsageError where neither has any."""
-    if entry.column in table.stamps:
-        if entry.units not in (None, "s"):
-            raise UsageError(
-                f"{place}/units: '{one_line(entry.column)}' holds dates or times of day, which are read in s."
-            )
-        return entry.model_copy(update={"units": "s"})
-    units = entry.units or stated_units(entry.column, table, dimension)
+    of_table = "s" if entry.column in table.stamps else entry.units  # dates and times of day are read in s
+    units = of_table or stated_units(entry.column, table, dimension)
     if units is None:
         raise UsageError(
             f"{place}/units: neither the map nor the table gives the units of '{one_line(entry.column)}'. Add units of "

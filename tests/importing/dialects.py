@@ -69,11 +69,6 @@ def dated(form: str, start: datetime = NOON) -> Callable[[Any], list[str]]:
     return lambda time: [(start + timedelta(seconds=float(t))).strftime(form) for t in time]
 
 
-def wrapping(size: float, bits: int) -> Callable[[Any], list[str]]:
-    """Times as a counter that wraps after half a second."""
-    return lambda time: [str((2**bits + round((t - 0.5) * size)) % 2**bits) for t in time]
-
-
 def stated(form: str, spell: Callable[[str], str] = str, **how: Any) -> Table:
     """Names with units."""
     named = {name: form.format(name, spell(UNITS[name])) for name in TRUTH}
@@ -92,10 +87,6 @@ def increments(path: Path) -> object:
     turned = {name: CubicSpline(TRUTH["time"], TRUTH[name]).antiderivative() for name in "pqr"}
     steps = {name: np.degrees(angle(TRUTH["time"]) - angle(TRUTH["time"] - 0.01)) for name, angle in turned.items()}
     return pd.DataFrame({**TRUTH, **steps}).to_csv(path, index=False)
-
-
-def parquet(**time: Any) -> Table:
-    return Table(lambda path: pd.DataFrame({**TRUTH, **time}).to_parquet(path), suffix="parquet")
 
 
 def mat(content: Any, prefix: str = "", numbered: bool = False, **keys: Any) -> Table:
@@ -120,11 +111,11 @@ def references(file: Any) -> None:
         file[f"log/{name}"] = np.array([each.ref for each in kept], dtype=h5py.ref_dtype)[:, None]
 
 
-def placed(**how: Any) -> Table:
-    """Without a header: columns are called by their place."""
-    return csv(names=None, columns={name: f"column {k}" for k, name in enumerate(TRUTH, 1)}, **how)
+def parquet(time: Any) -> Table:
+    return Table(lambda path: pd.DataFrame({**TRUTH, "time": time}).to_parquet(path), suffix="parquet")
 
 
+PLACED = {name: f"column {k}" for k, name in enumerate(TRUTH, 1)}
 STAMPS = pd.Timestamp(NOON) + pd.to_timedelta(TRUTH["time"], unit="s")
 STRUCTS = np.array([tuple(row) for row in MATRIX], dtype=[(name, float) for name in TRUTH])
 PREAMBLE, NAMES, BARE = "Logger 7, version 1.2\nSerial: 1234\n\nFlight of 2024-05-17\n", [*TRUTH], dict.fromkeys(TRUTH)
@@ -141,13 +132,13 @@ DIALECTS = {
     **{f"quoted, {d}": csv('","', d, row='"{}"', change=lambda lines: [f'"{line}"' for line in lines]) for d in ".,"},
     **{f"thousands by {t!r}": csv(";", "." if t in ",'" else ",", thousands=t) for t in (",", ".", " ", "\u202f", "'")},
     **{f"header {r!r}": csv(d, row=r) for r, d in (("#{}", ","), ("# {}", " "), ("% {}", "\t"))},
-    **{f"no header, {d!r}": placed(delimiter=d, decimal=c) for d, c in ((",", "."), (" ", "."), (";", ","))},
+    **{f"no header, {d!r}": csv(d, c, names=None, columns=PLACED) for d, c in ((",", "."), (" ", "."), (";", ","))},
     **{f"preamble, {d!r}": csv(d, head=PREAMBLE) for d in (",", " ")},
     **{f"encoding {e}": csv(encoding=e, head="Log\n") for e in ("utf-8-sig", "utf-16", "utf-16-be", "utf-16-le")},
     **{f"lines end {e!r}": csv(end=e) for e in ("\r\n", "\r")},
     **{f"dates {form}": csv(";", time=dated(form)) for form in FORMS},
-    "counter of 16 bits": csv(time=wrapping(1e3, 16), units={"time": "ms"}),
-    "counter of 32 bits": csv(time=wrapping(1e6, 32), units={"time": "us"}),
+    "counter of 16 bits": csv(time=lambda time: np.mod(1e3 * time - 500, 2**16), units={"time": "ms"}),
+    "counter of 32 bits": csv(time=lambda time: np.mod(1e6 * time - 5e5, 2**32), units={"time": "us"}),
     "row of units": csv(row="{}\n" + ",".join(UNITS[name] for name in TRUTH), units=BARE),
     "row of units in brackets": csv("\t", row="{}\n" + "\t".join(f"[{UNITS[name]}]" for name in TRUTH), units=BARE),
     "units in brackets": stated("{} [{}]", delimiter=";"),
@@ -170,9 +161,9 @@ DIALECTS = {
     "two units by a number": two("1", "2", keys={"where": {"unit": 1}}),
     "two units by a name": two("left", "right", keys={"where": {"unit": "left"}}),
     "increments of angle": Table(increments, channel={name: {"units": "deg", "increments": True} for name in "pqr"}),
-    "parquet, dates": parquet(time=STAMPS),
-    "parquet, dates with a zone": parquet(time=STAMPS.tz_convert("Europe/Berlin")),
-    "parquet, durations": parquet(time=pd.to_timedelta(TRUTH["time"], unit="s")),
+    "parquet, dates": parquet(STAMPS),
+    "parquet, dates with a zone": parquet(STAMPS.tz_convert("Europe/Berlin")),
+    "parquet, durations": parquet(pd.to_timedelta(TRUTH["time"], unit="s")),
     "MATLAB matrix": mat({"log": MATRIX}, "log.", numbered=True),
     "MATLAB matrix, lying": mat({"log": MATRIX.T, "note": "lying"}, "log.", numbered=True),
     "MATLAB matrix, names in the map": mat({"log": MATRIX}, names=NAMES),
@@ -202,10 +193,9 @@ REFUSED = {
 
 
 def fault_of(folder: Path, seed: int) -> str | None:
-    """What is raised beside refusals where a damaged table is guessed at and read by its map; None for nothing."""
+    """What is raised beside refusals where a damaged table is guessed at and read; None for nothing."""
     draw = random.Random(seed)
-    dialect = draw.choice([*DIALECTS])
-    table = DIALECTS[dialect]
+    dialect, table = draw.choice([*DIALECTS.items()])
     table.write(path := folder / f"log.{table.suffix}")
     for _ in range(draw.choice((1, 1, 2, 4))):
         draw.choice(OF_TABLES if table.suffix == "csv" else RAW)(path, draw)

@@ -45,55 +45,39 @@ def test_a_table_that_cannot_come_in_is_refused_by_line_and_cause(tmp_path: Path
 
 
 LOGGERS = {
-    "altos": "#version,serial,flight,call,time,state_name,altitude,accel_speed,accel_x,gyro_roll,latitude,altitude",
-    "blue-raven": "Flight_Time_(s),Baro_Altitude_ASL_(feet),Velocity_Up,Accel_X,Gyro_X,Tilt_Angle_(deg)",
-    "eggtimer": "T,Alt,Veloc,FAlt,FVeloc,LDA,LowV,Apogee,N-O,Drogue,Main",
+    "#version,serial,flight,call,time,state_name,altitude,accel_speed,accel_x,gyro_roll,latitude,altitude": (
+        {"time": "s", "altitude": "m", "velocity": "m/s", "p": "deg/s", "ax": "m/s^2"}
+    ),
+    "Flight_Time_(s),Baro_Altitude_ASL_(feet),Velocity_Up,Accel_X,Gyro_X,Tilt_Angle_(deg)": (
+        {"time": "s", "altitude": "ft", "velocity": "ft/s", "p": "deg/s", "ax": "g"}
+    ),
+    "T,Alt,Veloc,FAlt,FVeloc,LDA,LowV,Apogee,N-O,Drogue,Main": {"time": "ms", "altitude": "ft", "velocity": "ft/s"},
 }
-LABEL = """PDS_VERSION_ID = PDS3
-RECORD_TYPE = FIXED_LENGTH
-^TABLE = "LOG.TAB"
-OBJECT = TABLE
-  INTERCHANGE_FORMAT = ASCII
-"""
-COLUMN = """OBJECT = COLUMN
-  NAME = {}
-  DATA_TYPE = ASCII_REAL
-  START_BYTE = {}
-  BYTES = 9
-  UNIT = {}
-  MISSING_CONSTANT = -99.0
-  DESCRIPTION = "Of the {}
-    = x axis"
-END_OBJECT = COLUMN
-"""
+LABEL = 'PDS_VERSION_ID = PDS3\n^TABLE = "LOG.TAB"\nOBJECT = TABLE\n  INTERCHANGE_FORMAT = ASCII\n{}END_OBJECT = TABLE\nEND\n'
+COLUMN = (
+    "OBJECT = COLUMN\n  NAME = {}\n  DATA_TYPE = ASCII_REAL\n  START_BYTE = {}\n  BYTES = 9\n  UNIT = {}\n"
+    '  MISSING_CONSTANT = -99.0\n  DESCRIPTION = "One\n    axis = x"\nEND_OBJECT = COLUMN\n'
+)
 
 
-@pytest.mark.parametrize("logger", LOGGERS)
-def test_a_logger_is_known_by_its_header_and_guessed_in_its_units(tmp_path: Path, logger: str) -> None:
-    names = LOGGERS[logger].split(",")
-    texts = {"call": "N0CALL", "state_name": "boost"}
-    rows = [
-        [
-            texts.get(name, f"{50 * t}" if name == "T" else f"{(t + 1) * (j + 1) * 0.02:.2f}")
-            for j, name in enumerate(names)
-        ]
-        for t in range(40)
+@pytest.mark.parametrize(("header", "units"), LOGGERS.items(), ids=["altos", "blue-raven", "eggtimer"])
+def test_a_logger_is_known_by_its_header_and_guessed_in_its_units(
+    tmp_path: Path, header: str, units: dict[str, str]
+) -> None:
+    scales = [
+        {"call": None, "state_name": None, "T": 50.0}.get(name, 0.02 * j + 0.02)
+        for j, name in enumerate(header.split(","))
     ]
-    (tmp_path / "log.csv").write_text("\n".join([LOGGERS[logger], *map(",".join, rows)]))
+    rows = [",".join("boost" if scale is None else f"{t * scale:.2f}" for scale in scales) for t in range(40)]
+    (tmp_path / "log.csv").write_text("\n".join([header, *rows]))
     found = yaml.safe_load(guess_map(tmp_path / "log.csv").text)["channels"]
-    units = {name: found[name]["units"] for name in ("time", "altitude", "velocity", "p", "ax") if name in found}
-    expected = {
-        "altos": {"time": "s", "altitude": "m", "velocity": "m/s", "p": "deg/s", "ax": "m/s^2"},
-        "blue-raven": {"time": "s", "altitude": "ft", "velocity": "ft/s", "p": "deg/s", "ax": "g"},
-        "eggtimer": {"time": "ms", "altitude": "ft", "velocity": "ft/s"},
-    }
-    assert units == expected[logger]
+    assert {name: found[name]["units"] for name in units} == units
 
 
 def test_a_table_of_the_planetary_data_system_is_read_by_its_label(tmp_path: Path) -> None:
     names = {"time": "SECOND", "p": '"RAD/S"'} | {name: UNITS[name] for name in [*TRUTH][2:]}
-    columns = [COLUMN.format(name, 1 + 9 * k, unit, name) for k, (name, unit) in enumerate(names.items())]
-    (tmp_path / "log.lbl").write_text(LABEL + "".join(columns) + "END_OBJECT = TABLE\nEND\n")
+    columns = [COLUMN.format(name, 1 + 9 * k, unit) for k, (name, unit) in enumerate(names.items())]
+    (tmp_path / "log.lbl").write_text(LABEL.format("".join(columns)))
     csv("", form="9.3f", names=None).write(tmp_path / "LOG.TAB")
     mapping = write_map(tmp_path, foreign_map() | {"channels": {name: {"column": name} for name in TRUTH}})
     for name in ("log.lbl", "LOG.TAB"):
