@@ -53,7 +53,7 @@ LOGGERS = {
     ),
     "T,Alt,Veloc,FAlt,FVeloc,LDA,LowV,Apogee,N-O,Drogue,Main": {"time": "ms", "altitude": "ft", "velocity": "ft/s"},
 }
-LABEL = 'PDS_VERSION_ID = PDS3\n^TABLE = "LOG.TAB"\nOBJECT = TABLE\n  INTERCHANGE_FORMAT = ASCII\n{}END_OBJECT = TABLE\nEND\n'
+LABEL = 'PDS_VERSION_ID = PDS3\n^TABLE = "LOG.TAB"\nOBJECT = TABLE\n{}END_OBJECT = TABLE\nEND\n'
 COLUMN = (
     "OBJECT = COLUMN\n  NAME = {}\n  DATA_TYPE = ASCII_REAL\n  START_BYTE = {}\n  BYTES = 9\n  UNIT = {}\n"
     '  MISSING_CONSTANT = -99.0\n  DESCRIPTION = "One\n    axis = x"\nEND_OBJECT = COLUMN\n'
@@ -64,11 +64,8 @@ COLUMN = (
 def test_a_logger_is_known_by_its_header_and_guessed_in_its_units(
     tmp_path: Path, header: str, units: dict[str, str]
 ) -> None:
-    scales = [
-        {"call": None, "state_name": None, "T": 50.0}.get(name, 0.02 * j + 0.02)
-        for j, name in enumerate(header.split(","))
-    ]
-    rows = [",".join("boost" if scale is None else f"{t * scale:.2f}" for scale in scales) for t in range(40)]
+    sizes = [{"T": 50.0}.get(name, 0.02 * k) for k, name in enumerate(header.split(","), 1)]
+    rows = [",".join(f"{t * size:.2f}" for size in sizes) for t in range(40)]
     (tmp_path / "log.csv").write_text("\n".join([header, *rows]))
     found = yaml.safe_load(guess_map(tmp_path / "log.csv").text)["channels"]
     assert {name: found[name]["units"] for name in units} == units

@@ -248,8 +248,8 @@ def _values(cells: Any, kind: str, is_name: bool, layout: Layout) -> Any:
         return pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy()
     if kind == "date":
         whole = cells if layout.dates else cells.str.replace(",", ".")
-        for form in (layout.dates,) if layout.dates else ("%Y-%jT%H:%M:%S.%f", "ISO8601", "mixed"):
-            dates = pd.to_datetime(whole, format=form, dayfirst=form == "mixed", utc=True, errors="coerce")
+        for form in (layout.dates,) if layout.dates else ("%Y-%jT%H:%M:%S.%f", "ISO8601", None, "mixed"):
+            dates = pd.to_datetime(whole, format=form, dayfirst=form in (None, "mixed"), utc=True, errors="coerce")
             if dates.notna().sum() == cells.notna().sum():
                 break
         return dates.dt.tz_localize(None).to_numpy(dtype="M8[ns]")
