@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -145,6 +146,7 @@ def _cells(line: str, delimiter: str, spans: Sequence[tuple[int, int]]) -> list[
         raise UsageError(f"the delimiter {delimiter!r} cannot be used ({error}). Give another.") from error
 
 
+@lru_cache(maxsize=1 << 16)
 def _kind(cell: str, decimal: str, form: str | None) -> str:
     """Of a cell: number, date, clock, text or empty."""
     if form is not None:
