@@ -36,6 +36,7 @@ HEAD_LINES = 100  # from which the dialect is found
 DELIMITERS = ",;\t| "  # a blank: any number of blanks
 TEXT_ENDINGS = (".txt", ".tsv", ".dat", ".tab", ".asc", ".log")
 MARKS = dict.fromkeys(map(ord, "\u00a0\u2009\u202f\u2019'"))  # between thousands, beside comma, point and blank
+FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]\d)")  # its exponent, 1.0D+03
 TORN = re.compile(r"\d.*[,;\t| ]|[,;\t| ].*\d")  # a value and more
 BLANKS = re.compile(r"(?<=\d) (?=\d{3}(\D|$))")  # between thousands, where blanks are not between columns
 KINDS = {
@@ -98,16 +99,13 @@ def detect(path: Path, layout: Layout) -> Dialect:
     if layout.names and count != width:
         raise UsageError(f"{path}: names: got {count}, expected one for each of the {width} columns.")
     if delimiter != " " and 1 < count < width - 1 and {*kinds[above]} == {"text"}:
-        place, expected = (
-            f"{path}: line {first + 1}, cell {width}",
-            f"{count} as in line {above + 1}: no column is this",
-        )
+        place = f"{path}: line {first + 1}, cell {width}"
+        expected = f"{count} as in line {above + 1}: no column is this"
         cause = "the decimal sign is also the delimiter, or names are missing"
         raise refused(place, f"{width} cells", expected, cause, "take another delimiter, or give `names` in the map")
     names, units = _heading(rows[:first], rows[first:], width)
-    return Dialect(
-        encoding, delimiter, decimal, layout.names or names, most, first, units, spans, mark if marked else None
-    )
+    names, thousands = layout.names or names, mark if marked else None
+    return Dialect(encoding, delimiter, decimal, names, most, first, units, spans, thousands)
 
 
 def _lines(path: Path, encoding: str | None) -> tuple[list[str], str]:
@@ -124,9 +122,7 @@ def _lines(path: Path, encoding: str | None) -> tuple[list[str], str]:
     found = "utf-16" if marked else "utf-16-be" if zeros[0] else "utf-16-le" if zeros[1] else None
     for each in (encoding or found,) if encoding or found else ("utf-8-sig", "latin-1"):
         with suppress(UnicodeError):
-            plain = re.sub(
-                r"(?<=[\d.])[dD](?=[+-]\d)", "e", raw.decode(each or "").translate(MARKS)
-            )  # Fortran's 1.0D+03
+            plain = FORTRAN.sub("e", raw.decode(each or "").translate(MARKS))
             lines = re.split(r"\r\n|\r|\n", plain)
             if max(map(len, lines)) > LONGEST_LINE:
                 raise refused(str(path), "a line of more than 1 MB", "a table", "another kind of file", "convert it")
@@ -245,6 +241,8 @@ def _values(cells: Any, kind: str, is_name: bool, layout: Layout) -> Any:
 
     if kind == "text" and is_name:
         return cells.fillna("").astype(str).to_numpy(dtype=np.str_)
+    if kind in ("clock", "date"):
+        cells = cells.astype("string")
     if kind == "clock":
         whole = cells.where(cells.str.count(":") > 1, "00:" + cells).str.replace(",", ".")
         return pd.to_timedelta(whole, errors="coerce").dt.total_seconds().to_numpy()
