@@ -174,8 +174,8 @@ def _cleaned(table: ColumnTable, columns: Mapping[str, Any], zero: np.datetime64
         left_out = next(iter(found.values())).size - kept.size
         notes.append(f"left out {counted(left_out, 'row')} that repeat another to the last digit")
         found = {name: values[kept] for name, values in found.items()}
-    lines = table.lines if table.lines is None or kept is None else table.lines[kept]
-    return replace(table, columns=found, notes=tuple(notes), stamps=tuple(stamps), lines=lines, zero=zero)
+        table = replace(table, lines=None if table.lines is None else table.lines[kept])
+    return replace(table, columns=found, notes=tuple(notes), stamps=tuple(stamps), zero=zero)
 
 
 def _vector(values: np.ndarray, name: str) -> Any:

@@ -78,12 +78,17 @@ def detect(path: Path, layout: Layout) -> Dialect:
     columns = [Counter(row[k] for row in kinds if len(row) == width and row[k] != "empty") for k in range(width)]
     most = tuple(max({"number": 0, **each}, key=lambda kind: each[kind]) for each in columns)
     numeric = [k for k in range(width) if most[k] != "text"]
-    first = next((k for k, row in enumerate(kinds) if len(row) == width and _is_data([row[n] for n in numeric])), None)
+    found = [[row[k] for k in numeric] if len(row) == width else [] for row in kinds]
+    values = [
+        sum(kind in KINDS for kind in row) for row in found
+    ]  # and no text beside them, or little, in a row of data
+    data = (k for k, n in enumerate(values) if n and ("text" not in found[k] or 2 * n > len(numeric)))
+    first = next(data, None)
     if first is None or worth <= 0:
         texts = [cells for cells in rows if any(cells)]
         if encoding != "utf-8-sig" or len(texts) > 1:
-            found = f"a table that cannot be read (no row of numbers in {len(head)} lines, as {encoding})"
-            raise refused(str(path), found, "a table", "another kind of file", "give `encoding` in the map")
+            got = f"a table that cannot be read (no row of numbers in {len(head)} lines, as {encoding})"
+            raise refused(str(path), got, "a table", "another kind of file", "give `encoding` in the map")
         names = _distinct(texts[0]) if texts else ()
         return Dialect(encoding, delimiter, decimal, names, ("number",) * len(names), len(head))
     mark = "," if decimal == "." else "."
@@ -91,9 +96,9 @@ def detect(path: Path, layout: Layout) -> Dialect:
     marked = next(((k, j) for k, j in numbers if mark in rows[k][j]), None)
     if marked and decimal == "." and tried.get((delimiter, ","), (0,))[0] == worth:
         place = f"{path}: line {marked[0] + 1}, cell {marked[1] + 1}"
-        found = f"'{rows[marked[0]][marked[1]]}', and no cell that shows whether commas part thousands or decimals"
+        got = f"'{rows[marked[0]][marked[1]]}', and no cell that shows whether commas part thousands or decimals"
         remedy = 'give `decimal` in the map: "." or ","'
-        raise refused(place, found, "one meaning", "numbers of three decimals", remedy)
+        raise refused(place, got, "one meaning", "numbers of three decimals", remedy)
     above = next((k for k in range(first - 1, -1, -1) if any(rows[k])), 0)
     count = len(layout.names or rows[above])
     if layout.names and count != width:
@@ -160,12 +165,6 @@ def _worth(rows: Sequence[Sequence[str]], kinds: Sequence[Sequence[str]]) -> tup
         torn = sum(kind == "text" and bool(TORN.search(cell)) for cell, kind in zip(cells, row, strict=True))
         worth[len(cells)] += sum(kind in KINDS for kind in row) - 2 * torn
     return max(((size, width) for width, size in worth.items() if width > 1), default=(0, 0))
-
-
-def _is_data(kinds: Sequence[str]) -> bool:
-    """Whether a row has values, and no text beside them, or little."""
-    values = sum(kind in KINDS for kind in kinds)
-    return values > 0 and ("text" not in kinds or 2 * values > len(kinds))
 
 
 def _heading(above: Any, data: Any, width: int) -> tuple[tuple[str, ...], dict[str, str]]:
