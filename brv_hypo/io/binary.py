@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.io.files import check_regular, check_target, write_whole
+from brv_hypo.io.files import check_hdf5, check_regular, check_target, write_whole
 from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 from brv_hypo.io.text import one_line
 
@@ -226,11 +226,13 @@ def _plain(value: Any) -> Any:
 def write_tree(path: str | Path, tree: Tree, *, overwrite: bool = False) -> None:
     """Write `tree`; its root dataset `time` becomes the scale of all root datasets of its length.
 
-    Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
+    Raises UsageError where its name does not end in .h5 or .hdf5, the file exists and `overwrite` is false, or where
+    it cannot be written.
     """
     import h5py
 
     check_target(path, overwrite=overwrite)
+    check_hdf5(path)
     # Made in memory first: a medium that fails must not fail inside the library.
     with h5py.File("image", "w", driver="core", backing_store=False) as handle:
         _write_group(handle, tree)

@@ -212,7 +212,7 @@ def test_text_in_a_column_is_refused_by_name(tmp_path: Path) -> None:
 def test_parquet_without_its_extra_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = write_parquet(tmp_path / "d.parquet", foreign_columns())
     monkeypatch.setattr(sandboxed, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
+    with pytest.raises(UsageError, match=r"pip install -e '.\[tables\]'"):
         import_record(data, write_map(tmp_path, foreign_map()))
 
 

@@ -14,7 +14,7 @@ from brv_hypo.io.sandbox import read_in_sandbox
 
 def _read_parquet(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
     if find_spec("pyarrow") is None:
-        raise UsageError(f"{path}: reading parquet needs pyarrow. Install the extra: pip install 'brv-hypo[tables]'.")
+        raise UsageError(f"{path}: reading parquet needs pyarrow. In the checkout: pip install -e '.[tables]'.")
     return read_in_sandbox("Parquet", parquet_table, path, names)
 
 
