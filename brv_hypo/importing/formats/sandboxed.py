@@ -6,7 +6,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import missing_package
 from brv_hypo.importing.formats import Layout, TableFormat, check_columns
 from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
 from brv_hypo.io.sandbox import read_in_sandbox
@@ -14,7 +14,7 @@ from brv_hypo.io.sandbox import read_in_sandbox
 
 def _read_parquet(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
     if find_spec("pyarrow") is None:
-        raise UsageError(f"{path}: reading parquet needs pyarrow. In the checkout: pip install -e '.[tables]'.")
+        raise missing_package(f"{path}: reading parquet", "pyarrow", "tables")
     return read_in_sandbox("Parquet", parquet_table, path, names)
 
 
