@@ -12,8 +12,8 @@ write_report, write_figures    any result as a page, as PNG and SVG        brv_h
 Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
 
 Where things are: the command line in cli; mechanisms, effects, processes in `plugins`; methods of reconstruction in
-motion/methods; formats in importing/formats; tolerances of instrument grades in flight/tolerances.py; what decides
-a fault of a record in thresholds.py, a verdict or a finding in constants.py; errors with their exit codes in errors.py.
+motion/methods; formats in importing/formats; tolerances of instrument grades in flight/tolerances.py; what decides a
+fault of a record in thresholds.py, a verdict or a finding in constants.py; errors with their exit codes in errors.py.
 """
 
 from __future__ import annotations
