@@ -141,6 +141,17 @@ COMPATIBILITY_NEARLY_EQUAL = threshold(1.0, "nats", "another correction is named
 COMPATIBILITY_UNRELATED = threshold(0.5, "1", "gyros and accelerometers disagree: unexplained shares", _TRIAL)
 COMPATIBILITY_QUIET = threshold(0.1, "1", "noise is small enough to say so: its share of a relation", _TRIAL)
 
+# ---- Physics of a record, whatever the vehicle ----
+
+_SOUND = "tests.studies.soundness"
+CLIMB_WITHIN = threshold(1.1, "1", "altitude or speed is wrong: climb over speed", _SOUND)
+CLIMB_WIND = threshold(20.0, "m/s", "the same: beyond wind along the path and errors of the speed", _SOUND)
+CLIMB_SIGMAS = threshold(5.0, "sigmas", "the same: certainty of the climb", _SOUND)
+GAIN_WITHIN = threshold((0.5, 1.5), "1", "speed or height gained is wrong: over what the forces make", _SOUND)
+DRAG_WITHIN = threshold((0.01, 20.0), "1", "forces or pressure are wrong: axial coefficient of any body", _SOUND)
+MOUNTING_TILT = threshold(0.035, "rad", "the unit is turned in the vehicle: 2 deg between nose and x", _SOUND)
+MOUNTING_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that angle", _SOUND)
+
 # ---- Motion: filters, smoothing, the fit of forces and rates ----
 
 WARNED_PER_CYCLE = threshold(20.0, "samples", "degraded: too few samples in a cycle of the motion", _LIMITS)

@@ -19,6 +19,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.cleaning import find_spikes, without_spikes
 from brv_hypo.flight.clock import joined, runs, sigma_of_differences, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
+from brv_hypo.flight.mounting import GRAVITY, THRUST
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS, CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import SI
 
@@ -26,7 +27,6 @@ PHASE_SMOOTHED = 0.1  # s: a median over this takes vibration and spikes out
 PHASE_SHORTEST = 0.3  # s of a phase
 PHASE_AT_REST = 0.15  # gravities by which a reading along the axis may be off gravity at rest
 PHASE_RESTING = 0.9  # share of the samples before ignition that have to read so for a pad
-PHASE_THRUST = 1.5  # gravities sensed, beyond what any instrument's bias makes of gravity
 PHASE_BURNT_OUT = 0.0  # m/s^2 along the axis: drag alone is left
 # A parachute pulls with so many times what was sensed in the seconds before it, and with so many gravities.
 PARACHUTE_TIMES = 5.0
@@ -42,9 +42,7 @@ INSPECTED_PER_CYCLE = 10.0  # samples
 
 PhaseName = Literal["pad", "burn", "coast", "parachute"]
 
-GRAVITY = 9.80665  # m/s^2
 AT_REST = PHASE_AT_REST * GRAVITY  # m/s^2 about gravity along the axis
-THRUST = PHASE_THRUST * GRAVITY  # m/s^2 sensed
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import BrvHypoError
-from brv_hypo.flight.inspection import GRAVITY
+from brv_hypo.flight.mounting import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, to_si
 from brv_hypo.importing.formats import column_names, read_columns

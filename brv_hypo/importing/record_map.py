@@ -17,6 +17,7 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
       mass: {value: 832, units: kg}
       ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
+    rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
     pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
     derive: {velocity: ascent}     # from ax and altitude, on a steep climb
     window: coast                  # a phase that is found, or [start, stop] in s
@@ -24,8 +25,8 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
 
 Columns of a mat file that lie in a struct are called `struct.field`. Files are named relative to the map's folder,
 or to that of the data. Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order:
-all recorders on one clock; biases from the pad removed; speed derived; phases found and the window cut, with the
-vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
+all recorders on one clock; axes turned; biases from the pad removed; speed derived; phases found and the window cut,
+with the vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
 """
 
 from __future__ import annotations
@@ -37,14 +38,19 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
+from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases
+from brv_hypo.flight.mounting import Tilt, nose_axis
+from brv_hypo.flight.plausibility import contradictions, mounting_fault
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
+    GYROS,
+    INERTIAL_CHANNELS,
     VEHICLE_DIMENSIONS,
     Channels,
     Flight,
@@ -60,7 +66,15 @@ from brv_hypo.flight.record import (
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import Dimension, to_si
 from brv_hypo.importing.formats import found_file, nearest, read_columns
-from brv_hypo.importing.rocket_log import ascent, clock_offset, decimated, needed_rate, take_out_biases
+from brv_hypo.importing.rocket_log import (
+    PAD_MOUNTED,
+    ascent,
+    clock_offset,
+    decimated,
+    filter_reach,
+    needed_rate,
+    take_out_biases,
+)
 from brv_hypo.io.text import naming, one_line
 
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
@@ -75,6 +89,29 @@ def _in_order(span: tuple[float, float]) -> tuple[float, float]:
     if not span[0] < span[1]:
         raise ValueError("a start before its stop")
     return span
+
+
+Row = tuple[float, float, float]
+Rows = tuple[Row, Row, Row]
+
+
+def _rotation(entry: str | Rows | None) -> Any:
+    """`auto`, or the rows of named turns, in degrees, or those that are given."""
+    if entry is None or entry == "auto":
+        return entry
+    matrix = np.eye(3)
+    if isinstance(entry, str):
+        for turn in entry.split(","):
+            try:
+                axis, angle = turn.split()
+                matrix = matrix @ Rotation.from_euler(axis, float(angle), degrees=True).as_matrix()
+            except ValueError:
+                raise ValueError('auto, three rows, or turns in degrees such as "x 45, z -3"') from None
+    else:
+        matrix = np.array(entry)
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) or np.linalg.det(matrix) < 0.0:
+        raise ValueError("a rotation: rows of length 1, perpendicular and right-handed (a scale of -1 mirrors)")
+    return tuple(map(tuple, matrix.tolist()))
 
 
 Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
@@ -155,6 +192,8 @@ class RecordMap(_Entry):
     """Other files, each with a clock of its own."""
     instruments: dict[str, Any] = {}
     """Grade and tolerances."""
+    rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
+    """From what gyros and accelerometers read to body axes: "auto" is found from thrust, drag and spin."""
     pad: Span | None = None
     """Times between which the vehicle is at rest, nose up, s."""
     derive: Derived | None = None
@@ -237,17 +276,19 @@ def vehicle_of(
 
 def instruments_of(
     mapping: RecordMap,
-    from_pad: Mapping[str, Any],
+    estimated: Mapping[str, Any],
     inertia: float,
     channels: Mapping[str, FloatArray],
     speed_sigma: FloatArray | None,
 ) -> Instruments:
-    """Tolerances: of the map's grade, then what pad, table and derived speed show, then what the map states.
+    """Tolerances: of the map's grade, then what pad, mounting, table and speed show, then what the map states.
 
     `inertia` is relative, of `vehicle_of`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
     """
     grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
-    shown: dict[str, Any] = dict(from_pad)
+    shown: dict[str, Any] = dict(estimated)
+    for key in {"gyro_misalignment", "accel_misalignment"} & set(shown):
+        shown[key] = float(np.hypot(shown[key], getattr(grade, key)[0]))
     if inertia > STEADY_PROPERTY:
         shown |= {"inertia": float(np.hypot(inertia, grade.inertia[0]))}
     # Relative, of a dynamic pressure that is made of speed and a standard atmosphere.
@@ -328,24 +369,36 @@ def _record(
     """The record of what is to be analysed, faults masked on the way to its rate, and the phases of the whole."""
     time, channels, notes = _on_one_clock(raw, mapping)
     tolerances: dict[str, Any] = {}
-    sigma = None
+    sigma, rest = None, None
+    tilt = _nose(time, channels)
+    if mapping.rotation is not None:
+        _turn(mapping.rotation, tilt, channels, tolerances, notes)
+        tilt = None if mapping.rotation == "auto" else _nose(time, channels)
+    contradicted = (*mounting_fault(time, tilt), *contradictions(time, channels))
+    notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
-        channels, tolerances, pad_notes = take_out_biases(time, channels, mapping.pad)
+        sigma_known = tolerances.get("accel_misalignment", PAD_MOUNTED)
+        channels, rest, biases, pad_notes = take_out_biases(time, channels, mapping.pad, sigma_known)
+        tolerances |= biases
         notes += pad_notes
     if mapping.derive is not None:
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        speed, altitude, sigma, note = ascent(time, channels["ax"], channels["altitude"])
+        climb = ascent(time, channels["ax"], channels["altitude"], rest)
+        sigma = climb.sigma
         # unknown where it is as good as rest
-        channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
-        channels["altitude"] = altitude
-        notes.append(note)
+        channels["velocity"] = np.where(climb.speed > ASCENT_KNOWN_SPEED * sigma, climb.speed, np.nan)
+        channels["altitude"] = climb.altitude
+        notes += climb.notes
     forces = [channels[name] for name in ACCELEROMETERS if name in channels]
     phases = find_phases(time, *forces) if len(forces) == len(ACCELEROMETERS) else ()
     window = _window(mapping, phases, time)
     inside = (time >= window[0]) & (time <= window[1])
     kept = {name: values[inside] for name, values in channels.items()}
+    rate = needed_rate(time[inside], kept) if mapping.rate == "auto" else mapping.rate
+    reach = 0.0 if rate is None else filter_reach(rate)  # the filter runs in from beyond the window
+    around = (time >= window[0] - reach) & (time <= window[1] + reach)
     vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window)
     notes += vehicle_notes
     if mapping.window is not None:
@@ -354,8 +407,8 @@ def _record(
     record = validated(
         Record,
         {
-            "time": time[inside],
-            "channels": kept,
+            "time": time[around],
+            "channels": {name: values[around] for name, values in channels.items()},
             "vehicle": vehicle,
             "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
             "planet": mapping.planet.strip().lower(),
@@ -366,8 +419,42 @@ def _record(
             "notes": notes,
         },
     )
-    rate = needed_rate(record.time, record.channels) if mapping.rate == "auto" else mapping.rate
-    return (*decimated(record, rate), phases) if rate is not None else (record, (), phases)
+    faults: tuple[RecordFault, ...] = ()
+    if rate is not None:
+        record, faults = decimated(record, rate)
+        within = (record.time >= window[0]) & (record.time <= window[1])
+        cut = {name: values[within] for name, values in record.channels.items()}
+        record = record.model_copy(update={"time": record.time[within], "channels": cut})
+        faults = tuple(fault for fault in faults if fault.start_s <= window[1] and fault.stop_s >= window[0])
+    return record, (*contradicted, *faults), phases
+
+
+def _nose(time: FloatArray, channels: Channels) -> Tilt | None:
+    if not set(INERTIAL_CHANNELS) <= set(channels):
+        return None
+    return nose_axis(time, *(np.stack([channels[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS)))
+
+
+def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
+    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
+
+    Raises UsageError where nothing shows the nose.
+    """
+    missing = [name for name in INERTIAL_CHANNELS if name not in channels]
+    if missing or (rotation == "auto" and tilt is None):
+        lacks = f"the map has no channel {missing[0]}" if missing else "the record holds no thrust, which lies along x"
+        raise UsageError(f"rotation: {lacks}. Give a rotation by hand (turns or three rows) over all six channels.")
+    matrix = np.array(rotation) if rotation != "auto" or tilt is None else tilt.matrix
+    for triad in (GYROS, ACCELEROMETERS):
+        turned = matrix @ np.stack([channels[name] for name in triad])
+        channels |= dict(zip(triad, turned, strict=True))
+    if rotation == "auto" and tilt is not None:
+        tolerances |= dict.fromkeys(("gyro_misalignment", "accel_misalignment"), tilt.sigma)
+        rows = "; ".join(", ".join(f"{value:.4f}" for value in row) for row in matrix)
+        notes.append(
+            f"rotation found from {tilt.by}: the nose lay "
+            f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
+        )
 
 
 def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
