@@ -54,12 +54,11 @@ class Tilt:
     @property
     def matrix(self) -> FloatArray:
         """The smallest turn (3, 3) of what the unit reads that brings the nose to x."""
-        x, y, z = self.nose
-        if x < -0.999999:
-            return np.diag([-1.0, -1.0, 1.0])
-        return np.array(
-            [[x, y, z], [-y, 1 - y * y / (1 + x), -y * z / (1 + x)], [-z, -y * z / (1 + x), 1 - z * z / (1 + x)]]
-        )
+        from scipy.spatial.transform import Rotation
+
+        axis = np.cross(self.nose, [1.0, 0.0, 0.0])
+        size = float(np.linalg.norm(axis))
+        return np.asarray(Rotation.from_rotvec(axis * self.angle / max(size, 1e-12)).as_matrix())
 
 
 def thrust_span(time: FloatArray, forces: FloatArray) -> tuple[int, int] | None:
@@ -83,10 +82,10 @@ def thrust_span(time: FloatArray, forces: FloatArray) -> tuple[int, int] | None:
     return None
 
 
-def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt | None:
-    """The nose by thrust, drag and, if it turns enough, spin; `rates` (3, n) rad/s and `forces` (3, n) m/s^2.
+def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray, tuple[int, int, int]] | None:
+    """Mean direction of the thrust (3,), the speed (n,) m/s that forces along it make, and three samples.
 
-    None without thrust. From lift-off until drag has brought the speed down to a part of its highest.
+    Those of ignition, highest speed, and where drag has brought it down to a part of that. None without thrust.
     """
     thrust = thrust_span(time, forces)
     if thrust is None:
@@ -97,9 +96,21 @@ def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt |
     speed = integral(time, np.where(np.arange(time.size) < thrust[0], 0.0, first @ known - GRAVITY))
     top = int(np.argmax(speed))
     slow = np.flatnonzero(speed[top:] < RELATIVE_SLOW * speed[top])
-    used = slice(thrust[0], top + int(slow[0]) if slow.size else time.size)
+    return first, speed, (thrust[0], top, top + int(slow[0]) if slow.size else time.size)
+
+
+def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt | None:
+    """The nose by thrust, drag and, if it turns enough, spin; `rates` (3, n) rad/s and `forces` (3, n) m/s^2.
+
+    None without thrust.
+    """
+    flown = powered_flight(time, forces)
+    if flown is None:
+        return None
+    first, speed, (ignition, top, end) = flown
+    used = slice(ignition, end)
     square = (speed[used] / max(speed[top], 1.0)) ** 2
-    pushed = _tilted(time[used], first, known[:, used], (square, np.ones_like(square)), THRUST_OFF)
+    pushed = _tilted(time[used], first, forces[:, used], (square, np.ones_like(square)), THRUST_OFF)
     spun = spin_axis(time[used], rates[:, used], pushed.nose)
     if spun is None:
         return pushed
@@ -121,7 +132,7 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias:
     spun = spin_axis(time, rates, first)
     if spun is None or abs(ratio - 1.0) < COAST_LEAST_RATIO:
         return None
-    dragged = _tilted(time, first, np.stack([joined(each) for each in forces]), (), THRUST_OFF)
+    dragged = _tilted(time, first, forces, (), THRUST_OFF)
     spin, drag = spun.nose / spun.nose[0], dragged.nose / dragged.nose[0]
     nose = (ratio * spin - drag) / (ratio - 1.0)
     off = bias / abs(float(np.median(joined(rates[0]))))
@@ -133,11 +144,10 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias:
 
 def spin_axis(time: FloatArray, rates: FloatArray, first: FloatArray) -> Tilt | None:
     """The nose by the axis about which `rates` (3, n) rad/s turn, near `first` (3,); None without much of a spin."""
-    known = np.stack([joined(each) for each in rates])
-    spin = first @ known
+    spin = joined(first @ rates)
     if abs(float(np.trapezoid(spin, time))) < LEAST_TURNED or abs(np.median(spin)) < LEAST_SPIN:
         return None
-    return _tilted(time, first, known, (), SPIN_OFF)
+    return _tilted(time, first, rates, (), SPIN_OFF)
 
 
 def _tilted(
@@ -145,7 +155,8 @@ def _tilted(
 ) -> Tilt:
     """The axis near `first` along which `vectors` (3, n) lie, but for multiples of `beside` across it."""
     axes = np.linalg.svd(first[None])[2]
-    along, across = first @ vectors, axes[1:] @ vectors
+    known = np.stack([joined(each) for each in vectors])
+    along, across = first @ known, axes[1:] @ known
     columns = np.stack([along, *beside], axis=1)
     inverse = np.linalg.pinv(columns.T @ columns)
     answer = inverse @ (columns.T @ across.T)
@@ -161,6 +172,8 @@ def _tilted(
 
 FIT_MOST_SAMPLES = 300  # that a relation is thinned to; bounds the time
 RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
+SCALE_HEIGHT = 8500.0  # m over which the air's density falls by e
+RELATIVE_AFTER = 0.05  # s after the highest speed, until which thrust fades
 RELATIVE_SLOW = 0.35  # of the highest speed, below which a coast tells little
 
 
@@ -216,43 +229,31 @@ def fitted_slopes(
 
 
 def relative_axes(
-    time: FloatArray,
-    rates: FloatArray,
-    forces: FloatArray,
-    density: FloatArray,
-    units: Mapping[str, float],
-    speed: FloatArray | None = None,
-) -> tuple[tuple[str, FloatArray], float] | None:
+    time: FloatArray, rates: FloatArray, forces: FloatArray, units: Mapping[str, float]
+) -> tuple[str, FloatArray, float] | None:
     """Units and turn (3, 3) of the gyros under which the accelerometers follow from them best, and how surely.
 
-    `rates` (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose;
-    `density` (n,) of the air on any scale; `speed` (n,) m/s, of the forces where none is known. The second value is
-    the unexplained share of the best over that of the next of another kind; None without a coast of a second.
+    `rates` (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose. The
+    last value is the unexplained share of the best over that of the next. None without thrust and a coast of a second.
     """
     from scipy.ndimage import uniform_filter1d
 
-    thrust = thrust_span(time, forces)
-    step = float(np.median(np.diff(time)))
-    if speed is None:
-        if thrust is None:
-            return None
-        moving = np.arange(time.size) >= thrust[0]
-        speed = integral(time, np.where(moving, joined(forces[0]) - GRAVITY, 0.0))
-    top = int(np.argmax(speed))
-    begin = top + round(0.05 / step) if thrust else 0
-    slow = np.flatnonzero(speed[begin:] < RELATIVE_SLOW * speed[top])
-    used = slice(begin, begin + int(slow[0]) if slow.size else time.size)
-    if (used.stop - used.start) * step < 1.0 or not np.all(np.isfinite(density[used])):
+    flown, step = powered_flight(time, forces), float(np.median(np.diff(time)))
+    if flown is None:
         return None
+    used = slice(flown[2][1] + round(RELATIVE_AFTER / step), flown[2][2])
+    if (used.stop - used.start) * step < 1.0:
+        return None
+    scale = flown[1] ** 2 * np.exp(-integral(time, flown[1]) / SCALE_HEIGHT)
     width = max(1, round(RELATIVE_SMOOTHED / step))
-    smooth = [uniform_filter1d(joined(each), width)[used] for each in (*rates, *forces)]
-    since, scale = time[used] - time[used.start], density[used] * speed[used] ** 2
+    smooth = np.stack([uniform_filter1d(joined(each), width)[used] for each in (*rates, *forces)])
+    since, speed = time[used] - time[used.start], flown[1][used]
     found = []
     for name, size in units.items():
         for swapped, *signs in product((False, True), (1.0, -1.0), (1.0, -1.0), (1.0, -1.0)):
             matrix = np.diag(signs)[:, [0, 2, 1] if swapped else [0, 1, 2]]
-            turned = size * matrix @ np.stack(smooth[:3])
-            squares, slope = path_into_force(since, turned, np.stack(smooth[3:]), speed[used], scale)
+            turned = size * matrix @ smooth[:3]
+            squares, slope = path_into_force(since, turned, smooth[3:], speed, scale[used])
             found.append((squares[1] / squares[0] if slope > 0.0 else 1.0, name, matrix))
     found.sort(key=lambda each: each[0])
-    return (found[0][1], found[0][2]), found[0][0] / max(found[1][0], 1e-300)
+    return found[0][1], found[0][2], found[0][0] / max(found[1][0], 1e-300)

@@ -385,12 +385,10 @@ def _record(
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        climb = ascent(time, channels["ax"], channels["altitude"], rest)
-        sigma = climb.sigma
+        speed, channels["altitude"], sigma, climb_notes = ascent(time, channels["ax"], channels["altitude"], rest)
         # unknown where it is as good as rest
-        channels["velocity"] = np.where(climb.speed > ASCENT_KNOWN_SPEED * sigma, climb.speed, np.nan)
-        channels["altitude"] = climb.altitude
-        notes += climb.notes
+        channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
+        notes += climb_notes
     forces = [channels[name] for name in ACCELEROMETERS if name in channels]
     phases = find_phases(time, *forces) if len(forces) == len(ACCELEROMETERS) else ()
     window = _window(mapping, phases, time)

@@ -4,10 +4,10 @@ Two clocks (`clock_offset`): the offset at which the correlation of what both re
 Biases from the pad (`take_out_biases`): a gyro at rest reads its bias (the turning of the Earth, 0.004 deg/s, is
 below most). An accelerometer at rest reads gravity: along the nose, up to the rail's unknown lean, that gives the
 bias; across it, lean and bias are confounded, and what is read there becomes the tolerance of the bias.
-Speed of a steep climb (`ascent`): the nose is taken as up and along the path, dh/dt = v, dv/dt = ax - g + d, where
-d (lean of the path, bias of the accelerometer) is a slow random walk. Altitude and accelerometer are joined by a
-Kalman filter and the smoother of Rauch, Tung and Striebel (AIAA J. 3, 1965); altitudes that leave the climb, as a
-barometer's do near Mach 1, have less weight (Student's t).
+Speed of a climb (`ascent`): dh/dt = V cos(lean), dV/dt = ax - g cos(lean), the nose along the path on average. The
+lean is that of the nose by the gyros from the pad on, less a slow random walk; it, scale and bias of the accelerometer
+follow from the altitudes, which force and lean together must explain. Altitudes off the climb have less weight
+(Student's t), those near Mach 1 none: a shock stands on the port.
 Lower rate (`decimated`): a linear-phase low-pass, then the rate that the motion needs; nothing is aliased.
 """
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -39,30 +39,30 @@ PAD_MOUNTED = math.radians(1.0)  # rad, 1-sigma between the unit's x axis and th
 PAD_OFF_GRAVITY = 0.05  # of gravity that a reading at rest may be off: bias and scale of any accelerometer
 PAD_UPRIGHT = 0.7  # cosine of the lean, up to 45 deg, that a rail has
 PAD_MOVING = math.radians(2.0)  # rad/s of standard deviation: beyond any wind on a rail
-ASCENT_RATE = 20.0  # Hz at which the filter runs: the speed has no faster content that a barometer could tell
-ASCENT_LEAN, ASCENT_LEAN_SIGMA = math.radians(10.0), math.radians(10.0)  # rad: of a path of which no pad tells
-ASCENT_LEAST_LEAN = math.radians(1.0)  # rad at which the lean begins: at nought its effect has no slope
-ASCENT_RAIL_SPEED = 15.0  # m/s, below which a rail or a heavy thrust keeps the path straight
-ASCENT_TURNING = math.radians(0.8)  # rad per root second by which a path bends otherwise than by gravity
-ASCENT_DRIFT = math.radians(0.5)  # the same where gyros say how the nose turns
+ASCENT_RATE = 20.0  # Hz at which the climb is computed: the speed has no faster content that a barometer could tell
+ASCENT_LEAN, ASCENT_LEAN_SIGMA = math.radians(12.0), math.radians(8.0)  # rad: of a path of which no pad tells
+ASCENT_KNOTS = 2.0  # s between the knots of the lean
+ASCENT_DRIFT = math.radians(0.7)  # rad per root second by which nose and path part, and gyros err
+ASCENT_TURNING = math.radians(5.0)  # rad per root second by which a path bends where no pad starts the gyros
 ASCENT_SWING = 1.0  # s over which the nose swings about the path
-ASCENT_GUST = 150.0  # m/s: so much more at low speed, where wind turns the path
+ASCENT_HEIGHT = 100.0  # m, 1-sigma at first
 ASCENT_AT_REST = 0.3  # m/s, 1-sigma of the speed at the end of the pad
-ASCENT_UNKNOWN_SPEED = 0.5  # of the climb, 1-sigma of the speed with which a record without pad begins
-ASCENT_SPEED_WALK = 0.3  # m/s per root second: what the force across the path takes
-ASCENT_BIAS, ASCENT_BIAS_WALK = 0.1, 0.02  # m/s^2 (and per root second), 1-sigma of the axial accelerometer
-ASCENT_SCALE = 0.005  # 1-sigma of its scale factor
+ASCENT_UNKNOWN_SPEED = 0.3  # of the climb, 1-sigma of the speed with which a record without pad begins
+ASCENT_BIAS, ASCENT_SCALE = 0.1, 0.005  # m/s^2 and 1, 1-sigma of the axial accelerometer once its rest is known
+ASCENT_BIAS_WALK = 0.07  # m/s^2 per root second by which it drifts, and by which side forces take speed
+ASCENT_SLANT = 0.18  # of the highest speed, 1-sigma of that along the ground where no pad tells the lean
 ASCENT_WIND = 5.0  # m/s, 1-sigma of the wind along the ground
-ASCENT_SLANT = 0.15  # of the highest speed, 1-sigma of that along the ground where no gyros tell it
+ASCENT_WIND_ALONG = 0.3  # of it, at most, lies along the path for long: a lean of 17 deg
 ASCENT_LEAST_SIGMA = 1.0  # m: no barometer is better
 ASCENT_HELD = 0.5  # share of altitudes that change, below which the others are taken for held
 ASCENT_TRANSONIC = (0.85, 1.25)  # Mach numbers at which a shock stands on the barometer's port
 ASCENT_MOST_TRANSONIC = 0.7  # of the climb, beyond which such altitudes are all there is
 ASCENT_STEEP = 0.5  # cosine of the lean: a slow path that leans by more is near its top, where speed is all wind
 ASCENT_TOP = 1.0  # s over which altitudes are averaged to find the highest
-ASCENT_END = 0.25  # s before the last altitude, from which no altitude smooths
+ASCENT_END = 0.25  # s before the last altitude, which no later one corrects
 ASCENT_REPEATS = 8  # rounds of weights and linearisation
 ASCENT_DEGREES_OF_FREEDOM = 4.0  # of Student's t, by which altitudes off the climb count less
+ASCENT_GYROS_OFF = 3.0  # times the altitudes are missed by more with the lean of the gyros, which are then in doubt
 ASCENT_FEWEST = 20  # samples with force and altitude
 # Samples that a cycle of the transverse oscillation keeps: a moment is differentiated from its rates, and delays are
 # shorter than a cycle.
@@ -144,8 +144,8 @@ class Rest:
     stop_s: float
     lean: float
     lean_sigma: float
-    course: FloatArray | None = None
-    """Lean of the nose (n,) rad at the record's samples, from the gyros after the pad."""
+    course: FloatArray | None
+    """Lean of the nose (n,) rad at the record's samples, from the gyros after the pad, if they are to be trusted."""
 
 
 def lean_by_gyros(time: FloatArray, rates: FloatArray, up: FloatArray) -> FloatArray:
@@ -206,23 +206,30 @@ def take_out_biases(
 # ---- Speed and altitude of a climb ----
 
 
-@dataclass(frozen=True)
-class Climb:
-    """Speed m/s and altitude m at the samples (n,), NaN where the climb does not give them, and notes."""
-
-    speed: FloatArray
-    altitude: FloatArray
-    sigma: FloatArray
-    """Standard deviation of the speed (n,), m/s."""
-    notes: tuple[str, ...]
+Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
 
 def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None = None) -> Climb:
-    """Speed and altitude from `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s.
+    """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and notes; NaN off the climb.
 
-    From `rest` on, if the record has one: without, speed and lean at the beginning are open. Raises UsageError where
-    too little of either is known.
+    From `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s, from `rest` on. Without
+    a rest, speed and lean at the beginning are open. Raises UsageError where too little of either is known.
     """
+    climb, off = _climb(time, ax, altitude, rest)
+    if rest is None or rest.course is None:
+        return climb
+    free, missed = _climb(time, ax, altitude, replace(rest, course=None))
+    if off < ASCENT_GYROS_OFF * missed:
+        return climb
+    free[3].append(
+        f"the lean by the gyros misses the altitudes by {off:.0f} m, where a path of any lean misses them by "
+        f"{missed:.0f} m: axes, signs or units of the gyros are in doubt, and the lean is not theirs"
+    )
+    return free
+
+
+def _climb(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None) -> tuple[Climb, float]:
+    """As of `ascent`, by one source of the lean, and by how much the altitudes are missed, m."""
     usable = np.isfinite(altitude)
     if np.any(usable):
         width = max(1, round(ASCENT_TOP / float(np.median(np.diff(time)))))
@@ -246,120 +253,72 @@ def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | 
     heights = np.interp(grid, time[both], altitude[both])
     reached = np.searchsorted(time[both], grid)
     measured = (grid >= time[both][0]) & (np.diff(reached, prepend=reached[0] - 1) > 0)
-    climb = np.polyfit(grid[:ASCENT_FEWEST], heights[:ASCENT_FEWEST], 1)[0] if rest is None else 0.0
-    lean, lean_sigma = (ASCENT_LEAN, ASCENT_LEAN_SIGMA) if rest is None else (rest.lean, rest.lean_sigma)
-    begin = np.array([heights[0], climb, max(lean, ASCENT_LEAST_LEAN), 0.0, 0.0])
-    speed_sigma = ASCENT_AT_REST if rest is not None else max(ASCENT_UNKNOWN_SPEED * abs(climb), 30.0)
-    deviations = np.array([100.0, speed_sigma, lean_sigma, ASCENT_BIAS, ASCENT_SCALE])
-    variances = np.where(measured, ASCENT_LEAST_SIGMA**2, np.inf)
-    turned = None
+    lean_first, lean_sigma = (ASCENT_LEAN, ASCENT_LEAN_SIGMA) if rest is None else (rest.lean, rest.lean_sigma)
+    nose, drift = np.full(grid.size, lean_first), ASCENT_TURNING
+    by_gyros = rest is not None and rest.course is not None
     if rest is not None and rest.course is not None:
-        nose = np.interp(grid, time, rest.course)
-        turned = np.diff(uniform_filter1d(nose, round(ASCENT_SWING * ASCENT_RATE), mode="nearest"), prepend=nose[0])
-    course, covariance = _smoothed(pushed, turned, heights, variances, begin, deviations, None)
-    for _ in range(ASCENT_REPEATS):
-        residual = heights - course[:, 0]
-        sound = atmosphere(np.clip(course[:, 0], LOWEST_ALTITUDE, HIGHEST_ALTITUDE), "speed_of_sound")
-        mach = course[:, 1] / sound
-        transonic = (mach > ASCENT_TRANSONIC[0]) & (mach < ASCENT_TRANSONIC[1])
-        kept = measured & ~transonic if np.mean(transonic) < ASCENT_MOST_TRANSONIC else measured
-        spread = max(ASCENT_LEAST_SIGMA, MAD_TO_SIGMA * float(np.median(np.abs(residual[kept]))))
-        weights = (ASCENT_DEGREES_OF_FREEDOM + 1.0) / (ASCENT_DEGREES_OF_FREEDOM + (residual / spread) ** 2)
-        alike = float(np.clip(np.corrcoef(residual[kept][1:], residual[kept][:-1])[0, 1], 0.0, 0.95))
-        together = (1.0 + alike) / (1.0 - alike)  # what follows the sample before it says less
-        variances = np.where(kept, together * spread**2 / weights, np.inf)
-        course, covariance = _smoothed(pushed, turned, heights, variances, begin, deviations, course)
-    speed, lean_course = course[:, 1], course[:, 2]
-    # The climb is over the ground: wind along the path changes the speed through the air. Without gyros nothing tells
-    # a steep path from a vertical one.
-    across = np.sin(lean_course) ** 2 + covariance[:, 2, 2]
-    unknown = 0.0 if turned is not None else (ASCENT_SLANT * speed.max()) ** 2 / (2.0 * np.maximum(speed, 1.0))
-    sigma = np.sqrt(covariance[:, 1, 1] + ASCENT_WIND**2 * across + unknown**2)
-    leaving = np.flatnonzero((np.cos(lean_course) < ASCENT_STEEP) & (speed < 0.5 * speed.max()))
+        width = round(ASCENT_SWING * ASCENT_RATE)
+        nose = uniform_filter1d(np.interp(grid, time, rest.course), width, mode="nearest")
+        drift = ASCENT_DRIFT
+    climb, speed_sigma = 0.0, ASCENT_AT_REST
+    if rest is None:
+        climb = float(np.polyfit(grid[:ASCENT_FEWEST], heights[:ASCENT_FEWEST], 1)[0])
+        speed_sigma = ASCENT_UNKNOWN_SPEED * max(abs(climb), ASCENT_AT_REST / ASCENT_UNKNOWN_SPEED)
+    knots = np.arange(grid[0], grid[-1] + ASCENT_KNOTS, ASCENT_KNOTS)
+    walk = np.array([[drift], [ASCENT_BIAS_WALK]]) * np.full((2, knots.size), np.sqrt(ASCENT_KNOTS))
+    walk[:, 0] = lean_sigma, ASCENT_BIAS
+    sigmas = np.array([ASCENT_HEIGHT, speed_sigma, ASCENT_SCALE, *walk.ravel()])
+
+    def flown(unknown: FloatArray) -> FloatArray:
+        """Speed, height and lean (3, n) by height, speed, scale, and a lean and a bias that wander, in sigmas."""
+        height, speed, scale, *walks = sigmas * unknown
+        off = [np.interp(grid, knots, np.cumsum(part)) for part in np.reshape(walks, (2, -1))]
+        lean = nose + off[0]
+        push = pushed * (1.0 + scale) + off[1] - GRAVITY * np.cos(lean)
+        speeds = climb + speed + np.cumsum(push) / ASCENT_RATE
+        climbed = cumulative_trapezoid(speeds * np.cos(lean), grid, initial=0)
+        return np.stack([speeds, heights[0] + height + climbed, lean])
+
+    unknown, weights = np.zeros(sigmas.size), np.where(measured, ASCENT_LEAST_SIGMA**-2.0, 0.0)
+    for _ in range(ASCENT_REPEATS):  # Gauss-Newton
+        change = np.array([flown(unknown + step) - flown(unknown) for step in 1e-3 * np.eye(unknown.size)]) / 1e-3
+        by_height = change[:, 1] * weights
+        inverse = np.linalg.inv(by_height @ change[:, 1].T + np.eye(unknown.size))
+        unknown = unknown + inverse @ (by_height @ (heights - flown(unknown)[1]) - unknown)
+        speed, height, lean = flown(unknown)
+        residual = heights - height
+        mach = speed / atmosphere(np.clip(height, LOWEST_ALTITUDE, HIGHEST_ALTITUDE), "speed_of_sound")
+        transonic = measured & (mach > ASCENT_TRANSONIC[0]) & (mach < ASCENT_TRANSONIC[1])
+        counted = measured & ~transonic if np.sum(transonic) < ASCENT_MOST_TRANSONIC * np.sum(measured) else measured
+        spread = max(ASCENT_LEAST_SIGMA, MAD_TO_SIGMA * float(np.median(np.abs(residual[counted]))))
+        correlation = float(np.clip(np.corrcoef(residual[counted][1:], residual[counted][:-1])[0, 1], 0.0, 0.95))
+        # Student's t; and what follows the sample before it says less.
+        far = (ASCENT_DEGREES_OF_FREEDOM + (residual / spread) ** 2) / (ASCENT_DEGREES_OF_FREEDOM + 1.0)
+        weights = np.where(counted, (1.0 - correlation) / (1.0 + correlation) / far / spread**2, 0.0)
+    deviations = np.sqrt(np.einsum("ikn,ij,jkn->kn", change, inverse, change))
+    # The nose points along the flow, the climb is over the ground: wind along the path is between them. Where no gyros
+    # follow the lean from a pad, a steep path cannot be told from a vertical one.
+    slant = 0.0 if by_gyros else (ASCENT_SLANT * speed.max()) ** 2 / (2.0 * np.maximum(speed, 1.0))
+    wind = ASCENT_WIND * np.minimum(np.hypot(np.sin(lean), deviations[2]), ASCENT_WIND_ALONG)
+    sigma = np.sqrt(deviations[0] ** 2 + slant**2 + wind**2)
+    leaving = np.flatnonzero((np.cos(lean) < ASCENT_STEEP) & (speed < 0.5 * speed.max()))
     stop = min(grid[-1] - ASCENT_END, grid[leaving[0]] if leaving.size else np.inf)
     inside = (time >= first) & (time <= stop)
-
-    def at(values: FloatArray) -> FloatArray:
-        return np.where(inside, np.interp(time, grid, values), np.nan)
-
     fast = (speed > 0.3 * speed.max()) & (grid <= stop)
-    leans = np.degrees(lean_course[fast])
     notes = [
-        f"velocity derived from ax and altitude, the path leaning by {leans[0]:.0f} to {leans[-1]:.0f} deg (known to "
-        f"{np.degrees(np.median(np.sqrt(covariance[fast, 2, 2]))):.1f} deg): known to {np.median(sigma[fast]):.2g} m/s "
-        f"at most speeds, to {np.max(sigma[grid <= stop]):.2g} m/s at worst, altitudes to {spread:.2g} m; left out "
-        f"from {stop:.2f} s on"
+        f"velocity derived from ax and altitude on a path that leans by {np.degrees(lean[fast][0]):.0f} to "
+        f"{np.degrees(lean[fast][-1]):.0f} deg: known to {np.median(sigma[fast]):.2g} m/s, at worst to "
+        f"{np.max(sigma[fast]):.2g} m/s, altitudes to {spread:.2g} m; left out from {stop:.2f} s on"
     ]
-    if np.any(transonic & measured):
-        when, off = grid[transonic & measured], residual[transonic & measured]
-        counted = "does not count there" if kept is not measured else "is all there is"
+    if np.any(transonic):
+        when, off = grid[transonic], residual[transonic]
         notes.append(
             f"the barometer is disturbed near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s: it reads "
-            f"{off[np.argmax(np.abs(off))]:+.0f} m off the climb at worst, and {counted}"
+            f"{off[np.argmax(np.abs(off))]:+.0f} m off the climb, and "
+            f"{'counts' if counted is measured else 'does not count'}"
         )
-    return Climb(at(speed), at(course[:, 0]), at(sigma), tuple(notes))
-
-
-def _smoothed(
-    pushed: FloatArray,
-    turned: FloatArray | None,
-    heights: FloatArray,
-    variances: FloatArray,
-    begin: FloatArray,
-    deviations: FloatArray,
-    about: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
-    """States (n, 5) of height, speed, lean, bias and scale of the accelerometer, and their covariances (n, 5, 5).
-
-    One sweep of the iterated extended smoother: linear about the states `about` (n, 5), or the filter's own.
-    """
-    step, count = 1.0 / ASCENT_RATE, heights.size
-    before, spread_before = np.empty((count, 5)), np.empty((count, 5, 5))
-    after, spread_after = np.empty((count, 5)), np.empty((count, 5, 5))
-    moves = np.empty((count, 5, 5))
-    state, spread = begin.copy(), np.diag(deviations**2)
-    for k in range(count):
-        if k:
-            point = state if about is None else about[k - 1]
-            moved, moves[k] = _moved(point, pushed[k], None if turned is None else float(turned[k]), step)
-            state = moved + moves[k] @ (state - point)
-            railed = point[1] < ASCENT_RAIL_SPEED
-            turning = ASCENT_TURNING if turned is None else ASCENT_DRIFT
-            lean_walk = 0.0 if railed else turning * (1.0 + ASCENT_GUST / max(point[1], 1.0))
-            walks = np.array([0.0, ASCENT_SPEED_WALK, lean_walk, ASCENT_BIAS_WALK, 0.0])
-            spread = moves[k] @ spread @ moves[k].T + np.diag(walks**2 * step)
-        before[k], spread_before[k] = state, spread
-        if np.isfinite(variances[k]):
-            gain = spread[:, 0] / (spread[0, 0] + variances[k])
-            state = state + gain * (heights[k] - state[0])
-            spread = spread - np.outer(gain, spread[0])
-        after[k], spread_after[k] = state, spread
-    for k in range(count - 2, -1, -1):
-        back = np.linalg.solve(spread_before[k + 1] + 1e-12 * np.eye(5), moves[k + 1] @ spread_after[k]).T
-        after[k] += back @ (after[k + 1] - before[k + 1])
-        spread_after[k] += back @ (spread_after[k + 1] - spread_before[k + 1]) @ back.T
-    # The lean is a size: no path passes through the vertical.
-    after[:, 2] = np.maximum(np.abs(after[:, 2]), ASCENT_LEAST_LEAN)
-    return after, spread_after
-
-
-def _moved(state: FloatArray, pushed: float, turned: float | None, step: float) -> tuple[FloatArray, FloatArray]:
-    """The state (5,) one step later, and its derivative (5, 5) by the state."""
-    height, speed, lean, bias, scale = state
-    up, across = np.cos(lean), np.sin(lean)
-    gained = step * (pushed * (1.0 + scale) + bias - GRAVITY * up)
-    middle = speed + 0.5 * gained
-    # By the gyros, else gravity bends the path.
-    turns = step * GRAVITY / speed if turned is None and speed > ASCENT_RAIL_SPEED else 0.0
-    bent = turns * across if turned is None else turned
-    moved = np.array([height + step * middle * up, speed + gained, lean + bent, bias, scale])
-    change = np.eye(5)
-    change[1, 2:] = step * GRAVITY * across, step, step * pushed
-    change[0, 1] = step * up
-    change[0, 2:] = 0.5 * step * up * change[1, 2:]
-    change[0, 2] -= step * middle * across
-    change[2, 1:3] = -turns * across / max(speed, 1.0), 1.0 + turns * up
-    return moved, change
+    found = [np.where(inside, np.interp(time, grid, values), np.nan) for values in (speed, height, sigma)]
+    return (found[0], found[1], found[2], notes), spread
 
 
 # ---- Fewer samples, none of them aliased: a record at the rate that the motion needs ----
