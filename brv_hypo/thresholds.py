@@ -151,6 +151,7 @@ GAIN_WITHIN = threshold((0.5, 1.5), "1", "speed or height gained is wrong: over 
 DRAG_WITHIN = threshold((0.01, 20.0), "1", "forces or pressure are wrong: axial coefficient of any body", _SOUND)
 MOUNTING_TILT = threshold(0.035, "rad", "the unit is turned in the vehicle: 2 deg between nose and x", _SOUND)
 MOUNTING_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that angle", _SOUND)
+GYROS_SURE = threshold(0.85, "1", "units and axes of gyros are known: unexplained share over the next", _SOUND)
 
 # ---- Motion: filters, smoothing, the fit of forces and rates ----
 

@@ -17,8 +17,8 @@ import numpy as np
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import joined
-from brv_hypo.flight.mounting import GRAVITY, Tilt, integral, thrust_span
-from brv_hypo.flight.record import ACCELEROMETERS, RecordFault, Vehicle
+from brv_hypo.flight.mounting import GRAVITY, Tilt, integral, relative_axes, thrust_span
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, RecordFault, Vehicle
 
 CLIMB_SECONDS = 1.0  # over which a climb is averaged, at least
 CLIMB_INTERVALS = 40  # of a record, at most
@@ -143,3 +143,18 @@ def mounting_fault(time: FloatArray, tilt: Tilt | None, tolerance: float = 0.0) 
         "turned in the vehicle; put rotation: auto into the map of the whole log"
     )
     return [_fault("p, q, r, ax, ay, az", "mounting", time, words)]
+
+
+def gyro_fault(time: FloatArray, rates: FloatArray, forces: FloatArray) -> list[RecordFault]:
+    """A fault where the forces (3, n) follow from the rates (3, n) in other units, turned or reversed."""
+    degree = float(np.pi / 180.0)
+    found = relative_axes(time, rates, forces, {"": 1.0, " in deg/s": degree, " in rad/s, read as deg/s": 1.0 / degree})
+    if found is None or found[2] > limits.GYROS_SURE or (found[0] == "" and np.array_equal(found[1], np.eye(3))):
+        return []
+    axes = [int(np.argmax(np.abs(row))) for row in found[1]]
+    names = [("-" if row[axis] < 0.0 else "") + GYROS[axis] for axis, row in zip(axes, found[1], strict=True)]
+    words = (
+        f"the forces across the axis follow from the rates as if p, q, r were {', '.join(names)}{found[0]} (what "
+        f"they leave unexplained is {found[2]:.2f} of the next best): correct units, axes and signs of the gyros in the map"
+    )
+    return [_fault("p, q, r", "axes" if found[0] == "" else "units", time, words)]

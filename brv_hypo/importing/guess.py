@@ -18,6 +18,7 @@ import yaml
 from jinja2 import Environment, PackageLoader
 from scipy.integrate import cumulative_trapezoid
 
+from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
@@ -33,7 +34,6 @@ from brv_hypo.io.text import one_line
 
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
 NOSE_UP_THRUST = 0.7  # cosine between thrust and up at rest: no rail leans by more than 45 deg
-GYROS_SURE = 0.85  # unexplained share of the best way of the gyros over the next, below which it is sure
 GAINED_WITHIN = 0.45  # logarithm within which a gain shows units: a path leans, feet are 0.3 m
 NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
 AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a second recorder may add
@@ -220,7 +220,7 @@ def _axes_of_gyros(table: ForeignTable) -> bool:
         rates = rates - rates[:, time <= table.rest_s[1]].mean(axis=1, keepdims=True)
     matrix = table.tilt.matrix
     found = relative_axes(time, matrix @ rates, matrix @ table.triad(ACCELEROMETERS), rules.sizes("angular rate"))
-    if found is None or found[2] > GYROS_SURE:
+    if found is None or found[2] > limits.GYROS_SURE:
         if not doubtful:
             table.unsure.append("axes and signs of the gyros: the forces do not tell them, and they are taken as named")
         return False
@@ -269,11 +269,15 @@ def _gained(table: ForeignTable) -> None:
     for name, (rise, made) in gains(table.in_si("time"), table.triad(ACCELEROMETERS), recorded).items():
         sizes = {unit: abs(np.log(abs(made / rise / size))) if rise > 0.0 else np.inf
                  for unit, size in rules.sizes(CHANNEL_DIMENSIONS[name]).items()}  # fmt: skip
-        units = min(sizes, key=lambda unit: sizes[unit])
+        units, si = min(sizes, key=lambda unit: sizes[unit]), SI[CHANNEL_DIMENSIONS[name]]
         if sizes[units] < GAINED_WITHIN:
-            table.sure(name, units, f"thrust gains {made:.3g} of SI where it gains {rise:.3g}")
+            table.sure(
+                name, units, f"in the burn it gains {rise:.4g}, and the forces make {made:.4g} {si}: it is in {units}"
+            )
         else:
-            doubt = f"it gains {rise:.3g} in the burn, where the accelerometers make {made:.3g} of SI: in no units"
+            doubt = (
+                f"it gains {rise:.4g} in the burn, where the forces make {made:.4g} {si}: in no units that are known"
+            )
             table.change(name, "against the thrust", doubt)
 
 

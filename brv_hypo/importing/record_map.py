@@ -45,7 +45,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases
 from brv_hypo.flight.mounting import Tilt, nose_axis
-from brv_hypo.flight.plausibility import contradictions, mounting_fault
+from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
@@ -373,8 +373,10 @@ def _record(
     tilt = _nose(time, channels)
     if mapping.rotation is not None:
         _turn(mapping.rotation, tilt, channels, tolerances, notes)
-        tilt = None if mapping.rotation == "auto" else _nose(time, channels)
+        tilt = _nose(time, channels)
     contradicted = (*mounting_fault(time, tilt), *contradictions(time, channels))
+    if tilt is not None and not mounting_fault(time, tilt):
+        contradicted += tuple(gyro_fault(time, *_triads(channels)))
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
         sigma_known = tolerances.get("accel_misalignment", PAD_MOUNTED)
@@ -430,7 +432,12 @@ def _record(
 def _nose(time: FloatArray, channels: Channels) -> Tilt | None:
     if not set(INERTIAL_CHANNELS) <= set(channels):
         return None
-    return nose_axis(time, *(np.stack([channels[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS)))
+    return nose_axis(time, *_triads(channels))
+
+
+def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
+    rates, forces = (np.stack([channels[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
+    return rates, forces
 
 
 def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
@@ -443,9 +450,8 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
         lacks = f"the map has no channel {missing[0]}" if missing else "the record holds no thrust, which lies along x"
         raise UsageError(f"rotation: {lacks}. Give a rotation by hand (turns or three rows) over all six channels.")
     matrix = np.array(rotation) if rotation != "auto" or tilt is None else tilt.matrix
-    for triad in (GYROS, ACCELEROMETERS):
-        turned = matrix @ np.stack([channels[name] for name in triad])
-        channels |= dict(zip(triad, turned, strict=True))
+    for names, triad in zip((GYROS, ACCELEROMETERS), _triads(channels), strict=True):
+        channels |= dict(zip(names, matrix @ triad, strict=True))
     if rotation == "auto" and tilt is not None:
         tolerances |= dict.fromkeys(("gyro_misalignment", "accel_misalignment"), tilt.sigma)
         rows = "; ".join(", ".join(f"{value:.4f}" for value in row) for row in matrix)
