@@ -196,6 +196,7 @@ FAMILY_REST = threshold(0.1, "1", "an effect replaces processes: what its family
 ALWAYS = threshold(0.1, "1", "prior that a mechanism acts throughout the record", _FLIGHTS)
 NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _FLIGHTS)
 ONSET_TAKES_TIME = threshold(3.0, "nats", "a change is no jump but takes time", "Kass and Raftery 1995: strong")
+MECHANISM_ACTS = threshold(10.0, "nats", "price of a mechanism that acts: twice very strong", _FLIGHTS)
 FURTHER_REGION = threshold(10.0, "nats", "a mechanism acts in a further region: twice very strong", _FLIGHTS)
 NOISE_EXCESS = threshold(1.2, "1", "a residual is no noise: its mean square over the noise's", _FLIGHTS)
 REFUSED = threshold(0.05, "1", "chance of a difference, below which a flight contradicts a frozen model", "Fisher 1925")

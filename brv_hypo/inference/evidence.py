@@ -80,11 +80,29 @@ class Evidence:
     @property
     def residual(self) -> FloatArray:
         """Rows (n,) less all that is fitted, under the stated noise."""
-        out = self.rows.y - np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border
+        fitted = np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border
+        return np.asarray(self.rows.y - fitted - self._of_processes)
+
+    @cached_property
+    def _of_processes(self) -> FloatArray:
+        """What all processes make of the rows (n,), at their mode."""
+        out = np.zeros(self.rows.y.size)
         for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
             scale = np.repeat(_amplitudes(self.rows, self.at), [own.stop - own.start for own in block.columns])
-            out[block.rows] -= block.z @ (scale * mode)
+            out[block.rows] = block.z @ (scale * mode)
         return out
+
+    @property
+    def share_of_terms(self) -> float:
+        """Of the squares that terms and processes make beside the baseline, those that terms make.
+
+        Those that processes make of noise alone do not count: its square for every degree of freedom that they take.
+        """
+        chosen = np.flatnonzero(self.terms.scaled)
+        made = self.terms.x[:, chosen] @ self.solution.border[self.rows.shared.shape[1] + chosen]
+        terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
+        freedom = sum(float(np.sum(1.0 - variances)) for variances in self.solution.variances)
+        return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
 
     @property
     def amplitudes(self) -> FloatArray:

@@ -32,7 +32,7 @@ from brv_hypo.ranking.adequacy import outside
 from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, explained, judged, processes
+from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, acting_in, explained, judged, processes, weighed
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_credible, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
@@ -159,13 +159,19 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, fa
 
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
     """The verdict on hypotheses beside processes, with limits where anything is adequate."""
+    null, weight = beside.evidences[beside.null], beside.weight
     listed = [
-        Candidate(fit.name, own.level - 0.5 * fit.bound_cost, own.held_out, _impossible(fit))
+        Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, _impossible(fit, own.level - null.level))
         for fit, own in zip(beside.fits, beside.evidences, strict=True)
         if fit.selected or not fit.mechanisms  # of a mechanism that the data do not determine nothing is known
     ]
     instead = [
-        Candidate(each.fit.name, each.evidence.level, each.evidence.held_out, words=each.words)
+        Candidate(
+            each.fit.name,
+            weighed(each.evidence.level - null.level, weight, acting_in(each.fit)),
+            weight * each.evidence.held_out,
+            words=each.words,
+        )
         for each in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
@@ -178,11 +184,10 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     return verdict.model_copy(update={"limits": found})
 
 
-def _impossible(fit: HypothesisFit) -> str | None:
-    """The value that no body has, in words, where without it most of what the fit gains is lost."""
+def _impossible(fit: HypothesisFit, gain: float) -> str | None:
+    """The value that no body has, in words, where without it most of the log evidence that the fit gains is lost."""
     excess = out_of_bounds(fit)
-    gain = 2.0 * (fit.log_evidence or 0.0)
-    return None if excess is None or excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words
+    return None if excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words
 
 
 def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses) -> tuple[Hypotheses, tuple[str, ...]]:

@@ -39,6 +39,7 @@ from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import FINAL, ROUGH, Steps
 from brv_hypo.regression.uncertainty import with_design
+from brv_hypo.thresholds import MECHANISM_ACTS
 
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
@@ -59,6 +60,12 @@ class Judged:
     """Linear about the same point, with processes."""
     fits: tuple[HypothesisFit, ...]
     evidences: tuple[Evidence, ...]
+    weight: float
+    """What a nat counts: the share of the likeliest mechanism in the squares that it and processes make of the record.
+
+    A likelihood that knows processes as smooth alone is sharper than what they are, which it may describe by a
+    mechanism (Gruenwald and van Ommen, Bayesian Analysis 12, 2017; Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
+    """
 
     @property
     def leader(self) -> int:
@@ -128,9 +135,10 @@ def judged(
         place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
         pairs[place] = moved(problem, pairs[place], closely=True)
         evidences = [own for _, own in pairs]
-        scale = scale_variance(whole)
-        fits = [with_design(problem, _estimated(*each, null, scale)) for each in pairs]
-        there = Judged(problem, rows, tuple(fits), tuple(evidences))
+        scale, weight = scale_variance(whole), evidences[place].share_of_terms if pairs[place][0].selected else 1.0
+        gains = [weighed(own.level - null.level, weight, acting_in(fit)) for fit, own in pairs]
+        fits = [with_design(problem, _estimated(*each, gain, scale)) for each, gain in zip(pairs, gains, strict=True)]
+        there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
             found = there
     assert found is not None
@@ -165,8 +173,18 @@ def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
     return fit.information <= leader.information + SEARCH_OUT_OF_REACH
 
 
-def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence, scale: float) -> HypothesisFit:
-    """The fit with the criterion, coefficients and errors of its evidence; `scale`: see `scale_variance`."""
+def weighed(gain: float, weight: float, acting: int) -> float:
+    """The log evidence over the baseline's as it counts: everything that acts has its price."""
+    return weight * gain - acting * MECHANISM_ACTS
+
+
+def acting_in(fit: HypothesisFit) -> int:
+    """How many mechanisms of a hypothesis act."""
+    return len({column.mechanism for column in fit.selected})
+
+
+def _estimated(fit: HypothesisFit, own: Evidence, gain: float, scale: float) -> HypothesisFit:
+    """The fit with the coefficients and errors of its evidence and its `weighed` gain; `scale`: see `scale_variance`."""
     count, covariance = len(fit.columns), own.covariance.copy()
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):
@@ -175,7 +193,7 @@ def _estimated(fit: HypothesisFit, own: Evidence, null: Evidence, scale: float) 
     knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
     step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
     covariance[knots, knots] += step**2 / 12.0
-    found = replace(fit, log_evidence=own.level - null.level, values=values, joint_covariance=covariance)
+    found = replace(fit, log_evidence=gain, values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
 
 

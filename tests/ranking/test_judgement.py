@@ -24,7 +24,7 @@ from brv_hypo.ranking.preparation import with_processes
 from brv_hypo.ranking.result import ProcessEstimate
 from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
-from brv_hypo.thresholds import NOISE_LEVEL
+from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL
 from tests.chains import judged_cone
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, flown
 
@@ -71,8 +71,9 @@ def test_fits_have_the_criterion_coefficients_and_errors_of_their_evidence() -> 
     found = judged_cone("bodyfixed")
     null = found.evidences[found.null]
     for fit, own in zip(found.fits, found.evidences, strict=True):
-        assert fit.log_evidence == pytest.approx(own.level - null.level)
-        assert fit.information == pytest.approx(fit.bound_cost - 2.0 * (own.level - null.level))
+        gain = found.weight * (own.level - null.level) - (MECHANISM_ACTS if fit.selected else 0.0)
+        assert fit.log_evidence == pytest.approx(gain)
+        assert fit.information == pytest.approx(fit.bound_cost - 2.0 * gain)
         assert fit.values == pytest.approx(own.values[: len(fit.columns)])
         assert fit.joint_covariance.shape[0] == len(fit.columns) + len(fit.nonlinear)
 
