@@ -41,6 +41,7 @@ def threshold(value: Number, unit: str, decides: str, source: str) -> Number:
 _TRIAL = "tests/motion/test_trial.py and tests.studies.independent.faulty_records"
 _FAULTS = "tests.studies.record_faults and tests.studies.independent.faulty_records"
 _HELD = "judgement; held by tests/flight/test_faults.py and tests.studies.independent.faulty_records"
+_STEPS = "judgement; tests/importing/test_soundness.py"
 _GAPS = "tests/flight/test_gaps.py and tests.studies.independent.faulty_records"
 _SPIKES = "tests/flight/test_spikes.py and tests.studies.independent.faulty_records"
 _LIMITS = "tests/motion/test_limits.py"
@@ -152,6 +153,10 @@ DRAG_WITHIN = threshold((0.01, 20.0), "1", "forces or pressure are wrong: axial 
 MOUNTING_TILT = threshold(0.035, "rad", "the unit is turned in the vehicle: 2 deg between nose and x", _SOUND)
 MOUNTING_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that angle", _SOUND)
 GYROS_SURE = threshold(0.85, "1", "units and axes of gyros are known: unexplained share over the next", _SOUND)
+HELD_FEWEST = threshold(20, "changes", "a channel has enough values to be called held or rounded", _STEPS)
+HELD_REGULAR = threshold(0.8, "1", "a channel is held: share of its changes that come as regularly", _STEPS)
+ROUNDED_REPEATS = threshold(0.2, "1", "a channel is rounded beyond its noise: share of samples that repeat", _STEPS)
+ROUNDED_WITHIN = threshold(0.05, "steps", "the same: changes are whole numbers of the smallest", _STEPS)
 
 # ---- Motion: filters, smoothing, the fit of forces and rates ----
 

@@ -1,14 +1,11 @@
 """How an inertial unit stands in the vehicle, from the whole record: thrust, drag and spin lie along the nose.
 
-`nose_axis` finds the nose in the unit's axes. Along a first guess of it (the mean thrust, else the mean drag),
+    transverse force = tilt * axial force + c V^2 + bias       trim grows with V^2, thrust does not
+    transverse rate  = tilt * spin                             coning and swinging average out
 
-    transverse force = tilt * axial force + c V^2 + bias       forces; trim grows with V^2, thrust does not
-    transverse rate  = tilt * spin + bias                      rates; coning and swinging average out
-
-Each `tilt` is of least squares, its error from sums over blocks longer than a swing. A turn about the nose is a
-convention, and nothing shows it; whether gyros and accelerometers are turned, or mirrored, against one another is seen
-in the flow: `relative_axes` tries the sixteen ways on the crossflow that follows from the rates (relation 1 of
-brv_hypo/motion/compatibility.py), which the transverse force opposes.
+Each `tilt` from a first guess of the nose is of least squares, its error from sums over blocks longer than a swing. A
+turn about the nose is a convention, which nothing shows. How gyros stand to accelerometers the flow shows
+(`relative_axes`): the transverse force opposes the crossflow that follows from rates and speed (`path_into_force`).
 """
 
 from __future__ import annotations
@@ -24,8 +21,7 @@ from brv_hypo.flight.clock import joined, runs
 
 GRAVITY = 9.80665  # m/s^2
 THRUST = 1.5 * GRAVITY  # m/s^2 sensed, beyond what any instrument's bias makes of gravity
-THRUST_SHORTEST = 0.2  # s
-THRUST_SMOOTHED = 0.05  # s
+THRUST_SHORTEST, THRUST_SMOOTHED = 0.2, 0.05  # s
 REST_OFF = 0.15 * GRAVITY  # m/s^2 by which a reading at rest may be off, or spread
 DRAGGED, DRAGGED_SHARE = 0.5, 0.3  # m/s^2 of drag, and the part of what follows a thrust that senses it
 BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks further apart are independent
@@ -33,18 +29,21 @@ THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the cross
 SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose: trim, principal axis
 COAST_LEAST_RATIO = 3.0  # of the slopes of normal and axial force, to which a trim can be told from a turned unit
 COAST_RATIO = 0.4  # 1-sigma, relative, of that ratio
-LEAST_SPIN = 0.5  # rad/s
-LEAST_TURNED = 4.0 * np.pi  # rad of roll that tell the axis of spin
+LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
+SLOW = 0.35  # of the highest speed, below which a coast shows little
+FADED = 0.05  # s after the highest speed, until which thrust fades
+RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
+SCALE_HEIGHT = 8500.0  # m over which the air's density falls by e
+FIT_MOST_SAMPLES = 300  # that a relation is thinned to; bounds the time
 
 
 @dataclass(frozen=True)
 class Tilt:
-    """The nose in the unit's axes, (3,), and the 1-sigma error of its direction, rad."""
+    """The nose in the unit's axes, (3,), the 1-sigma error of its direction, rad, and what lies along it."""
 
     nose: FloatArray
     sigma: float
     by: str = "thrust and drag"
-    """What lies along it."""
 
     @property
     def angle(self) -> float:
@@ -57,8 +56,8 @@ class Tilt:
         from scipy.spatial.transform import Rotation
 
         axis = np.cross(self.nose, [1.0, 0.0, 0.0])
-        size = float(np.linalg.norm(axis))
-        return np.asarray(Rotation.from_rotvec(axis * self.angle / max(size, 1e-12)).as_matrix())
+        size = max(float(np.linalg.norm(axis)), 1e-12)
+        return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
 
 
 def thrust_span(time: FloatArray, forces: FloatArray) -> tuple[int, int] | None:
@@ -95,12 +94,12 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
     first /= np.linalg.norm(first)
     speed = integral(time, np.where(np.arange(time.size) < thrust[0], 0.0, first @ known - GRAVITY))
     top = int(np.argmax(speed))
-    slow = np.flatnonzero(speed[top:] < RELATIVE_SLOW * speed[top])
+    slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
     return first, speed, (thrust[0], top, top + int(slow[0]) if slow.size else time.size)
 
 
 def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt | None:
-    """The nose by thrust, drag and, if it turns enough, spin; `rates` (3, n) rad/s and `forces` (3, n) m/s^2.
+    """The nose by thrust, drag and, if it turns enough, spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2.
 
     None without thrust.
     """
@@ -111,14 +110,13 @@ def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt |
     used = slice(ignition, end)
     square = (speed[used] / max(speed[top], 1.0)) ** 2
     pushed = _tilted(time[used], first, forces[:, used], (square, np.ones_like(square)), THRUST_OFF)
-    spun = spin_axis(time[used], rates[:, used], pushed.nose)
+    spun = _spun(time[used], rates[:, used], pushed.nose)
     if spun is None:
         return pushed
     weights = np.array([pushed.sigma, spun.sigma]) ** -2.0
     nose = weights @ np.stack([pushed.nose, spun.nose]) / np.sum(weights)
     apart = 0.5 * float(np.linalg.norm(pushed.nose - spun.nose))  # where the two disagree, their error is of that size
-    sigma = max(float(np.sum(weights) ** -0.5), apart)
-    return Tilt(nose / np.linalg.norm(nose), sigma, "thrust, drag and spin")
+    return Tilt(nose / np.linalg.norm(nose), max(float(np.sum(weights)) ** -0.5, apart), "thrust, drag and spin")
 
 
 def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias: float, ratio: float) -> Tilt | None:
@@ -129,7 +127,7 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias:
     `bias` rad/s is the 1-sigma of the gyros'.
     """
     first = np.array([1.0, 0.0, 0.0])
-    spun = spin_axis(time, rates, first)
+    spun = _spun(time, rates, first)
     if spun is None or abs(ratio - 1.0) < COAST_LEAST_RATIO:
         return None
     dragged = _tilted(time, first, forces, (), THRUST_OFF)
@@ -137,44 +135,36 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias:
     nose = (ratio * spin - drag) / (ratio - 1.0)
     off = bias / abs(float(np.median(joined(rates[0]))))
     unknown = COAST_RATIO * ratio / (ratio - 1.0) * float(np.linalg.norm(drag - spin))
-    sigmas = (ratio * spun.sigma, ratio * off, dragged.sigma, unknown)
-    sigma = float(np.linalg.norm(sigmas)) / abs(ratio - 1.0)
-    return Tilt(nose / np.linalg.norm(nose), sigma, by="drag and spin")
+    sigma = float(np.linalg.norm([ratio * spun.sigma, ratio * off, dragged.sigma, unknown])) / abs(ratio - 1.0)
+    return Tilt(nose / np.linalg.norm(nose), sigma, "drag and spin")
 
 
-def spin_axis(time: FloatArray, rates: FloatArray, first: FloatArray) -> Tilt | None:
-    """The nose by the axis about which `rates` (3, n) rad/s turn, near `first` (3,); None without much of a spin."""
+def _spun(time: FloatArray, rates: FloatArray, first: FloatArray) -> Tilt | None:
+    """The axis of spin near `first` (3,); None without much of a spin."""
     spin = joined(first @ rates)
-    if abs(float(np.trapezoid(spin, time))) < LEAST_TURNED or abs(np.median(spin)) < LEAST_SPIN:
-        return None
-    return _tilted(time, first, rates, (), SPIN_OFF)
+    enough = abs(float(np.trapezoid(spin, time))) > LEAST_TURNED and abs(np.median(spin)) > LEAST_SPIN
+    return _tilted(time, first, rates, (), SPIN_OFF) if enough else None
 
 
 def _tilted(
     time: FloatArray, first: FloatArray, vectors: FloatArray, beside: tuple[FloatArray, ...], floor: float
 ) -> Tilt:
     """The axis near `first` along which `vectors` (3, n) lie, but for multiples of `beside` across it."""
-    axes = np.linalg.svd(first[None])[2]
     known = np.stack([joined(each) for each in vectors])
-    along, across = first @ known, axes[1:] @ known
-    columns = np.stack([along, *beside], axis=1)
+    axes = np.linalg.svd(first[None])[2]
+    across = (axes[1:] @ known).T
+    columns = np.stack([first @ known, *beside], axis=1)
     inverse = np.linalg.pinv(columns.T @ columns)
-    answer = inverse @ (columns.T @ across.T)
-    score = columns[:, :, None] * (across.T - columns @ answer)[:, None]
-    edges = np.searchsorted(time, np.arange(time[0], time[-1], BLOCK))
-    sums = np.add.reduceat(score, np.unique(edges), axis=0)
-    variance = [float((inverse @ (sums[:, :, k].T @ sums[:, :, k]) @ inverse)[0, 0]) for k in range(2)]
+    answer = inverse @ (columns.T @ across)
+    score = columns[:, :, None] * (across - columns @ answer)[:, None]
+    edges = np.unique(np.searchsorted(time, np.arange(time[0], time[-1], BLOCK)))
+    sums = np.add.reduceat(score, edges, axis=0)
+    variance = [(inverse @ (part.T @ part) @ inverse)[0, 0] for part in np.moveaxis(sums, 2, 0)]
     nose = first + axes[1:].T @ answer[0]
     return Tilt(nose / np.linalg.norm(nose), float(np.sqrt(np.mean(variance) + floor**2)))
 
 
 # ---- Gyros against accelerometers: the transverse force opposes the crossflow that follows from the rates ----
-
-FIT_MOST_SAMPLES = 300  # that a relation is thinned to; bounds the time
-RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
-SCALE_HEIGHT = 8500.0  # m over which the air's density falls by e
-RELATIVE_AFTER = 0.05  # s after the highest speed, until which thrust fades
-RELATIVE_SLOW = 0.35  # of the highest speed, below which a coast tells little
 
 
 def integral(time: FloatArray, values: Values) -> Values:
@@ -241,7 +231,7 @@ def relative_axes(
     flown, step = powered_flight(time, forces), float(np.median(np.diff(time)))
     if flown is None:
         return None
-    used = slice(flown[2][1] + round(RELATIVE_AFTER / step), flown[2][2])
+    used = slice(flown[2][1] + round(FADED / step), flown[2][2])
     if (used.stop - used.start) * step < 1.0:
         return None
     scale = flown[1] ** 2 * np.exp(-integral(time, flown[1]) / SCALE_HEIGHT)

@@ -43,7 +43,7 @@ from scipy.spatial.transform import Rotation
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import RawTable, assemble
-from brv_hypo.flight.inspection import Phase, PhaseName, find_phases
+from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
 from brv_hypo.flight.mounting import Tilt, nose_axis
 from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
 from brv_hypo.flight.record import (
@@ -376,7 +376,7 @@ def _record(
         tilt = _nose(time, channels)
     contradicted = (*mounting_fault(time, tilt), *contradictions(time, channels))
     if tilt is not None and not mounting_fault(time, tilt):
-        contradicted += tuple(gyro_fault(time, *_triads(channels)))
+        contradicted += gyro_fault(time, *_triads(channels))
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
         sigma_known = tolerances.get("accel_misalignment", PAD_MOUNTED)
@@ -396,7 +396,10 @@ def _record(
     window = _window(mapping, phases, time)
     inside = (time >= window[0]) & (time <= window[1])
     kept = {name: values[inside] for name, values in channels.items()}
-    rate = needed_rate(time[inside], kept) if mapping.rate == "auto" else mapping.rate
+    usable = np.flatnonzero(inside & np.isfinite(channels.get("velocity", time)))
+    flown = slice(usable[0], usable[-1] + 1) if usable.size else slice(None)
+    motion = {name: values[flown] for name, values in channels.items()}
+    rate = needed_rate(time[flown], motion) if mapping.rate == "auto" else mapping.rate
     reach = 0.0 if rate is None else filter_reach(rate)  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
     vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window)
@@ -470,6 +473,7 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
     }
     time = channels.pop("time")
     notes: list[str] = []
+    steps = [held_or_rounded(name, time, values) for name, values in channels.items() if values.shape == time.shape]
     for name, recorder in mapping.recorders.items():
         columns = raw[name].columns
         clock = _channel(columns[recorder.time.column], recorder.time, "time", f"recorders/{name}/time")
@@ -492,11 +496,12 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
             if entry.recorder == name:
                 values = _channel(columns[entry.column], entry, CHANNEL_DIMENSIONS[channel], channel)
                 known = np.isfinite(values) & np.isfinite(clock)
+                steps.append(held_or_rounded(channel, clock[known], values[known]))
                 channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
     check_time(time)
     for name, values in channels.items():
         check_shape(name, values, time.shape)
-    return time, channels, notes
+    return time, channels, [*notes, *filter(None, steps)]
 
 
 def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: str) -> FloatArray:

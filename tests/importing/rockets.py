@@ -1,7 +1,7 @@
 """Logs of sounding rockets: one vertical, from two recorders with clocks of their own; others that lean and spin.
 
-`fly` integrates point mass and attitude of many rockets at once, with wind, gusts, trim and thrust misalignment, and
-`Log.read` is what a unit in such a rocket writes. Nothing here is taken from the library's own simulator.
+`fly` integrates point mass and attitude with wind, gusts, trim and thrust misalignment, `Log.read` is what a unit in
+such a rocket writes. Nothing here is taken from the library's own simulator.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 GRAVITY = 9.80665
@@ -80,139 +81,98 @@ def altimeter(seed: int = 1) -> dict[str, Any]:
     }
 
 
-# ---- Rockets that lean and spin: six degrees of freedom from the pad to apogee, all flights at once ----
+# ---- Rockets that lean and spin: six degrees of freedom from the pad to apogee ----
 
-STEP, FLOWN, RAIL = 0.0025, 26.0, 4.0  # s, s, m
-Array = Any
+FLOWN, RAIL = 26.0, 4.0  # s, m
+GUST_STEP = 0.1  # s
 
 
 @dataclass(frozen=True)
 class Log:
     """The truth of one flight at 400 Hz, from the pad (ignition at 0 s) to just before apogee; SI, body axes."""
 
-    time: Array
-    rates: Array
+    time: Any
+    rates: Any
     """(3, n)"""
-    forces: Array
+    forces: Any
     """(3, n) specific force at the unit."""
-    speed: Array
+    speed: Any
     """(n,) relative to the air."""
-    altitude: Array
+    altitude: Any
     vehicle: Mapping[str, float]
-    lean: float
-    """Of the rail, rad."""
 
-    def read(self, rng: Any, mount: Array | None = None, errors: float = 1.0) -> dict[str, Array]:
-        """Columns in SI of a barometer and a unit turned by `mount` (3, 3), with `errors` times those of MEMS."""
+    def read(self, rng: Any, mount: Any = None) -> dict[str, Any]:
+        """Columns in SI of a barometer and a MEMS unit turned by `mount` (3, 3)."""
         turn = np.eye(3) if mount is None else mount
-        cross = np.eye(3) + errors * 3e-3 * rng.standard_normal((3, 3))
-        gyros = turn @ (cross @ self.rates) + errors * np.radians(0.2) * rng.standard_normal((3, 1))
-        cross = np.eye(3) + errors * 5e-3 * rng.standard_normal((3, 3))
-        shaking = 0.05 + 2.0 * ((self.time > 0.0) & (self.forces[0] > 20.0))
-        forces = turn @ (cross @ self.forces + shaking * errors * rng.standard_normal(self.forces.shape))
-        forces += errors * 0.05 * rng.standard_normal((3, 1))
-        gyros += errors * 2e-3 * rng.standard_normal(gyros.shape)
-        height = self.altitude + rng.uniform(1.0, 4.0) * errors * rng.standard_normal(self.time.size)
+        gyros = turn @ (np.eye(3) + 3e-3 * rng.standard_normal((3, 3))) @ self.rates
+        gyros += 2e-3 * rng.standard_normal(gyros.shape) + np.radians(0.2) * rng.standard_normal((3, 1))
+        shaking = (0.05 + 2.0 * ((self.time > 0.0) & (self.forces[0] > 20.0))) * rng.standard_normal(self.forces.shape)
+        forces = turn @ ((np.eye(3) + 5e-3 * rng.standard_normal((3, 3))) @ self.forces + shaking)
+        forces += 0.05 * rng.standard_normal((3, 1))
+        height = self.altitude + rng.uniform(1.0, 4.0) * rng.standard_normal(self.time.size)
         names = ("p", "q", "r", "ax", "ay", "az")
         return {"time": self.time, **dict(zip(names, (*gyros, *forces), strict=True)), "altitude": height}
 
 
-def fly(seed: int, count: int, **fixed: float) -> list[Log]:
-    """`count` flights drawn from `seed`; `fixed` sets lean (deg), rest (s) or spin (rad/s per 100 m/s) of all."""
+def fly(seed: int, lean: float | None = None) -> Log:
+    """A flight drawn from `seed`; `lean` of the rail in deg, 1 to 15 where it is left open."""
     rng = np.random.default_rng(seed)
+    tilt = np.radians(rng.uniform(1, 15) if lean is None else lean)
+    rest, spin = rng.uniform(0.3, 3.0), 0.01 * rng.uniform(0.5, 6.0) * rng.choice((-1.0, 1.0))
+    (push, burn, mass, size) = rng.uniform((60, 2, 12, 0.09), (120, 4, 30, 0.16))
+    (ca, cn, cm, cq, slender) = rng.uniform((0.35, 8, -25, -400, 0.3), (0.7, 14, -12, -150, 0.5))
+    trim, skew = cm * rng.uniform(0.0, 6e-3), rng.uniform(0.0, 3e-3)
+    area, ixx, iyy = 0.25 * np.pi * size**2, 0.2 * mass * size**2, slender * mass
+    arm = np.array([rng.uniform(0.0, 0.5), *rng.uniform(-0.02, 0.02, 2)])
+    steps = np.arange(0.0, FLOWN + 1.0, GUST_STEP)
+    gusts = np.zeros((steps.size, 3))
+    for k in range(1, steps.size):
+        gusts[k, :2] = gusts[k - 1, :2] * (1 - GUST_STEP) + 1.2 * np.sqrt(2 * GUST_STEP) * rng.standard_normal(2)
+    gusts[:, :2] += rng.uniform(-5.0, 5.0, 2)
+    up = np.array([np.cos(tilt), *(np.sin(tilt) * rng.standard_normal(2))])
+    up[1:] *= np.sin(tilt) / np.linalg.norm(up[1:])
+    pull = np.array([0.0, 0.0, GRAVITY])
+    # Attitude from body axes, x to the nose, to those of the ground, z up.
+    start = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_quat()
 
-    def drawn(low: float, high: float, name: str = "") -> Array:
-        values = rng.uniform(low, high, count)
-        return np.full(count, fixed[name]) if name in fixed else values
-
-    lean, rest, spin = np.radians(drawn(1, 15, "lean")), drawn(0.3, 3.0, "rest"), drawn(0.5, 6.0, "spin")
-    spin = spin * rng.choice((-1.0, 1.0), count)
-    push, burn, mass, size = drawn(60, 120), drawn(2, 4), drawn(12, 30), drawn(0.09, 0.16)
-    area = 0.25 * np.pi * size**2
-    ixx, iyy = 0.2 * mass * size**2, mass * drawn(0.3, 0.5)
-    ca, cn, cm, cq = drawn(0.35, 0.7), drawn(8, 14), -drawn(12, 25), -drawn(150, 400)
-    trim, skew = drawn(0.0, 6e-3) * cm, drawn(0.0, 3e-3)
-    arm = np.stack([drawn(0.0, 0.5), *rng.uniform(-0.02, 0.02, (2, count))])
-    steps = int(FLOWN / STEP)
-    gust = np.zeros((steps + 1, 2, count))
-    for k in range(steps):
-        gust[k + 1] = gust[k] * (1 - STEP) + 1.2 * np.sqrt(2 * STEP) * rng.standard_normal((2, count))
-    bearing = rng.uniform(0, 2 * np.pi, count)
-    breeze = drawn(0, 7) * np.stack([np.cos(bearing), np.sin(bearing)])
-    heading = rng.uniform(0, 2 * np.pi, count)
-    nose = np.stack([np.sin(lean) * np.cos(heading), np.sin(lean) * np.sin(heading), np.cos(lean)])
-    side = np.cross(nose.T, [0.3, -0.5, 0.8]).T
-    side /= np.linalg.norm(side, axis=0)
-    turn = np.stack([nose, side, np.cross(nose.T, side.T).T], axis=1)  # (3, 3, K): columns are body axes
-    quaternion = Rotation.from_matrix(np.moveaxis(turn, 2, 0)).as_quat().T
-    state = np.concatenate([np.zeros((6, count)), quaternion, np.zeros((3, count))])
-
-    def change(t: float, state: Array, wind: Array) -> tuple[Array, Array, Array, Array]:
-        place, velocity, q, omega = state[:3], state[3:6], state[6:10], state[10:]
-        axes = Rotation.from_quat(q.T).as_matrix()
-        flow = np.einsum("kij,ik->jk", axes, velocity - np.concatenate([wind, np.zeros((1, count))]))
-        speed = np.maximum(np.linalg.norm(flow, axis=0), 0.1)
-        pressure = 0.5 * 1.15 * np.exp(-place[2] / 8500.0) * speed**2
+    def change(t: float, state: Any) -> tuple[Any, Any, float]:
+        turn, velocity, omega = Rotation.from_quat(state[6:10]).as_matrix(), state[3:6], state[10:]
+        blow = gusts[int(t / GUST_STEP)] + (t / GUST_STEP % 1.0) * np.diff(gusts[int(t / GUST_STEP) :][:2], axis=0)[0]
+        flow = turn.T @ (velocity - blow)
+        speed = max(float(np.linalg.norm(flow)), 0.1)
+        scale = 0.575 * np.exp(-state[2] / 8500.0) * speed**2 * area
         thrust = push * np.clip(t / 0.08, 0, 1) * np.clip((burn - t) / 0.15 + 1, 0, 1)
-        scale, cross = pressure * area / mass, flow[1:] / speed
-        force = np.stack([thrust - ca * scale, -cn * scale * cross[0] + skew * thrust, -cn * scale * cross[1]])
-        rate = omega[1:] * size / (2 * speed)
-        pitch = cm * cross[1] + cq * rate[0] + trim
-        yaw = -cm * cross[0] + cq * rate[1]
-        roll = 20.0 * (spin * 0.01 * speed - omega[0]) * size / (2 * speed)
-        moment = pressure * area * size * np.stack([roll / ixx, pitch / iyy, yaw / iyy])
-        gyro = (1 - ixx / iyy) * omega[0]
-        turned = moment + np.stack([np.zeros(count), gyro * omega[2], -gyro * omega[1]])
-        pull = np.einsum("kij,jk->ik", axes, force)
-        pull[2] -= GRAVITY
-        railed = np.linalg.norm(place, axis=0) < RAIL
-        along = np.maximum(np.einsum("kj,jk->k", axes[:, :, 0], pull), 0.0)
-        pull = np.where(railed, along * axes[:, :, 0].T, pull)
-        turned = np.where(railed, 0.0, turned)
-        x, y, z, w = q
-        p, r, s = omega
-        spun = 0.5 * np.stack(
-            [w * p + y * s - z * r, w * r + z * p - x * s, w * s + x * r - y * p, -x * p - y * r - z * s]
+        beta, alpha = flow[1:] / speed
+        force = np.array(
+            [thrust - ca * scale / mass, skew * thrust - cn * scale / mass * beta, -cn * scale / mass * alpha]
         )
-        sensed = np.einsum("kij,ik->jk", axes, pull + np.array([[0], [0], [GRAVITY]]))
-        sensed += np.cross(turned.T, arm.T).T + np.cross(omega.T, np.cross(omega.T, arm.T)).T
-        return np.concatenate([velocity, pull, spun, turned]), sensed, speed, pressure
+        p, q, r = omega
+        damped = 0.5 * size / speed
+        moment = np.array(
+            [20.0 * (spin * speed - p) * damped, cm * alpha + cq * q * damped + trim, cq * r * damped - cm * beta]
+        )
+        turned = scale * size * moment / (ixx, iyy, iyy) + (1 - ixx / iyy) * p * np.array([0.0, r, -q])
+        gained = turn @ force - pull
+        if np.linalg.norm(state[:3]) < RAIL:
+            gained, turned = max(float(turn[:, 0] @ gained), 0.0) * turn[:, 0], np.zeros(3)
+        sensed = turn.T @ (gained + pull) + np.cross(turned, arm) + np.cross(omega, np.cross(omega, arm))
+        x, y, z, w = state[6:10]
+        spun = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ omega
+        return np.concatenate([velocity, gained, spun, turned]), sensed, speed
 
-    states, forces, speeds = [], [], []
-    for k in range(steps):
-        wind = breeze + gust[k]
-        first, sensed, speed, _ = change(k * STEP, state, wind)
-        states.append(state)
-        forces.append(sensed)
-        speeds.append(speed)
-        second = change((k + 0.5) * STEP, state + 0.5 * STEP * first, wind)[0]
-        third = change((k + 0.5) * STEP, state + 0.5 * STEP * second, wind)[0]
-        fourth = change((k + 1) * STEP, state + STEP * third, wind)[0]
-        state = state + STEP / 6 * (first + 2 * second + 2 * third + fourth)
-        state[6:10] /= np.linalg.norm(state[6:10], axis=0)
-    history, sensed, speed = np.array(states), np.array(forces), np.array(speeds)
-    logs = []
-    for k in range(count):
-        fallen = np.flatnonzero(history[:, 5, k] < -0.5)
-        stop = int(fallen[0]) if fallen.size else steps
-        still = round(rest[k] / STEP)
-        at_rest = np.repeat(sensed[0, :, k : k + 1] * 0 + GRAVITY * turn[2, :, k : k + 1], still, axis=1)
-        vehicle = {
-            "mass": mass[k],
-            "ixx": ixx[k],
-            "iyy": iyy[k],
-            "reference_length": size[k],
-            "reference_area": area[k],
-        }
-        logs.append(
-            Log(
-                STEP * np.arange(-still, stop),
-                np.concatenate([np.zeros((3, still)), history[:stop, 10:, k].T], axis=1),
-                np.concatenate([at_rest, sensed[:stop, :, k].T], axis=1),
-                np.concatenate([np.zeros(still), speed[:stop, k]]),
-                np.concatenate([np.zeros(still), history[:stop, 2, k]]) + 100.0,
-                vehicle,
-                float(lean[k]),
-            )
-        )
-    return logs
+    time = np.arange(0.0, FLOWN, 0.0025)
+    begin = np.concatenate([np.zeros(6), start, np.zeros(3)])
+    states = solve_ivp(lambda t, x: change(t, x)[0], (0.0, FLOWN), begin, t_eval=time, max_step=0.02, rtol=1e-6).y
+    climbing = slice(0, int(np.argmax(states[2])) + 1)
+    states, time = states[:, climbing], time[climbing]
+    told = [change(t, state) for t, state in zip(time, states.T, strict=True)]
+    still = round(400 * rest)
+    before = np.arange(-still, 0) / 400
+    return Log(
+        np.concatenate([before, time]),
+        np.concatenate([np.zeros((3, still)), states[10:]], axis=1),
+        np.concatenate([GRAVITY * np.tile(up[:, None], still), np.transpose([each[1] for each in told])], axis=1),
+        np.concatenate([np.zeros(still), [each[2] for each in told]]),
+        100.0 + np.concatenate([np.zeros(still), states[2]]),
+        {"mass": mass, "ixx": ixx, "iyy": iyy, "reference_length": size, "reference_area": area},
+    )

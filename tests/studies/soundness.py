@@ -107,11 +107,11 @@ MISTAKES = {
 TILTS = {"turned by 3 deg": 3.0, "turned by 45 deg": 45.0}
 
 
-def named(log: Log, read: dict[str, Any], folder: Path) -> list[str]:
-    """The kinds of decisive faults that import and the compatibility check find in a log; what import refuses."""
+def log_map(log: Log) -> dict[str, Any]:
+    """A map for what `Log.read` gives."""
     units = {"time": "s", **dict.fromkeys(GYROS, "rad/s"), **dict.fromkeys(ACCELEROMETERS, "m/s^2"), "altitude": "m"}
     sizes = dict(zip(log.vehicle, ("kg", "kg*m^2", "kg*m^2", "m", "m^2"), strict=True))
-    mapping = {
+    return {
         "channels": {name: {"column": name, "units": unit} for name, unit in units.items()},
         "vehicle": {name: {"value": float(log.vehicle[name]), "units": unit} for name, unit in sizes.items()},
         "instruments": {"grade": "industrial", "accel_position": [0.5, 0.02, 0.02]},
@@ -120,8 +120,12 @@ def named(log: Log, read: dict[str, Any], folder: Path) -> list[str]:
         "window": "coast",
         "rate": "auto",
     }
+
+
+def named(log: Log, read: dict[str, Any], folder: Path) -> list[str]:
+    """The kinds of decisive faults that import and the compatibility check find in a log; what import refuses."""
     try:
-        flight = bring_in(write_csv(folder / "a.csv", read), write_map(folder, mapping)).flight
+        flight = bring_in(write_csv(folder / "a.csv", read), write_map(folder, log_map(log))).flight
     except BrvHypoError as error:
         return [f"refused: {error}"]
     return [f"{fault.fault}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
@@ -134,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--flights", type=int, default=50)
     options = parser.parse_args(arguments)
     rng = np.random.default_rng(options.seed)
-    logs = fly(options.seed, options.flights)
+    logs = [fly(seed) for seed in np.random.SeedSequence(options.seed).generate_state(options.flights)]
     tally = {name: [0, 0] for name in (*MISTAKES, *TILTS)}
     right, unsure, inside = 0, 0, []
     with tempfile.TemporaryDirectory() as place:
@@ -149,7 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 found = named(log, read | MISTAKES.get(name, MISTAKES["sound"])(read), folder)
                 tally[name][0] += bool(found)
                 tally[name][1] += bool(found) and not any(entry.startswith("refused") for entry in found)
-    for log in (*logs, *fly(options.seed + 1, options.flights, lean=30.0)):
+    for log in (*logs, *(fly(seed, lean=30.0) for seed in range(options.flights // 3))):
         read = log.read(rng)
         time = read.pop("time")
         rested, rest, _, _ = take_out_biases(time, read, (float(time[0]), -0.05), 0.02)
