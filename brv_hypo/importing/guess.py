@@ -239,7 +239,7 @@ def _units_of_gyros(table: ForeignTable) -> None:
     """Units and sign of the roll rate from the forces and a magnetometer, else units by range."""
     if not set(GYROS) <= set(table.entries):
         return
-    told = _axes_of_gyros(table)
+    known_by_forces = _axes_of_gyros(table)
     rate = table.entries["p"].scale * table.values("p")
     if {"my", "mz"} <= set(table.entries):
         field_across = (table.values("my"), table.values("mz"))
@@ -252,7 +252,7 @@ def _units_of_gyros(table: ForeignTable) -> None:
                 doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
                 table.change("p", "sign against the magnetometer", doubt)
             return
-    if not told and any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
+    if not known_by_forces and any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
         most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
         units = "deg/s" if most > rules.FASTEST_RADIANS else "rad/s"
         for name in GYROS:

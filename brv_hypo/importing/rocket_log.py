@@ -144,7 +144,7 @@ class Rest:
     stop_s: float
     lean: float
     lean_sigma: float
-    course: FloatArray | None
+    leans: FloatArray | None
     """Lean of the nose (n,) rad at the record's samples, from the gyros after the pad, if they are to be trusted."""
 
 
@@ -216,9 +216,9 @@ def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | 
     a rest, speed and lean at the beginning are open. Raises UsageError where too little of either is known.
     """
     climb, off = _climb(time, ax, altitude, rest)
-    if rest is None or rest.course is None:
+    if rest is None or rest.leans is None:
         return climb
-    free, missed = _climb(time, ax, altitude, replace(rest, course=None))
+    free, missed = _climb(time, ax, altitude, replace(rest, leans=None))
     if off < ASCENT_GYROS_OFF * missed:
         return climb
     free[3].append(
@@ -255,15 +255,12 @@ def _climb(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | 
     measured = (grid >= time[both][0]) & (np.diff(reached, prepend=reached[0] - 1) > 0)
     lean_first, lean_sigma = (ASCENT_LEAN, ASCENT_LEAN_SIGMA) if rest is None else (rest.lean, rest.lean_sigma)
     nose, drift = np.full(grid.size, lean_first), ASCENT_TURNING
-    by_gyros = rest is not None and rest.course is not None
-    if rest is not None and rest.course is not None:
+    by_gyros = None if rest is None else rest.leans
+    if by_gyros is not None:
         width = round(ASCENT_SWING * ASCENT_RATE)
-        nose = uniform_filter1d(np.interp(grid, time, rest.course), width, mode="nearest")
-        drift = ASCENT_DRIFT
-    climb, speed_sigma = 0.0, ASCENT_AT_REST
-    if rest is None:
-        climb = float(np.polyfit(grid[:ASCENT_FEWEST], heights[:ASCENT_FEWEST], 1)[0])
-        speed_sigma = ASCENT_UNKNOWN_SPEED * max(abs(climb), ASCENT_AT_REST / ASCENT_UNKNOWN_SPEED)
+        nose, drift = uniform_filter1d(np.interp(grid, time, by_gyros), width, mode="nearest"), ASCENT_DRIFT
+    climb = 0.0 if rest else float(np.polyfit(grid[:ASCENT_FEWEST], heights[:ASCENT_FEWEST], 1)[0])
+    speed_sigma = ASCENT_AT_REST if rest else max(ASCENT_UNKNOWN_SPEED * abs(climb), ASCENT_AT_REST)
     knots = np.arange(grid[0], grid[-1] + ASCENT_KNOTS, ASCENT_KNOTS)
     walk = np.array([[drift], [ASCENT_BIAS_WALK]]) * np.full((2, knots.size), np.sqrt(ASCENT_KNOTS))
     walk[:, 0] = lean_sigma, ASCENT_BIAS
@@ -291,14 +288,15 @@ def _climb(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | 
         transonic = measured & (mach > ASCENT_TRANSONIC[0]) & (mach < ASCENT_TRANSONIC[1])
         counted = measured & ~transonic if np.sum(transonic) < ASCENT_MOST_TRANSONIC * np.sum(measured) else measured
         spread = max(ASCENT_LEAST_SIGMA, MAD_TO_SIGMA * float(np.median(np.abs(residual[counted]))))
-        correlation = float(np.clip(np.corrcoef(residual[counted][1:], residual[counted][:-1])[0, 1], 0.0, 0.95))
+        steps = np.diff(residual[counted])  # white noise steps by twice its variance
+        correlation = float(np.clip(1.0 - 0.5 * np.var(steps) / max(np.var(residual[counted]), 1e-12), 0.0, 0.95))
         # Student's t; and what follows the sample before it says less.
         far = (ASCENT_DEGREES_OF_FREEDOM + (residual / spread) ** 2) / (ASCENT_DEGREES_OF_FREEDOM + 1.0)
         weights = np.where(counted, (1.0 - correlation) / (1.0 + correlation) / far / spread**2, 0.0)
     deviations = np.sqrt(np.einsum("ikn,ij,jkn->kn", change, inverse, change))
     # The nose points along the flow, the climb is over the ground: wind along the path is between them. Where no gyros
     # follow the lean from a pad, a steep path cannot be told from a vertical one.
-    slant = 0.0 if by_gyros else (ASCENT_SLANT * speed.max()) ** 2 / (2.0 * np.maximum(speed, 1.0))
+    slant = 0.0 if by_gyros is not None else (ASCENT_SLANT * speed.max()) ** 2 / (2.0 * np.maximum(speed, 1.0))
     wind = ASCENT_WIND * np.minimum(np.hypot(np.sin(lean), deviations[2]), ASCENT_WIND_ALONG)
     sigma = np.sqrt(deviations[0] ** 2 + slant**2 + wind**2)
     leaving = np.flatnonzero((np.cos(lean) < ASCENT_STEEP) & (speed < 0.5 * speed.max()))
@@ -313,9 +311,9 @@ def _climb(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | 
     if np.any(transonic):
         when, off = grid[transonic], residual[transonic]
         notes.append(
-            f"the barometer is disturbed near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s: it reads "
+            f"near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s, the barometer reads up to "
             f"{off[np.argmax(np.abs(off))]:+.0f} m off the climb, and "
-            f"{'counts' if counted is measured else 'does not count'}"
+            f"{'counts' if counted is measured else 'is left out'}"
         )
     found = [np.where(inside, np.interp(time, grid, values), np.nan) for values in (speed, height, sigma)]
     return (found[0], found[1], found[2], notes), spread
