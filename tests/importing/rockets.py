@@ -141,16 +141,13 @@ def fly(seed: int, lean: float | None = None) -> Log:
         flow = turn.T @ (velocity - blow)
         speed = max(float(np.linalg.norm(flow)), 0.1)
         scale = 0.575 * np.exp(-state[2] / 8500.0) * speed**2 * area
+        drag, normal = ca * scale / mass, cn * scale / mass
         thrust = push * np.clip(t / 0.08, 0, 1) * np.clip((burn - t) / 0.15 + 1, 0, 1)
         beta, alpha = flow[1:] / speed
-        force = np.array(
-            [thrust - ca * scale / mass, skew * thrust - cn * scale / mass * beta, -cn * scale / mass * alpha]
-        )
+        force = np.array([thrust - drag, skew * thrust - normal * beta, -normal * alpha])
         p, q, r = omega
-        damped = 0.5 * size / speed
-        moment = np.array(
-            [20.0 * (spin * speed - p) * damped, cm * alpha + cq * q * damped + trim, cq * r * damped - cm * beta]
-        )
+        roll, pitch, yaw = 0.5 * size / speed * np.array([20.0 * (spin * speed - p), cq * q, cq * r])
+        moment = np.array([roll, pitch + cm * alpha + trim, yaw - cm * beta])
         turned = scale * size * moment / (ixx, iyy, iyy) + (1 - ixx / iyy) * p * np.array([0.0, r, -q])
         gained = turn @ force - pull
         if np.linalg.norm(state[:3]) < RAIL:
@@ -165,14 +162,14 @@ def fly(seed: int, lean: float | None = None) -> Log:
     states = solve_ivp(lambda t, x: change(t, x)[0], (0.0, FLOWN), begin, t_eval=time, max_step=0.02, rtol=1e-6).y
     climbing = slice(0, int(np.argmax(states[2])) + 1)
     states, time = states[:, climbing], time[climbing]
-    told = [change(t, state) for t, state in zip(time, states.T, strict=True)]
+    sensed = [change(t, state) for t, state in zip(time, states.T, strict=True)]
     still = round(400 * rest)
     before = np.arange(-still, 0) / 400
     return Log(
         np.concatenate([before, time]),
         np.concatenate([np.zeros((3, still)), states[10:]], axis=1),
-        np.concatenate([GRAVITY * np.tile(up[:, None], still), np.transpose([each[1] for each in told])], axis=1),
-        np.concatenate([np.zeros(still), [each[2] for each in told]]),
+        np.concatenate([GRAVITY * np.tile(up[:, None], still), np.transpose([each[1] for each in sensed])], axis=1),
+        np.concatenate([np.zeros(still), [each[2] for each in sensed]]),
         100.0 + np.concatenate([np.zeros(still), states[2]]),
         {"mass": mass, "ixx": ixx, "iyy": iyy, "reference_length": size, "reference_area": area},
     )

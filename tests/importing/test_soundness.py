@@ -18,7 +18,7 @@ from brv_hypo.importing.rocket_log import decimated, needed_rate
 from tests.flight.records import VEHICLE
 from tests.importing.rockets import Log, fly
 from tests.importing.test_foreign import write_csv, write_map
-from tests.studies.soundness import MISTAKES, foreign, guess_map, log_map, named, wrong
+from tests.studies.soundness import MISTAKES, foreign, guess_map, log_map, mistaken, named, wrong
 
 
 @cache
@@ -28,13 +28,12 @@ def flown(lean: float = 12.0) -> Log:
 
 @pytest.mark.parametrize("name", sorted(MISTAKES))
 def test_a_mistake_is_named_and_a_sound_log_is_not(tmp_path: Path, name: str) -> None:
-    read = flown().read(np.random.default_rng(1))
-    assert bool(named(flown(), read | MISTAKES[name](read), tmp_path)) == (name != "sound")
+    assert bool(named(flown(), mistaken(flown(), name, np.random.default_rng(1)), tmp_path)) == (name != "sound")
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_axes_and_units_of_a_foreign_log_are_guessed(tmp_path: Path, seed: int) -> None:
-    columns, _ = foreign(flown(), np.random.default_rng(seed))
+    columns = foreign(flown(), np.random.default_rng(seed))
     assert wrong(guess_map(write_csv(tmp_path / "a.csv", columns)), columns, flown()) == []
 
 

@@ -39,8 +39,8 @@ def tilted(rng: Any, degrees: float) -> Any:
     return Rotation.from_rotvec(np.radians(degrees) * np.array([0.0, np.cos(angle), np.sin(angle)])).as_matrix()
 
 
-def foreign(log: Log, rng: Any) -> tuple[dict[str, Any], dict[str, str]]:
-    """Columns as some recorder writes them, and the units of each kind."""
+def foreign(log: Log, rng: Any) -> dict[str, Any]:
+    """Columns as some recorder writes them."""
     axes = np.eye(3)[rng.permutation(3)] * rng.choice((-1.0, 1.0), 3)[:, None]
     axes[0] *= np.linalg.det(axes)
     read = log.read(rng, axes @ tilted(rng, rng.uniform(0.0, 5.0)))
@@ -52,7 +52,7 @@ def foreign(log: Log, rng: Any) -> tuple[dict[str, Any], dict[str, str]]:
     for kind, triad, factor in (("gyro", GYROS, 1.0), ("acc", ACCELEROMETERS, sign)):
         for axis, name in zip("xyz", triad, strict=True):
             columns[f"{kind}_{axis}{words[kind]}"] = factor * read[name] / UNITS[kind][units[kind]]
-    return {**columns, f"alt{words['alt']}": read["altitude"] / UNITS["alt"][units["alt"]]}, units
+    return {**columns, f"alt{words['alt']}": read["altitude"] / UNITS["alt"][units["alt"]]}
 
 
 def wrong(guess: Guess, columns: dict[str, Any], log: Log) -> list[str]:
@@ -82,29 +82,31 @@ def is_unsure(guess: Guess, what: str) -> bool:
     return any(word in doubt for doubt in guess.unsure for word in words)
 
 
-def swapped(read: dict[str, Any], *names: str) -> dict[str, Any]:
-    return dict(zip(names, (read[name] for name in (*names[1:], names[0])), strict=True))
+ANY = (*GYROS, *ACCELEROMETERS)
+MISTAKES: dict[str, tuple[float, Sequence[str], Sequence[str]]] = {  # factor, channels, and what is read in them
+    "sound": (1.0, (), ()),
+    "altitude: feet as metres": (1.0 / FEET, ("altitude",), ("altitude",)),
+    "altitude: metres as feet": (FEET, ("altitude",), ("altitude",)),
+    "accelerometers: g as m/s^2": (1.0 / G, ACCELEROMETERS, ACCELEROMETERS),
+    "accelerometers: m/s^2 as ft/s^2": (FEET, ACCELEROMETERS, ACCELEROMETERS),
+    "gyros: deg/s as rad/s": (1.0 / DEGREE, GYROS, GYROS),
+    "gyros: rad/s as deg/s": (DEGREE, GYROS, GYROS),
+    "nose on y": (1.0, ANY, ("q", "r", "p", "ay", "az", "ax")),
+    "ax reversed": (-1.0, ("ax",), ("ax",)),
+    "p reversed": (-1.0, ("p",), ("p",)),
+    "q reversed": (-1.0, ("q",), ("q",)),
+    "q and r exchanged": (1.0, ("q", "r"), ("r", "q")),
+    "turned by 3 deg": (1.0, (), ()),
+    "turned by 45 deg": (1.0, (), ()),
+}
 
 
-def scaled(read: dict[str, Any], factor: float, *names: str) -> dict[str, Any]:
-    return {name: factor * read[name] for name in names}
-
-
-MISTAKES = {
-    "sound": lambda read: {},
-    "altitude: feet as metres": lambda read: scaled(read, 1.0 / FEET, "altitude"),
-    "altitude: metres as feet": lambda read: scaled(read, FEET, "altitude"),
-    "accelerometers: g as m/s^2": lambda read: scaled(read, 1.0 / G, *ACCELEROMETERS),
-    "accelerometers: m/s^2 as ft/s^2": lambda read: scaled(read, FEET, *ACCELEROMETERS),
-    "gyros: deg/s as rad/s": lambda read: scaled(read, 1.0 / DEGREE, *GYROS),
-    "gyros: rad/s as deg/s": lambda read: scaled(read, DEGREE, *GYROS),
-    "nose on y": lambda read: swapped(read, *ACCELEROMETERS) | swapped(read, *GYROS),
-    "ax reversed": lambda read: scaled(read, -1.0, "ax"),
-    "p reversed": lambda read: scaled(read, -1.0, "p"),
-    "q reversed": lambda read: scaled(read, -1.0, "q"),
-    "q and r exchanged": lambda read: swapped(read, "q", "r"),
-}  # fmt: skip
-TILTS = {"turned by 3 deg": 3.0, "turned by 45 deg": 45.0}
+def mistaken(log: Log, name: str, rng: Any) -> dict[str, Any]:
+    """What a recorder writes with one of the mistakes."""
+    turns = {"turned by 3 deg": 3.0, "turned by 45 deg": 45.0}
+    read = log.read(rng, tilted(rng, turns.get(name, 0.0)))
+    factor, channels, sources = MISTAKES[name]
+    return read | {channel: factor * read[source] for channel, source in zip(channels, sources, strict=True)}
 
 
 def log_map(log: Log) -> dict[str, Any]:
@@ -139,18 +141,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     rng = np.random.default_rng(options.seed)
     logs = [fly(seed) for seed in np.random.SeedSequence(options.seed).generate_state(options.flights)]
-    tally = {name: [0, 0] for name in (*MISTAKES, *TILTS)}
+    tally = {name: [0, 0] for name in MISTAKES}
     right, unsure, inside = 0, 0, []
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for log in logs:
-            columns, _ = foreign(log, rng)
+            columns = foreign(log, rng)
             guess = guess_map(write_csv(folder / "a.csv", columns))
             bad = wrong(guess, columns, log)
             right, unsure = right + (not bad), unsure + (bool(bad) and all(is_unsure(guess, what) for what in bad))
             for name in tally:
-                read = log.read(rng, tilted(rng, TILTS.get(name, 0.0)))
-                found = named(log, read | MISTAKES.get(name, MISTAKES["sound"])(read), folder)
+                found = named(log, mistaken(log, name, rng), folder)
                 tally[name][0] += bool(found)
                 tally[name][1] += bool(found) and not any(entry.startswith("refused") for entry in found)
     for log in (*logs, *(fly(seed, lean=30.0) for seed in range(options.flights // 3))):
