@@ -229,9 +229,7 @@ def _axes_of_gyros(table: ForeignTable) -> bool:
         table.sure(name, units, f"the forces across the axis follow from the rates in {units}")
     if not np.allclose(turn, np.eye(3)):
         table.turn(GYROS, turn, "axes and signs by which the forces follow from the rates")
-        table.unsure.append(
-            "the gyros' axes do not stand as the accelerometers' do: turned, or reversed, by the forces"
-        )
+        table.unsure.append("the gyros' axes are not those of the accelerometers: turned, or reversed, by the forces")
     return True
 
 
@@ -264,21 +262,16 @@ def _units_of_gyros(table: ForeignTable) -> None:
 
 def _gained(table: ForeignTable) -> None:
     """Units of speed and altitude by what the thrust gains."""
-    names: list[str] = [name for name in ("velocity", "altitude") if name in table.entries]
-    recorded = {name: table.values(name) for name in names}
+    recorded: dict[str, FloatArray] = {n: table.values(n) for n in ("velocity", "altitude") if n in table.entries}
     for name, (rise, made) in gains(table.in_si("time"), table.triad(ACCELEROMETERS), recorded).items():
-        sizes = {unit: abs(np.log(abs(made / rise / size))) if rise > 0.0 else np.inf
-                 for unit, size in rules.sizes(CHANNEL_DIMENSIONS[name]).items()}  # fmt: skip
-        units, si = min(sizes, key=lambda unit: sizes[unit]), SI[CHANNEL_DIMENSIONS[name]]
-        if sizes[units] < GAINED_WITHIN:
-            table.sure(
-                name, units, f"in the burn it gains {rise:.4g}, and the forces make {made:.4g} {si}: it is in {units}"
-            )
+        sizes = rules.sizes(CHANNEL_DIMENSIONS[name])
+        off = {unit: abs(float(np.log(max(rise, 1e-9) * size / made))) for unit, size in sizes.items()}
+        units = min(off, key=lambda unit: off[unit])
+        said = f"in the burn it gains {rise:.4g}, and the forces make {made:.4g} {SI[CHANNEL_DIMENSIONS[name]]}"
+        if off[units] < GAINED_WITHIN:
+            table.sure(name, units, f"{said}: it is in {units}")
         else:
-            doubt = (
-                f"it gains {rise:.4g} in the burn, where the forces make {made:.4g} {si}: in no units that are known"
-            )
-            table.change(name, "against the thrust", doubt)
+            table.change(name, "against the thrust", f"{said}: in no units that are known")
 
 
 def _units_of_air(table: ForeignTable) -> None:

@@ -379,6 +379,9 @@ def _record(
         contradicted += gyro_fault(time, *_triads(channels))
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
+        missing = [name for name in INERTIAL_CHANNELS if name not in channels]
+        if missing:
+            raise UsageError(f"pad: biases need all gyros and accelerometers, and the map has no {missing[0]}. Map it.")
         sigma_known = tolerances.get("accel_misalignment", PAD_MOUNTED)
         channels, rest, biases, pad_notes = take_out_biases(time, channels, mapping.pad, sigma_known)
         tolerances |= biases
@@ -396,10 +399,11 @@ def _record(
     window = _window(mapping, phases, time)
     inside = (time >= window[0]) & (time <= window[1])
     kept = {name: values[inside] for name, values in channels.items()}
-    usable = np.flatnonzero(inside & np.isfinite(channels.get("velocity", time)))
-    flown = slice(usable[0], usable[-1] + 1) if usable.size else slice(None)
-    motion = {name: values[flown] for name, values in channels.items()}
-    rate = needed_rate(time[flown], motion) if mapping.rate == "auto" else mapping.rate
+    rate = None if mapping.rate == "auto" else mapping.rate
+    flown = np.flatnonzero(inside & np.isfinite(channels.get("velocity", time)))
+    if mapping.rate == "auto" and flown.size and {"q", "r"} <= set(channels):
+        motion = {name: channels[name][flown[0] : flown[-1] + 1] for name in ("q", "r")}
+        rate = needed_rate(time[flown[0] : flown[-1] + 1], motion)
     reach = 0.0 if rate is None else filter_reach(rate)  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
     vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window)
@@ -433,9 +437,7 @@ def _record(
 
 
 def _nose(time: FloatArray, channels: Channels) -> Tilt | None:
-    if not set(INERTIAL_CHANNELS) <= set(channels):
-        return None
-    return nose_axis(time, *_triads(channels))
+    return nose_axis(time, *_triads(channels)) if set(INERTIAL_CHANNELS) <= set(channels) else None
 
 
 def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
