@@ -17,7 +17,7 @@ is that of restricted likelihood (Searle, Casella and McCulloch, Variance Compon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -178,6 +178,27 @@ class Evidence:
         found = [(mode[b.columns[process]], spread[b.columns[process]]) for b, mode, spread in each]
         modes, variances = (np.concatenate(part) for part in zip(*found, strict=True))
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
+
+    def along(
+        self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """A linear function of what is fitted on a flight, and its standard errors (points,).
+
+        `values` (points, coefficients): what it has per coefficient of the baseline and the terms; `splines` (points,
+        splines): of each process by its place, per spline coefficient in its units.
+        """
+        block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
+        known, first = self.rows.coefficients.shape[0], self.rows.shared.shape[1]
+        shared = np.zeros((values.shape[0], found.border.size))
+        shared[:, :rank] = values[:, :known] @ self.rows.coefficients
+        shared[:, first:] = values[:, known:]
+        own = np.zeros((values.shape[0], block.z.shape[1]))
+        for k, each in splines.items():
+            own[:, block.columns[k]] = _amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
+        both = shared - own @ found.follows[flight]
+        variance = np.sum((both @ found.covariance) * both, axis=1)
+        variance += np.sum((own @ found.inverses[flight]) * own, axis=1)
+        return shared @ found.border + own @ found.modes[flight], self.noise * np.sqrt(variance)
 
     @cached_property
     def held_out(self) -> FloatArray:

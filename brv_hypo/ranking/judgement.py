@@ -184,7 +184,7 @@ def acting_in(fit: HypothesisFit) -> int:
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, gain: float, scale: float) -> HypothesisFit:
-    """The fit with the coefficients and errors of its evidence and its `weighed` gain; `scale`: see `scale_variance`."""
+    """The fit with the coefficients and errors of its evidence and its weighed gain; `scale`: see `scale_variance`."""
     count, covariance = len(fit.columns), own.covariance.copy()
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):

@@ -198,7 +198,9 @@ def _shapes(
 
     products, against_y = evidence.projected_products(rows)
     information, right = over_regions(products, every), every @ against_y.reshape(count, terms)
-    before = np.diagonal(over_regions(rows.T @ rows, every), axis1=1, axis2=2)
+    before = every**2 @ np.sum(rows**2, axis=0).reshape(
+        count, terms
+    )  # those of the parts: of rounding the size is enough
     scale = np.diagonal(information, axis1=1, axis2=2)
     kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
     kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]

@@ -95,7 +95,7 @@ class RankedHypothesis(NullIsNaN):
     bic: float
     log_likelihood: float
     log_evidence: float = float("nan")
-    """Over that of the baseline only, processes beside both."""
+    """Over that of the baseline only, processes beside both, weighted, less the price of what acts."""
     n_terms: int
     n_effective: float
     terms: tuple[TermEstimate, ...]

@@ -66,7 +66,7 @@ class HypothesisFit:
     design: DesignMoment | None = None
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
     log_evidence: float | None = None
-    """Beside processes, over that of the baseline only; None before they are known."""
+    """Beside processes, over that of the baseline only, as it counts; None before they are known."""
 
     @property
     def moment(self) -> tuple[tuple[Regressor, ...], FloatArray, FloatArray]:

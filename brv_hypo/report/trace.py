@@ -15,7 +15,7 @@ from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, 
 from brv_hypo.report.motion_charts import BODY, TIME, Drawn, Setting, caption, cut_text, framed, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
-from brv_hypo.residuals.result import ProcessHistory, Residual, StaticSlope, Step, Trace
+from brv_hypo.residuals.result import Derivative, ProcessHistory, Residual, Step, Trace
 
 
 def trace_charts(result: Trace) -> list[Chart]:
@@ -34,7 +34,11 @@ def trace_charts(result: Trace) -> list[Chart]:
     drawn = [
         charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY),
         charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading),
-        *(static_slope_chart(slope, len(result.static_slopes)) for slope in result.static_slopes),
+        *(
+            derivative_chart(each, len(some), *named)
+            for some, named in ((result.static_slopes, STATIC), (result.damping, DAMPING))
+            for each in some
+        ),
         charts.spectrum_chart(setting, time, histories, rates),
     ]
     if kept.alpha_rad:
@@ -75,8 +79,12 @@ def _history_text(history: ProcessHistory) -> str:
     return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
 
 
-def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
-    """The slope of the static moment by Mach number, or by time where that is not known or stays the same."""
+STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
+DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
+
+
+def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
+    """A derivative of the moment by Mach number, or by time where that is not known or stays the same."""
     by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
     x = np.array(slope.mach if by_mach else slope.time_s)
     order = np.argsort(x, kind="stable")
@@ -88,11 +96,11 @@ def static_slope_chart(slope: StaticSlope, flights: int) -> Chart:
         *charts.estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
         *charts.estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
     ]
-    panels = [framed(Panel("C<sub>m,in</sub> by alpha, 1/rad", layers))]
+    panels = [framed(Panel(axis, layers))]
     suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
-    read = caption("Negative is stable. Bands: two standard deviations of the coefficients.", cut_text(panels))
+    read = caption("Negative is stable. Bands: two standard deviations.", cut_text(panels))
     title = "Mach number" if by_mach else charts.TIME
-    return Chart(f"static-slope{suffix}", f"Slope of the static moment{which}", title, panels, caption=read)
+    return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
 
 
 # ---- A trace as a document ----
@@ -120,6 +128,7 @@ def trace_document(result: Trace) -> Document:
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
         families_text(result.steps[0]),
         result.static_stability,
+        result.dynamic_stability,
         _STOPPED[result.stopped],
         result.unexplained,
     )

@@ -161,11 +161,12 @@ class ModelSummary(NullIsNaN):
     definition: SavedModel
 
 
-class StaticSlope(NullIsNaN):
-    """dC_N'/d alpha (1/rad) of the model's static moment along one flight; negative is stable.
+class Derivative(NullIsNaN):
+    """A derivative of C_m,in (1/rad) along one flight; negative is stable.
 
     At no angle of attack, and at that flown (`alpha_rad`, rms about the place); `mach` is NaN where it is not known.
-    Standard errors are those of the coefficients, of a model that holds.
+    By alpha: of the model's static moment, standard errors those of the coefficients, of a model without lack of fit.
+    By the transverse rate times d / 2V: of model and processes together, with the errors of both.
     """
 
     flight: int
@@ -210,8 +211,10 @@ class Trace(HasCharts, Result):
     families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
     account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
     model: ModelSummary
-    static_slopes: tuple[StaticSlope, ...] = ()
+    static_slopes: tuple[Derivative, ...] = ()
     static_stability: str = Field(default="", description="where the static moment is not significantly stable")
+    damping: tuple[Derivative, ...] = Field(default=(), description="C_mq along each flight, processes included")
+    dynamic_stability: str = Field(default="", description="where the damping moment is significantly unstable")
     stopped: Stop
     unexplained: str | None
     caveats: tuple[str, ...] = ()

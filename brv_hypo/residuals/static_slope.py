@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from brv_hypo.residuals.baseline import TOLERATED
 from brv_hypo.residuals.candidates_at_step import Analysis
 from brv_hypo.residuals.linearisation import Corrected
 from brv_hypo.residuals.problem import with_efficiency
-from brv_hypo.residuals.result import StaticSlope
+from brv_hypo.residuals.result import Derivative
 
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
@@ -95,22 +95,32 @@ _FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds"
 _STEP = 1e-4
 
 
-def static_slopes(data: Corrected, found: Coefficients) -> tuple[StaticSlope, ...]:
+def static_slopes(data: Corrected, found: Coefficients) -> tuple[Derivative, ...]:
     """Of each flight, what its wind-fixed terms make of dC_N'/d alpha, at no angle of attack and at that flown."""
     return tuple(_of_flight(data, found, number) for number in range(len(data.reconstructions)))
 
 
-def _of_flight(data: Corrected, found: Coefficients, number: int) -> StaticSlope:
+def _of_flight(data: Corrected, found: Coefficients, number: int) -> Derivative:
     motion = data.reconstructions[number].motion
+    return along_flight(
+        motion,
+        number,
+        lambda alpha, places: _with_error(slopes_at(data, motion, found.columns, number, alpha)[places], found),
+    )
+
+
+def along_flight(
+    motion: Motion, number: int, at: Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
+) -> Derivative:
+    """A derivative at places of a flight: `at` angles of attack (samples,) rad, its values and errors (places,)."""
     stretches = np.array_split(np.arange(motion.time.size), REPORTED_SLOPES)
-    places = [stretch[stretch.size // 2] for stretch in stretches]
+    places = np.array([stretch[stretch.size // 2] for stretch in stretches])
     flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
     everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
     at_zero, at_flown = (
-        _with_error(slopes_at(data, motion, found.columns, number, alpha)[places], found)
-        for alpha in (np.zeros_like(everywhere), everywhere)
+        [tuple(part.tolist()) for part in at(alpha, places)] for alpha in (np.zeros_like(everywhere), everywhere)
     )
-    return StaticSlope(
+    return Derivative(
         flight=number,
         time_s=tuple(motion.time[places].tolist()),
         mach=tuple(motion.mach[places].tolist()),
@@ -150,21 +160,24 @@ def _is_static(mechanism: Mechanism) -> bool:
     )
 
 
-def _with_error(slopes: FloatArray, found: Coefficients) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _with_error(slopes: FloatArray, found: Coefficients) -> tuple[FloatArray, FloatArray]:
     """Slopes (places, columns) with the coefficients found, and their standard errors."""
     variance = np.einsum("nj,jk,nk->n", slopes, found.covariance, slopes)
-    return tuple((slopes @ found.values).tolist()), tuple(np.sqrt(np.maximum(variance, 0.0)).tolist())
+    return slopes @ found.values, np.sqrt(np.maximum(variance, 0.0))
 
 
-def stability_in_words(slopes: Sequence[StaticSlope]) -> str:
-    """Where a flight's static moment at zero alpha is not significantly stable; empty where it is throughout."""
-    sentences = [_of_one(slope, f" of flight {slope.flight + 1}" if len(slopes) > 1 else "") for slope in slopes]
-    return " ".join(filter(None, sentences))
+def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
+    """Where a flight's moment at zero alpha is unstable, or, with `doubt`, not significantly stable; else empty."""
+    return " ".join(filter(None, (_of_one(each, _whose(each, slopes, moment), doubt) for each in slopes)))
 
 
-def _of_one(slope: StaticSlope, whose: str) -> str:
+def _whose(slope: Derivative, slopes: Sequence[Derivative], moment: str) -> str:
+    return f"{moment} of flight {slope.flight + 1}" if len(slopes) > 1 else moment
+
+
+def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
     values, errors = np.array(slope.at_zero), np.array(slope.at_zero_std_error)
-    doubtful = np.flatnonzero(values + STABLE_SIGMAS * errors >= 0.0)
+    doubtful = np.flatnonzero(values + (STABLE_SIGMAS if doubt else -STABLE_SIGMAS) * errors >= 0.0)
     if doubtful.size == 0:
         return ""
     runs = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)
@@ -172,14 +185,14 @@ def _of_one(slope: StaticSlope, whose: str) -> str:
     unstable = values[worst] > STABLE_SIGMAS * errors[worst]
     said = "is unstable" if unstable else "is not significantly stable"
     return (
-        f"At no angle of attack the static moment{whose} {said} {' and '.join(_when(slope, run) for run in runs)}: "
+        f"At no angle of attack the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
         f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "
         f"{slope.at_flown[worst]:.2g} ± {slope.at_flown_std_error[worst]:.1g} at the "
         f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."
     )
 
 
-def _when(slope: StaticSlope, run: IntArray) -> str:
+def _when(slope: Derivative, run: IntArray) -> str:
     """Times and, where they are known, Mach numbers of neighbouring places."""
     first, last = int(run[0]), int(run[-1])
     mach = f" (Mach {slope.mach[first]:.3g} to {slope.mach[last]:.3g})" if np.isfinite(slope.mach[first]) else ""

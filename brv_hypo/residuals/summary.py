@@ -20,8 +20,10 @@ from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.candidates_at_step import GENERIC, Analysis, baseline_analysis
 from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.damping import damping_along
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery, as_terms
+from brv_hypo.residuals.families import beside_processes
 from brv_hypo.residuals.fitted_model import State, converged_state
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Corrected, Model
@@ -75,7 +77,7 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         ),
     )
     terms = (*term_estimates(last, moments.columns, moments.values, moments.covariance), *_record_terms(here, model))
-    slopes = static_slopes(last, moments)
+    slopes, damping = static_slopes(last, moments), damping_along(beside_processes(state, state.model, end.config))
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -85,6 +87,8 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         model=ModelSummary(terms=terms, definition=definition),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
+        damping=damping,
+        dynamic_stability=stability_in_words(damping, "damping moment", doubt=False),
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flights, last),

@@ -152,6 +152,42 @@ def test_processes_and_their_errors_are_those_of_the_normal_equations(sizes: Siz
 
 
 @ONE_AND_TWO
+def test_a_function_along_a_flight_is_that_of_the_normal_equations(sizes: Sizes) -> None:
+    """Of coefficients, terms and processes at once, their common errors included."""
+    own, flight = found(sizes, 4), sizes.flights - 1
+    whole, rng, points = dense(own), np.random.default_rng(8), 7
+    mean, covariance = whole.posterior()
+    values = rng.normal(size=(points, sizes.baseline + sizes.terms + sizes.shifts))
+    splines = {k: rng.normal(size=(points, count)) for k, count in enumerate(sizes.splines)}
+    flat, known = whole.flat.shape[1], sizes.baseline
+    first = flat + sizes.allowed + sizes.terms + sizes.shifts + flight * sum(sizes.splines)
+    makes = np.zeros((points, mean.size))
+    makes[:, own.rows.own.shape[1] : flat] = values[:, :known] @ own.rows.coefficients
+    makes[:, flat + sizes.allowed : flat + sizes.allowed + sizes.terms + sizes.shifts] = values[:, known:]
+    for k, each in splines.items():
+        place = own.rows.blocks[flight].columns[k]
+        makes[:, first + place.start : first + place.stop] = own.rows.groups[k].size * each
+    value, error = own.along(flight, values, splines)
+    assert value == pytest.approx(makes @ mean, rel=1e-7, abs=1e-9)
+    assert error == pytest.approx(np.sqrt(np.sum((makes @ covariance) * makes, axis=1)), rel=1e-7)
+
+
+@ONE_AND_TWO
+def test_the_share_of_terms_is_what_they_make_of_what_is_explained(sizes: Sizes) -> None:
+    """Of processes of noise alone all, and of processes that make nearly everything little."""
+    own = found(sizes, 5)
+    assert 0.0 < own.share_of_terms <= 1.0
+    rows, z = own.rows, own.rows.blocks[0].z
+    y = rows.y.copy()
+    y[rows.blocks[0].rows] += 1e3 * z[:, 0] / np.linalg.norm(z[:, 0])
+    assert maximised(replace(rows, y=y), own.terms).share_of_terms < own.share_of_terms
+    at = own.at.copy()
+    at[1 : 1 + len(rows.groups)] = -30.0
+    quiet = replace(own, at=at)
+    assert quiet.share_of_terms == pytest.approx(1.0)
+
+
+@ONE_AND_TWO
 def test_the_residual_is_the_data_less_all_that_the_normal_equations_fit(sizes: Sizes) -> None:
     own = found(sizes, 4)
     whole = dense(own)

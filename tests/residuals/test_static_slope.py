@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.residuals import TraceConfig, trace
-from brv_hypo.residuals.result import StaticSlope
+from brv_hypo.residuals.result import Derivative
 from brv_hypo.residuals.static_slope import stability_in_words
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.vehicles import CAPSULE
@@ -35,9 +35,9 @@ def test_the_slope_is_that_of_the_vehicle(seed: int) -> None:
         np.testing.assert_allclose(value, expected, rtol=0.05)
 
 
-def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0) -> StaticSlope:
+def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0) -> Derivative:
     count = len(at_zero)
-    return StaticSlope(
+    return Derivative(
         flight=flight,
         time_s=tuple(10.0 * k for k in range(count)),
         mach=tuple(mach - k for k in range(count)),
