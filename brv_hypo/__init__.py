@@ -6,14 +6,14 @@ compare(flights, config)       competing mechanisms, ranked, with verdict  brv_h
 trace(flight, config)          the residual, traced to its effect          brv_hypo.residuals
 predict(flight, model, refit)  a model of other flights on this one        brv_hypo.residuals
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
+run_study(study, folder)       many simulated flights, each compared       brv_hypo.study
 best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, .likelihood
 write_report, write_figures    any result as a page, as PNG and SVG        brv_hypo.report.write
 Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
-brv-hypo --help                the command line                            brv_hypo.cli
 
-Where things are: mechanisms, effects, processes in `plugins`; methods of reconstruction in motion/methods; formats in
-importing/formats.py; tolerances of instrument grades in flight/tolerances.py; what decides a fault of a record in
-thresholds.py, a verdict or a finding in constants.py; errors with their exit codes in errors.py.
+Where things are: the command line in cli; mechanisms, effects, processes in `plugins`; methods of reconstruction in
+motion/methods; formats in importing/formats; tolerances of instrument grades in flight/tolerances.py; what decides a
+fault of a record in thresholds.py, a verdict or a finding in constants.py; errors with their exit codes in errors.py.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from brv_hypo.residuals import trace as trace
     from brv_hypo.residuals.predict import predict as predict
     from brv_hypo.simulation import simulate as simulate
+    from brv_hypo.study import run_study as run_study
 
 _HOME = {
     "load_flight": "brv_hypo.flight",
@@ -36,8 +37,9 @@ _HOME = {
     "trace": "brv_hypo.residuals",
     "predict": "brv_hypo.residuals",
     "simulate": "brv_hypo.simulation",
+    "run_study": "brv_hypo.study",
 }
-__all__ = ["compare", "load_flight", "predict", "reconstruct", "simulate", "trace"]
+__all__ = ["compare", "load_flight", "predict", "reconstruct", "run_study", "simulate", "trace"]
 
 
 def __getattr__(name: str) -> Any:

@@ -7,8 +7,10 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import MissingInputError, UsageError
 from brv_hypo.results import Tabular
+
+_OF_EVERY_MODEL = frozenset(dir(BaseModel))
 
 
 class NullIsNaN(BaseModel):
@@ -37,6 +39,10 @@ class NullIsNaN(BaseModel):
 
     def __hash__(self) -> int:
         return hash(self._written())
+
+    def __dir__(self) -> list[str]:
+        """What the result has, without the methods of every pydantic model."""
+        return [name for name in super().__dir__() if name.startswith("_") or name not in _OF_EVERY_MODEL]
 
     def _written(self) -> str:
         return self.model_dump_json(by_alias=True)
@@ -71,4 +77,5 @@ class Result(Tabular, NullIsNaN):
             raise UsageError(f"this is not the JSON of a {cls.__name__}: {str(error).splitlines()[0]}.") from None
         except OSError as error:
             reason = error.strerror or error
-            raise UsageError(f"{source} cannot be read: {reason}. Give the file that --json wrote.") from None
+            refused = MissingInputError if isinstance(error, FileNotFoundError) else UsageError
+            raise refused(f"{source} cannot be read: {reason}. Give the file that --json wrote.") from None

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import UsageError, missing_package
 
 if TYPE_CHECKING:
     import pandas
@@ -184,5 +184,4 @@ def _needed(module: str, call: str, extra: str) -> Any:
     try:
         return import_module(module)
     except ImportError:
-        message = f"{call} needs {module}, which is not installed: pip install 'brv-hypo[{extra}]'."
-        raise UsageError(message) from None
+        raise missing_package(call, module, extra) from None

@@ -1,14 +1,15 @@
 """Settings from YAML files and mappings, and commented files to start from; any layer may use it.
 
 `settings_of` and `read_settings` have one wording for what is wrong: each setting, the value that it has and
-what is expected. `commented` writes a YAML file in which every setting stands at its default, below its
-meaning, which is the description of the model's field.
+what is expected. `takes_settings` gives a function the settings as keywords. `commented` writes a YAML file in which
+every setting stands at its default, below its meaning, which is the description of the model's field.
 """
 
 from __future__ import annotations
 
+import inspect
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,16 +21,23 @@ from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import meant, one_line
 
 Settings = TypeVar("Settings", bound=BaseModel)
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def settings_of(model: type[Settings], source: Settings | Mapping[str, Any] | str | Path | None) -> Settings:
-    """Settings as they are, those of a mapping or of a YAML file, or for None the defaults; UsageError as below."""
+def settings_of(
+    model: type[Settings], source: Settings | Mapping[str, Any] | str | Path | None, keywords: Mapping[str, Any] = {}
+) -> Settings:
+    """Settings as they are, those of a mapping or of a YAML file, or for None the defaults; `keywords` go over them.
+
+    Raises UsageError as below.
+    """
     if isinstance(source, model):
-        return source
+        given = {name: getattr(source, name) for name in source.model_fields_set}
+        return read_settings(model, None, **{**given, **keywords}) if keywords else source
     if isinstance(source, Mapping):
-        return read_settings(model, None, **source)
+        return read_settings(model, None, **{**source, **keywords})
     if source is None or isinstance(source, str | Path):
-        return read_settings(model, source)
+        return read_settings(model, source, **keywords)
     raise UsageError(
         f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or the "
         "path of a YAML file."
@@ -48,6 +56,52 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
         where = "the settings" if path is None else f"the settings in {path}"
         problems = "; ".join(_problem(detail, tuple(model.model_fields)) for detail in error.errors())
         raise UsageError(f"{where}: {problems}.") from None
+
+
+_FLIGHT = "str, Path, Flight or SimulatedFlight"
+_SHARED = {
+    "flight": f"{_FLIGHT}\n    The flight, or the path of its record.",
+    "flights": f"{_FLIGHT}, or a sequence of these\n    Several flights are fitted jointly.",
+    "config": "settings, mapping, str or Path, optional\n    Settings, or the YAML file that holds them.",
+    "progress": "callable, rich or tqdm bar, optional\n    Called with fraction done and a text: `brv_hypo.progress`.",
+}
+_RAISES = """UsageError
+    A name or a setting is unknown or wrong.
+UnanswerableError
+    The data cannot answer; the message says what is missing.
+FlightRecordError
+    A record cannot be read or is invalid."""
+
+
+def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Function], Function]:
+    """Name the settings in signature and docstring of a function that takes them as `**settings`, for completion.
+
+    The docstring, of which only the text, `Returns` and `Examples` are written out, becomes one of numpydoc: with its
+    parameters, as `parameters` describe them beside those that functions share, the settings, and what all raise.
+    Type checkers have the settings from a TypedDict beside the model.
+    """
+
+    def decorate(function: Function) -> Function:
+        declared, meanings, fields = inspect.signature(function), {**_SHARED, **parameters}, model.model_fields
+        own = [each for each in declared.parameters.values() if each.kind is not inspect.Parameter.VAR_KEYWORD]
+        named = [inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, annotation=f.annotation,
+                                   default=... if f.is_required() else f.get_default(call_default_factory=True))
+                 for n, f in fields.items()]  # fmt: skip
+        function.__signature__ = declared.replace(parameters=[*own, *named])  # type: ignore[attr-defined]
+        text, _, rest = inspect.cleandoc(function.__doc__ or "").partition("\n\nReturns\n-------\n")
+        returns, _, examples = rest.partition("\n\nExamples\n--------\n")
+        sections = {
+            "Parameters": "\n".join(f"{each.name} : {meanings[each.name]}" for each in own),
+            "Returns": returns,
+            "Other Parameters": "\n".join(f"{n}\n    {f.description or 'See the class.'}" for n, f in fields.items()),
+            "Raises": _RAISES,
+            "Examples": examples,
+        }
+        parts = [f"{name}\n{'-' * len(name)}\n{content}" for name, content in sections.items() if content]
+        function.__doc__ = "\n\n".join([text, *parts])
+        return function
+
+    return decorate
 
 
 def _problem(detail: Any, known: tuple[str, ...]) -> str:

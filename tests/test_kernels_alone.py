@@ -1,4 +1,4 @@
-"""The likelihood and the subset search stand alone: copied out with three small modules they pass their tests."""
+"""The likelihood and the subset search stand alone: copied out with four small modules they pass their tests."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import brv_hypo
 
 PACKAGE = Path(brv_hypo.__file__).parent
 TESTS = Path(__file__).parent
-SMALL = ("arrays.py", "errors.py", "results.py")
+SMALL = ("arrays.py", "errors.py", "progress.py", "results.py")
 FOREIGN = ("pydantic", "pluggy", "h5py", "rich", "typer", "pint", "statsmodels", "pandas")
 BORROWED = {"test_manual.py", "test_accuracy.py", "test_published_answers.py", "test_criteria.py"}
 """Tests that need the manual, shared data or another package to compare with."""

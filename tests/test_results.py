@@ -171,7 +171,7 @@ def test_without_pandas_a_data_frame_says_how_to_install_it(compared, monkeypatc
     import sys
 
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
+    with pytest.raises(UsageError, match=r"pip install -e '.\[tables\]'"):
         compared.to_dataframe()
 
 
@@ -233,7 +233,7 @@ class TestPlot:
         from brv_hypo.report import write
 
         monkeypatch.setattr(write, "find_spec", lambda name: None)
-        with pytest.raises(UsageError, match=r"plot\(\) needs matplotlib.*'brv-hypo\[figures\]'"):
+        with pytest.raises(UsageError, match=r"plot\(\) needs matplotlib.*'.\[figures\]'"):
             compared.plot()
 
 
@@ -263,7 +263,7 @@ class TestXarray:
         import sys
 
         monkeypatch.setitem(sys.modules, "xarray", None)
-        with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[xarray\]'"):
+        with pytest.raises(UsageError, match=r"pip install -e '.\[xarray\]'"):
             compared.to_xarray()
 
 

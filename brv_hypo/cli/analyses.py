@@ -27,7 +27,8 @@ Mechanisms = Annotated[
         "--mechanisms",
         metavar="NAME,NAME",
         autocompletion=options.hypotheses,
-        help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; all installed if left out.",
+        help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; installed: all; left out: the five "
+        "that come along.",
     ),
 ]
 
@@ -83,7 +84,7 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
     if not names:
         raise UsageError(
             f"--mechanisms names none ({mechanisms!r}). Give names, as in lag,sticking+bodyfixed, or leave the option "
-            "out to compare all that are installed."
+            "out to compare the five that come along."
         )
     return {"mechanisms": names}
 
@@ -190,6 +191,8 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
             errors = [term["mechanism"] for term in terms if term["channel"] == "record"]
             moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
             start = "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
+    except UsageError:
+        raise
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise UsageError(
             f"{path} is not a model ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
@@ -234,7 +237,9 @@ def predict(
 
     settings = read_settings(TraceConfig, config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
-    result = predicted(load_for_analysis(flight, start, stop, instruments), model, names, settings)
+    record = load_for_analysis(flight, start, stop, instruments)
+    with session.progress("predicting") as progress:
+        result = predicted(record, model, names, settings, progress=progress)
     document = prediction_document(result)
     session.present(document)
     session.write_json(result)
@@ -279,14 +284,7 @@ def study(
     try:
         with session.progress("flying") as progress:
             outcomes = run_study(
-                settings,
-                output,
-                jobs=jobs,
-                cluster=cluster,
-                overwrite=session.force,
-                progress=lambda done, total, last: progress(
-                    f"{done} of {total} flights, last {last.draw.key}", done / total
-                ),
+                settings, output, jobs=jobs, cluster=cluster, overwrite=session.force, progress=progress
             )
     except KeyboardInterrupt as interrupt:
         raise type(interrupt)(f", and the same command goes on with what {output} holds") from None

@@ -91,7 +91,7 @@ def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
 
 
 def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None:
-    session.claim(output)
+    session.claim(output, hdf5=True)
     from brv_hypo.flight import save_flight
     from brv_hypo.importing import bring_in
     from brv_hypo.motion import try_record
@@ -127,7 +127,7 @@ def reconstruct(
     instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
-    session.claim(output)
+    session.claim(output, hdf5=True)
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
@@ -135,11 +135,14 @@ def reconstruct(
     from brv_hypo.settings import read_settings
 
     settings = read_settings(ReconstructionConfig, config, **({} if method is None else {"method": method}))
-    result = reconstructed(load_for_analysis(flight, start, stop, instruments), settings)
-    if output is not None:
-        write_motion(result, output, overwrite=session.force)
+    record = load_for_analysis(flight, start, stop, instruments)
+    with session.progress("reconstructing") as progress:
+        result = reconstructed(record, settings, progress=progress)
     document = reconstruction_document(result)
     session.present(document)
+    if output is not None:
+        write_motion(result, output, overwrite=session.force)
+        session.show(f"Wrote {output}.")
     session.write_json(reconstruction_data(result))
     session.write_report(document, settings, [result.flight.path])
 
@@ -169,7 +172,7 @@ def simulate(
     seed: options.Seed = None,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""
-    session.claim(output)
+    session.claim(output, hdf5=True)
     from brv_hypo.report.listings import simulation_data, simulation_text
 
     flown = fly(session, config, seed, () if plant is None else tuple(plant.split(",")))
@@ -201,9 +204,4 @@ def fly(session: Session, config: str, seed: int | None, plant: tuple[str, ...])
     from brv_hypo.simulation import simulate as simulated
 
     with session.progress("simulating") as progress:
-        return simulated(
-            config,
-            seed=DEFAULT_SEED if seed is None else seed,
-            plant=plant,
-            progress=lambda fraction: progress("simulating", fraction),
-        )
+        return simulated(config, seed=DEFAULT_SEED if seed is None else seed, plant=plant, progress=progress)

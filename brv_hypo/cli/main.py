@@ -18,6 +18,7 @@ import typer
 
 from brv_hypo.cli import analyses, flights, options
 from brv_hypo.cli.session import Session, in_session, listen
+from brv_hypo.cli.streams import ready
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import check_target, make_folder, whole_folder, write_whole
 from brv_hypo.io.text import meant
@@ -323,5 +324,6 @@ app.add_typer(config_app, name="config")
 
 def run() -> None:
     """Run the command line; the process ends with the contract's exit code."""
+    ready()
     listen()
     app(prog_name="brv-hypo")

@@ -22,7 +22,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -31,9 +31,11 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TextIO
 import typer
 
 from brv_hypo.cli import options
+from brv_hypo.cli.streams import require_output, shown
 from brv_hypo.errors import BrvHypoError, UsageError
-from brv_hypo.io.files import check_target, remove_open_temporaries, write_whole
+from brv_hypo.io.files import check_hdf5, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
+from brv_hypo.progress import Report
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -165,10 +167,6 @@ def _end(message: str, code: int) -> None:
 STANDARD_OUTPUT = "-"
 
 
-Progress = Callable[..., None]
-"""Shows the stage (a text) that long work has reached and, where known, the fraction (0 to 1) done."""
-
-
 @dataclass(frozen=True)
 class Session:
     """How one command talks: what was asked of the common options."""
@@ -191,11 +189,14 @@ class Session:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
 
-    def claim(self, *files: Path | None) -> None:
+    def claim(self, *files: Path | None, hdf5: bool = False) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
 
-        Raises UsageError where a file exists and `--force` was not given, or cannot be written.
+        Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` is to
+        hold HDF5 and has a name that says otherwise.
         """
+        if self.json_only:
+            require_output("--json -")
         json_file = None if self.json is None or self.json_only else Path(self.json)
         wanted = [file for file in (*files, self.report, json_file) if file is not None]
         resolved = [file.resolve() for file in wanted]
@@ -203,6 +204,8 @@ class Session:
             if resolved.count(file.resolve()) > 1:
                 raise UsageError(f"{file} was given for two outputs. Give each output a file of its own.")
             check_target(file, overwrite=self.force)
+            if hdf5 and file in files:
+                check_hdf5(file)
             place = Path(os.path.realpath(file)).parent
             if not place.is_dir():
                 raise UsageError(f"{file} cannot be written: {place} does not exist. Create it, or choose another.")
@@ -297,24 +300,9 @@ class Session:
 
         return provenance(shlex.join(["brv-hypo", *sys.argv[1:]]), settings, records)
 
-    @contextmanager
-    def progress(self, title: str) -> Iterator[Progress]:
-        """A bar on standard error that a `Progress` moves; drawn only on a terminal, and never with -q."""
-        if self.quiet or not sys.stderr.isatty():
-            yield lambda stage, fraction=None: None
-            return
-        from rich.console import Console
-        from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-        from rich.progress import Progress as Bar
-
-        columns = (BarColumn(bar_width=24), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
-        with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task(title, total=None)
-
-            def advance(stage: str, fraction: float | None = None) -> None:
-                bar.update(task, description=stage, total=None if fraction is None else 1.0, completed=fraction)
-
-            yield advance
+    def progress(self, title: str) -> AbstractContextManager[Report]:
+        """What long work reports to: shown on standard error, never with -q."""
+        return shown(title, quiet=self.quiet)
 
 
 def left_out() -> tuple[str, ...]:

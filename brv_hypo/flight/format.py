@@ -39,6 +39,7 @@ from brv_hypo.flight.record import (
     check_present,
     checked_vehicle,
     validated,
+    write_with,
 )
 from brv_hypo.flight.tolerances import (
     DEFAULT_GRADE,
@@ -225,13 +226,44 @@ class Quantity:
     units: str
 
 
-def load_flight(path: str | Path, *, start: float | None = None, stop: float | None = None) -> Flight:
-    """The flight in a format 1 file: SI, uniform in time, gaps bridged or cut; `start` and `stop` in s.
+def load_flight(
+    path: str | Path, *, start: float | None = None, stop: float | None = None, instruments: str | Path | None = None
+) -> Flight:
+    """The flight in a format 1 file: SI, uniform in time, gaps bridged or cut.
 
     `Flight.notes` says what was despiked, resampled, bridged, cut and derived. The group `truth` is not read.
-    Raises FlightRecordError (unreadable or invalid) and UsageError (a window without samples).
+
+    Parameters
+    ----------
+    path : str or Path
+    start, stop : float, optional
+        Part of the record to use, s.
+    instruments : str or Path, optional
+        Tolerances in place of the record's: a grade (laboratory, tactical, industrial) or a YAML file.
+
+    Returns
+    -------
+    Flight
+        Channels (n,), SI, angles in rad.
+
+    Raises
+    ------
+    FlightRecordError
+        The record cannot be read or is invalid; MissingRecordError, a FileNotFoundError, where there is none.
+    UsageError
+        The window holds too few samples.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> brv_hypo.simulate("research_cone", seed=4).save("cone.h5")
+    >>> brv_hypo.load_flight("cone.h5", start=1.0, stop=3.0).samples
+    401
     """
-    return windowed(assemble(read_record(path)), start, stop)
+    flight = windowed(assemble(read_record(path)), start, stop)
+    if instruments is None:
+        return flight
+    return replace(flight, instruments=instruments_from(instruments, flight.instruments))
 
 
 def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
@@ -291,6 +323,9 @@ def save_flight(
         groups=groups,
     )
     write_tree(path, tree, overwrite=overwrite)
+
+
+write_with.append(save_flight)
 
 
 def read_record(path: str | Path) -> Record:
@@ -485,10 +520,7 @@ def load_for_analysis(path: str | Path, start: float | None, stop: float | None,
 
     Without them it is known to those that the record states itself.
     """
-    flight = load_flight(path).window(start, stop)
-    if instruments is None:
-        return flight
-    return replace(flight, instruments=instruments_from(instruments, flight.instruments))
+    return load_flight(path, instruments=instruments).window(start, stop)
 
 
 def flights_of(source: FlightSource | Sequence[FlightSource]) -> tuple[Flight, ...]:

@@ -8,8 +8,9 @@ model, checked once, in SI, whatever it came from; `brv_hypo.flight.format` make
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -29,7 +30,7 @@ from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.tolerances import Instruments, of_grade
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.io.text import nearest, one_line, refusal
-from brv_hypo.results import Histories
+from brv_hypo.results import HasCharts, Histories
 from brv_hypo.thresholds import LARGEST_PROPERTY, MINIMUM_SAMPLES, SHORTEST_STEP, SLOWEST
 
 GYROS, ACCELEROMETERS = ("p", "q", "r"), ("ax", "ay", "az")
@@ -102,8 +103,12 @@ class RecordTrial:
     faults: tuple[RecordFault, ...]
 
 
+write_with: list[Callable[..., None]] = []
+"""What `Flight.save` writes with: the format, which is made of flights, enters itself."""
+
+
 @dataclass(frozen=True)
-class Flight(Histories):
+class Flight(Histories, HasCharts):
     """One flight, format 1, in SI units; every channel is (n,) over a uniform `time` (n,), without NaN.
 
     Samples that the record lacked are bridged where the gap is short; a longer gap ends a segment. The `truth` of a
@@ -169,6 +174,13 @@ class Flight(Histories):
     def units(self) -> Mapping[str, str]:
         """SI units of the columns."""
         return {name: SI[CHANNEL_DIMENSIONS[name]] for name in self.columns()}
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write the flight as a record of format 1, .h5 or .hdf5; samples outside its segments become NaN.
+
+        Raises UsageError where the file exists and `overwrite` is false, has another ending, or cannot be written.
+        """
+        write_with[0](self, path, overwrite=overwrite)
 
     @property
     def samples(self) -> int:
@@ -444,6 +456,10 @@ def validated(model: type[Model], data: Mapping[str, Any], *, group: str = "") -
     try:
         return TypeAdapter(model).validate_python(dict(data))
     except ValidationError as error:
+        within = [problem.get("ctx", {}).get("error") for problem in error.errors()]
+        for own in within:
+            if isinstance(own, FlightRecordError):
+                raise own from None
         raise FlightRecordError(complaints(error, group, "the format 1 description")) from error
 
 

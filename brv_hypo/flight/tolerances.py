@@ -94,17 +94,17 @@ def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
     return replace(base, **changes)
 
 
-def instruments_from(source: str, record: Instruments) -> Instruments:
+def instruments_from(source: str | Path, record: Instruments) -> Instruments:
     """The tolerances that a grade's name or a YAML file gives in place of those of a record.
 
     In a file, keys and units are those of the flight format: `gyro_bias` in deg/s, all else in SI, or text with units
     ("0.3 deg/s"); `grade` sets what the file does not name. Raises UsageError for an unknown grade, file or key.
     """
-    if source in GRADES:
-        return of_grade(source)
     path = Path(source)
+    if str(source) in GRADES:
+        return of_grade(str(source))
     if not path.suffix and not path.exists():
-        hint = meant(source, GRADES, "or a YAML file of tolerances")
+        hint = meant(str(source), GRADES, "or a YAML file of tolerances")
         raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)}{hint and f' ({hint})'}.")
     from brv_hypo.io.mappings import read_yaml
 

@@ -6,6 +6,7 @@ Pint does the work. A string that is SI already never starts it: building its re
 from __future__ import annotations
 
 import re
+import unicodedata
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -92,6 +93,11 @@ def to_si(values: ArrayLike, units: str, dimension: Dimension, dataset_name: str
     if spelling == SI[dimension]:
         return array
     return array * _factor(spelling, units, dimension, dataset_name)
+
+
+def spelled(units: str) -> str:
+    """Units in plain letters: m/s² as m/s2, °/s as deg/s, µs as us."""
+    return unicodedata.normalize("NFKC", units).replace("°", "deg").replace("μ", "u")
 
 
 def is_unit(units: str) -> bool:

@@ -8,7 +8,7 @@ variance f' M^-1 f, at the estimated motion; the uncertainty of the motion is no
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +23,6 @@ from brv_hypo.identification.parameters import READ, of_flight, unique
 from brv_hypo.identification.problem import IdentificationConfig, Problem, build_problem
 from brv_hypo.likelihood import Delayed, FitResult
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.search import Progress
 from brv_hypo.likelihood.segment import Interpolator
 from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.baseline import StaticBend
@@ -224,7 +223,6 @@ def identify(
     options: IdentificationConfig | None = None,
     *,
     regressed: Regressed | None = None,
-    progress: Callable[[Progress], None] | None = None,
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
@@ -237,7 +235,6 @@ def identify(
         columns: the model's columns. values: their regression coefficients (columns,).
         options: see `IdentificationConfig`.
         regressed: what the regression says beside its coefficients; None where the records are as measured.
-        progress: called after each iteration of the likelihood.
 
     Returns:
         The refined model; a failure is its status, with the regression's values left in place.
@@ -246,7 +243,7 @@ def identify(
     options = options or IdentificationConfig()
     try:
         problem = build_problem(frame, columns, values, options, regressed)
-        problem, found, iterations = _search(problem, progress)
+        problem, found, iterations = _search(problem)
     except (UnanswerableError, UsageError) as error:
         return Identification(
             status="failed",
@@ -260,12 +257,12 @@ def identify(
     return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
 
 
-def _search(problem: Problem, progress: Callable[[Progress], None] | None) -> tuple[Problem, FitResult, int]:
+def _search(problem: Problem) -> tuple[Problem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     searches: list[FitResult] = []
 
     def solve(problem: Problem, **how: Any) -> FitResult:
-        searches.append(problem.solve(progress=progress, **how))
+        searches.append(problem.solve(**how))
         return searches[-1]
 
     if _misfit(problem) > IDENTIFIED_POOR_START:

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,6 @@ from brv_hypo.identification.parameters import (
 )
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.derivatives import PartialJacobian
-from brv_hypo.likelihood.search import Progress
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
@@ -155,12 +154,7 @@ class Problem:
         return min(record.context.block for record in self.records)
 
     def solve(
-        self,
-        *,
-        max_iterations: int | None = None,
-        near_start: bool = True,
-        fixed: Sequence[str] = (),
-        progress: Callable[[Progress], None] | None = None,
+        self, *, max_iterations: int | None = None, near_start: bool = True, fixed: Sequence[str] = ()
     ) -> FitResult:
         """Maximum likelihood, with some parameters `fixed`."""
         return fit(
@@ -176,7 +170,6 @@ class Problem:
             max_iterations=max_iterations or self.config.max_iterations,
             tolerance=IDENTIFIED_TOLERANCE,
             near_start=near_start,
-            progress=progress,
         )
 
 

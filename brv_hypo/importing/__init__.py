@@ -1,6 +1,6 @@
-"""Foreign records: a csv, parquet or mat file becomes a `Flight` through a map of its columns.
+"""Foreign records: a table of any recorder becomes a `Flight` through a map of its columns.
 
-formats.py      the formats that can be read, and their columns by name: a new one is one entry
+formats/        the formats that can be read, and their columns by name: a new one is one file
 record_map.py   MAP.yaml, and the flight that is made by it: `bring_in`, `import_record`
 rocket_log.py   what a raw rocket log needs: two clocks, biases from the pad, speed of a climb, a lower rate
 guess.py        `guess_map`: a commented map, proposed from names and physics, by the template map.yaml.j2

@@ -28,7 +28,8 @@ from brv_hypo.flight.plausibility import gains, mounting_fault
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
-from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, units_in
+from brv_hypo.importing.formats import clock_fault
+from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, stated_units
 from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, PAD_FEWEST_SAMPLES, clock_offset
 from brv_hypo.io.text import one_line
 
@@ -85,7 +86,7 @@ def _examined(path: Path) -> ForeignTable:
     chosen, others = rules.by_name(list(table.columns))
     for channel, column in chosen.items():
         dimension = CHANNEL_DIMENSIONS.get(channel)
-        table.entries[channel] = _named(column, dimension) if dimension else MapEntry(column, "", "by name")
+        table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
     _find_time(table)
     _find_unnamed(table)
     _stand_upright(table)
@@ -97,9 +98,9 @@ def _examined(path: Path) -> ForeignTable:
     return table
 
 
-def _named(column: str, dimension: Dimension) -> MapEntry:
-    """A column that its name gives to a channel or property, in the units of its name or SI."""
-    units = units_in(column, dimension)
+def _named(column: str, dimension: Dimension, table: ForeignTable) -> MapEntry:
+    """A column that its name gives to a channel or property, in the units of the table or its name, or SI."""
+    units = stated_units(column, table.read, dimension)
     if units is None:
         return MapEntry(column, SI[dimension], "by name", (_nowhere_said(column, SI[dimension]),))
     return MapEntry(column, units, "by name, units in the name")
@@ -116,11 +117,7 @@ def _find_time(table: ForeignTable) -> None:
     entry = table.entries.get("time")
     if entry is None or entry.column not in rising:
         if not rising:
-            raise UsageError(
-                f"{table.path}: no column rises strictly from sample to sample, as time does (there are "
-                f"{', '.join(map(one_line, table.columns)) or 'none'}). Likely cause: repeated stamps, or a table "
-                "without time. Remedy: keep one row of each stamp, or add a column of sample times."
-            )
+            raise UsageError(f"{table.path}: {_no_clock(table)}")
         used = {each.column for channel, each in table.entries.items() if channel != "time"}
         first = next((name for name in rising if name not in used), rising[0])
         entry = MapEntry(first, "s", "the first column that rises throughout", ("whether this is time",))
@@ -132,6 +129,19 @@ def _find_time(table: ForeignTable) -> None:
             doubts.append(f"time in {' or '.join(fitting)}: each makes a rate that recorders have")
         why = f"in {fitting[0]} its rate is one that recorders have"
         table.change("time", why, units=fitting[0], unsure=tuple(doubts))
+
+
+def _no_clock(table: ForeignTable) -> str:
+    """Why no column is time, by the one that is called so or rises most."""
+    rises = {name: np.mean(np.diff(values) > 0.0) for name, values in table.columns.items() if values.size > 1}
+    time = table.entries.get("time")
+    named = time.column if time is not None else max(rises, key=lambda each: rises[each], default="")
+    fault = clock_fault(table.read, named) if rises.get(named, 0.0) > 0.3 else None
+    known = ", ".join(map(one_line, table.columns)) or "none"
+    return fault or (
+        f"no column rises strictly from sample to sample, as time does (there are {known}). Likely cause: a table "
+        "without time. Remedy: add a column of sample times."
+    )
 
 
 def _find_unnamed(table: ForeignTable) -> None:
@@ -327,7 +337,7 @@ def _add(found: _Guessed, other: ForeignTable) -> None:
     for column in other.columns:
         name = rules.vehicle_property(column)
         if name is not None and name not in properties:
-            properties[name] = replace(_named(column, VEHICLE_DIMENSIONS[name]), why="by name")
+            properties[name] = replace(_named(column, VEHICLE_DIMENSIONS[name], other), why="by name")
     if properties:
         other.entries = {"time": other.entries["time"], **properties}
         found.vehicle = other

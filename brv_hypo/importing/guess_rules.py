@@ -21,11 +21,12 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import BrvHypoError
+from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.mounting import GRAVITY, Tilt
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
-from brv_hypo.flight.units import RECORDED, Dimension, to_si
-from brv_hypo.importing.formats import column_names, read_columns
+from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
+from brv_hypo.importing.formats import read_all
+from brv_hypo.io.binary import ColumnTable
 
 MAGNETOMETER = ("mx", "my", "mz")  # no channels of format 1: they tell the roll rate
 
@@ -33,9 +34,9 @@ MAGNETOMETER = ("mx", "my", "mz")  # no channels of format 1: they tell the roll
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",)),
     "roll_rate_mag": (("roll", "rate", "mag"), ("mag", "roll"), ("mag", "spin")),
-    "p": (("p",), ("roll", "rate"), ("rollrate",), ("spin", "rate")),
-    "q": (("q",), ("pitch", "rate"), ("pitchrate",)),
-    "r": (("r",), ("yaw", "rate"), ("yawrate",)),
+    "p": (("p",), ("roll", "rate"), ("rollrate",), ("spin", "rate"), ("gyro", "roll")),
+    "q": (("q",), ("pitch", "rate"), ("pitchrate",), ("gyro", "pitch")),
+    "r": (("r",), ("yaw", "rate"), ("yawrate",), ("gyro", "yaw")),
     "ax": (("axial", "acc"), ("axial", "accel"), ("axial", "force"), ("nx",), ("acc",), ("accel",)),
     "ay": (("lateral", "acc"), ("lateral", "accel"), ("ny",)),
     "az": (("normal", "acc"), ("normal", "accel"), ("nz",)),
@@ -86,8 +87,21 @@ def units_in(column: str, dimension: Dimension | None) -> str | None:
     if dimension == "dimensionless":
         return "dimensionless"
     units = RECORDED[dimension].items() if dimension else ()
+    column = re.sub(r"(?i)(?<![a-z])per(?![a-z])", " ", spelled(column))
+    column = re.sub(r"(?i)(?<![a-z])(sec|seconds?)(?![a-z])", "s", column)
     known = {word: unit for unit, words in units for word in words}
     return _at_end(_parts(column), known) or _at_end(_words(column), known)  # kPa is one word, MassKg two
+
+
+def stated_units(column: str, table: ColumnTable, dimension: Dimension) -> str | None:
+    """The units that a table states for a column, or that stand in its name; None where neither does."""
+    text = spelled(table.units.get(column, ""))
+    units = units_in(f"in [{text}]", dimension)
+    with suppress(FlightRecordError):
+        if units is None and text:
+            to_si(1.0, text, dimension, column)
+            units = text
+    return units or units_in(column, dimension)
 
 
 def _at_end(words: Sequence[str], known: Mapping[str, str]) -> str | None:
@@ -111,13 +125,18 @@ def _parts(name: str) -> list[str]:
 def _channel_of(words: Sequence[str]) -> tuple[str, int] | None:
     """The channel that words stand for, and how far down the list of its names; None for none."""
     held = set(words)
-    for channel, names in _WORDS.items():
+    for channel, names in _WORDS.items() if words else ():
         for rank, needed in enumerate(names):
-            alone = len(needed) > 1 or len(needed[0]) > 2 or words[0] == needed[0]
+            alone = len(needed) > 1 or len(needed[0]) > 2 or (words[0] == needed[0] and not _of_another(words))
             if alone and held.issuperset(needed) and not _axis_of(words):
                 return channel, rank
     triad = _axis_of(words)
     return (triad, 0) if triad else None
+
+
+def _of_another(words: Sequence[str]) -> bool:
+    """Whether a name that begins with one letter goes on with another quantity: P_BARO1, V_BATT, T_MOTOR."""
+    return any(word.startswith(("baro", "pres", "stat", "temp", "batt", "volt", "motor", "tank")) for word in words)
 
 
 def _axis_of(words: Sequence[str]) -> str | None:
@@ -240,9 +259,6 @@ def _units_of_factor(factor: float, dimension: Dimension) -> str | None:
 # ---- A foreign table that is being guessed at: its columns, and what is known of each so far ----
 
 
-DELIMITERS = (",", ";", "\t")
-
-
 @dataclass(frozen=True)
 class MapEntry:
     """One channel of the map: `scale * column + offset`, in `units`."""
@@ -267,6 +283,8 @@ class ForeignTable:
     delimiter: str
     columns: dict[str, FloatArray]
     """(n,) each, as they were read."""
+    read: ColumnTable
+    """With the units that the table states."""
     entries: dict[str, MapEntry] = field(default_factory=dict)
     """By channel, or property of the vehicle."""
     unsure: list[str] = field(default_factory=list)
@@ -318,18 +336,6 @@ class ForeignTable:
 
 
 def numeric_table(path: Path) -> ForeignTable:
-    """Every column of numbers of a file, under the delimiter that parts most.
-
-    Raises UsageError and FlightRecordError as `read_columns`.
-    """
-    tried = DELIMITERS if path.suffix.lower() == ".csv" else DELIMITERS[:1]
-    delimiter = max(tried, key=lambda each: len(column_names(path, each)))
-    names = tuple(dict.fromkeys(column_names(path, delimiter)))
-    try:
-        return ForeignTable(path, delimiter, dict(read_columns(path, names, delimiter)))
-    except BrvHypoError:
-        found: dict[str, FloatArray] = {}
-        for name in names:
-            with suppress(BrvHypoError):  # text: it is no channel
-                found |= read_columns(path, (name,), delimiter)
-        return ForeignTable(path, delimiter, found)
+    """Every column of numbers of a file. Raises UsageError and FlightRecordError as `read_all`."""
+    table = read_all(path)
+    return ForeignTable(path, table.delimiter, dict(table.columns), table)

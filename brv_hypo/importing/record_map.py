@@ -38,10 +38,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
 from brv_hypo.flight.mounting import Tilt, nose_axis
@@ -64,8 +65,9 @@ from brv_hypo.flight.record import (
     validated,
 )
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
-from brv_hypo.flight.units import Dimension, to_si
-from brv_hypo.importing.formats import found_file, nearest, read_columns
+from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
+from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
+from brv_hypo.importing.guess_rules import stated_units
 from brv_hypo.importing.rocket_log import (
     PAD_MOUNTED,
     ascent,
@@ -75,10 +77,12 @@ from brv_hypo.importing.rocket_log import (
     needed_rate,
     take_out_biases,
 )
+from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.text import naming, one_line
 
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
 STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
+INTEGRATED: Mapping[Dimension, Dimension] = {"angular rate": "angle", "acceleration": "speed"}
 DENSITY_OF_THE_DAY = 0.03  # 1-sigma, relative, about a standard atmosphere below 20 km
 
 
@@ -125,13 +129,16 @@ class ColumnMap(_Entry):
     """Where a channel comes from: `scale * column + offset`, in `units`."""
 
     column: str
-    units: str
+    units: str | None = None
+    """None: those that the table states, in a row of its own or in the column's name."""
     scale: float = 1.0
     offset: float = 0.0
     missing: float | None = None
     """The value that stands for a missing sample."""
     recorder: str | None = None
     """The recorder of the column; None is the main table."""
+    increments: bool = False
+    """The column holds increments since the sample before, of angle or velocity, in units of these."""
 
 
 class Alignment(_Entry):
@@ -142,8 +149,8 @@ class Alignment(_Entry):
     to: str = "ax"
 
 
-class Recorder(_Entry):
-    """Another file, and the clock that it has."""
+class Recorder(Layout):
+    """Another file, or rows of the same by `where`, and the clock that it has."""
 
     file: str
     time: ColumnMap
@@ -183,14 +190,14 @@ class Derived(_Entry):
     velocity: Literal["ascent"]
 
 
-class RecordMap(_Entry):
-    """MAP.yaml."""
+class RecordMap(Layout):
+    """MAP.yaml; the layout is that of the main table."""
 
     channels: dict[str, ColumnMap]
     vehicle: dict[str, VehicleEntry]
-    recorders: dict[str, Recorder] = {}
+    recorders: dict[str, Recorder] = Field({})
     """Other files, each with a clock of its own."""
-    instruments: dict[str, Any] = {}
+    instruments: dict[str, Any] = Field({})
     """Grade and tolerances."""
     rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
     """From what gyros and accelerometers read to body axes: "auto" is found from thrust, drag and spin."""
@@ -204,8 +211,6 @@ class RecordMap(_Entry):
     planet: str = "earth"
     title: str = ""
     source: str = ""
-    delimiter: str = Field(default=",", min_length=1, max_length=1)
-    """Between the columns of a csv."""
 
 
 def read_map(path: str | Path) -> RecordMap:
@@ -252,18 +257,18 @@ def read_map(path: str | Path) -> RecordMap:
 
 
 def vehicle_of(
-    mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float]
+    mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float], zero: np.datetime64 | None = None
 ) -> tuple[Vehicle, float, list[str]]:
     """The map's vehicle, half the relative range of its inertias over `window` s (0: constant), and notes.
 
-    A property that a table gives is its mean over the window. Raises UsageError where a table holds nothing in it,
-    FlightRecordError for what no vehicle has.
+    `zero` is that of dates. A property that a table gives is its mean over the window. Raises UsageError where a table
+    holds nothing in it, FlightRecordError for what no vehicle has.
     """
     values: dict[str, Any] = {}
     changes, notes = 0.0, []
     for name, entry in mapping.vehicle.items():
         if isinstance(entry, VehicleColumn):
-            values[name], change = _from_table(name, entry, mapping.delimiter, folders, window)
+            values[name], change = _from_table(name, entry, folders, window, zero)
             changes = max(changes, 0.0 if name == "mass" else change)
             steady = change <= STEADY_PROPERTY
             change_note = "" if steady else f", which changes by ±{100.0 * change:.2g} % in the window"
@@ -302,13 +307,13 @@ def instruments_of(
 
 
 def _from_table(
-    name: str, entry: VehicleColumn, delimiter: str, folders: tuple[Path, ...], window: tuple[float, float]
+    name: str, entry: VehicleColumn, folders: tuple[Path, ...], window: tuple[float, float], zero: np.datetime64 | None
 ) -> tuple[float, float]:
     """Mean of a property over the window, SI, and half its relative range."""
     path = found_file(entry.file, folders)
-    columns = read_columns(path, (entry.time.column, entry.column), delimiter)
-    stamps = entry.time.scale * columns[entry.time.column] + entry.time.offset
-    time = to_si(stamps, entry.time.units, "time", f"vehicle/{name}/time")
+    table = read_columns(path, (entry.time.column, entry.column), zero=zero)
+    columns, clock = table.columns, _with_units(entry.time, table, "time", f"vehicle/{name}/time")
+    time = _channel(columns[clock.column], clock, "time", f"vehicle/{name}/time")
     values = to_si(columns[entry.column], entry.units, VEHICLE_DIMENSIONS[name], f"vehicle/{name}")
     known = np.isfinite(time) & np.isfinite(values)
     time, values = time[known], values[known]
@@ -349,25 +354,44 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     folders = (Path(map_path).parent, source.parent)
     files: dict[str | None, Path] = {None: source}
     files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
-    raw = {}
+    raw: dict[str | None, RawTable] = {}
+    zero, notes = None, list[str]()
     for name, path in files.items():
-        entries: list[ColumnMap | Alignment] = [e for e in mapping.channels.values() if e.recorder == name]
-        if name is not None:
-            recorder = mapping.recorders[name]
-            entries += [recorder.time, *([recorder.align] if recorder.align else [])]
-        columns = read_columns(path, tuple(dict.fromkeys(entry.column for entry in entries)), mapping.delimiter)
-        raw[name] = RawTable(name or "main", columns, {entry.column: entry.units for entry in entries})
+        recorder = mapping.recorders[name] if name is not None else None
+        channels = {key: entry for key, entry in mapping.channels.items() if entry.recorder == name}
+        units = {entry.column: entry.units for entry in channels.values()}
+        if recorder is not None:
+            units |= {each.column: each.units for each in (recorder.time, recorder.align) if each is not None}
+        table = read_columns(path, tuple(units), recorder or mapping, zero)
+        zero = table.zero if zero is None else zero
+        for key, entry in channels.items():
+            mapping.channels[key] = _with_units(entry, table, _dimension(key, entry), f"channels/{key}")
+            units[entry.column] = mapping.channels[key].units
+        clock = recorder.time if recorder is not None else mapping.channels["time"]
+        if recorder is not None:
+            clock = recorder.time = _with_units(clock, table, "time", f"recorders/{name}/time")
+            units[clock.column] = clock.units
+        if (fault := clock_fault(table, clock.column)) is not None:
+            raise FlightRecordError(f"{path}: {fault}")
+        raw[name] = RawTable(name or "main", table.columns, {column: unit or "" for column, unit in units.items()})
+        notes += table.notes
     with naming(source):
-        record, faults, phases = _record(raw, mapping, source, folders)
+        record, faults, phases = _record(raw, mapping, source, folders, zero, notes)
     flight = assemble(record)
     return Imported(replace(flight, faults=(*faults, *flight.faults)), tuple(raw.values()), phases)
 
 
 def _record(
-    raw: Mapping[str | None, RawTable], mapping: RecordMap, source: Path, folders: tuple[Path, ...]
+    raw: Mapping[str | None, RawTable],
+    mapping: RecordMap,
+    source: Path,
+    folders: tuple[Path, ...],
+    zero: np.datetime64 | None,
+    notes: list[str],
 ) -> tuple[Record, tuple[RecordFault, ...], tuple[Phase, ...]]:
     """The record of what is to be analysed, faults masked on the way to its rate, and the phases of the whole."""
-    time, channels, notes = _on_one_clock(raw, mapping)
+    time, channels, clock_notes = _on_one_clock(raw, mapping)
+    notes = [*notes, *clock_notes]
     tolerances: dict[str, Any] = {}
     sigma, rest = None, None
     tilt = _nose(time, channels)
@@ -406,7 +430,7 @@ def _record(
         rate = needed_rate(time[flown[0] : flown[-1] + 1], motion)
     reach = 0.0 if rate is None else filter_reach(rate)  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
-    vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window)
+    vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window, zero)
     notes += vehicle_notes
     if mapping.window is not None:
         name = f" ({mapping.window})" if isinstance(mapping.window, str) else ""
@@ -469,11 +493,13 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
 def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
     """All channels, SI, on the stamps of the main table, NaN where another recorder has none; notes."""
     channels = {
-        name: _channel(raw[None].columns[entry.column], entry, CHANNEL_DIMENSIONS[name], name)
+        name: _channel(raw[None].columns[entry.column], entry, _dimension(name, entry), name)
         for name, entry in mapping.channels.items()
         if entry.recorder is None
     }
     time = channels.pop("time")
+    for name in channels:
+        channels[name] = _rate(time, channels[name]) if mapping.channels[name].increments else channels[name]
     notes: list[str] = []
     steps = [held_or_rounded(name, time, values) for name, values in channels.items() if values.shape == time.shape]
     for name, recorder in mapping.recorders.items():
@@ -496,7 +522,8 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
             )
         for channel, entry in mapping.channels.items():
             if entry.recorder == name:
-                values = _channel(columns[entry.column], entry, CHANNEL_DIMENSIONS[channel], channel)
+                values = _channel(columns[entry.column], entry, _dimension(channel, entry), channel)
+                values = _rate(clock, values) if entry.increments else values
                 known = np.isfinite(values) & np.isfinite(clock)
                 steps.append(held_or_rounded(channel, clock[known], values[known]))
                 channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
@@ -509,7 +536,39 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
 def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: str) -> FloatArray:
     """The mapped column in SI."""
     known = column if entry.missing is None else np.where(column == entry.missing, np.nan, column)
-    return to_si(entry.scale * known + entry.offset, entry.units, dimension, name)
+    return to_si(entry.scale * known + entry.offset, entry.units or "", dimension, name)
+
+
+def _dimension(name: str, entry: ColumnMap) -> Dimension:
+    """Of what a channel's column holds. Raises UsageError for increments of what has none."""
+    dimension = CHANNEL_DIMENSIONS[name]
+    if entry.increments and dimension not in INTEGRATED:
+        raise UsageError(f"channels/{name}/increments: only p, q, r, ax, ay and az may be given by increments.")
+    return INTEGRATED[dimension] if entry.increments else dimension
+
+
+def _with_units(entry: ColumnMap, table: ColumnTable, dimension: Dimension, place: str) -> ColumnMap:
+    """The entry with the units of its column: the map's, else the table's. Raises UsageError where neither has any."""
+    of_table = "s" if entry.column in table.stamps else entry.units  # dates and times of day are read in s
+    units = of_table or stated_units(entry.column, table, dimension)
+    if units is None:
+        raise UsageError(
+            f"{place}/units: neither the map nor the table gives the units of '{one_line(entry.column)}'. Add units of "
+            f"{dimension}, such as {EXAMPLES[dimension]}."
+        )
+    return entry.model_copy(update={"units": units})
+
+
+def _rate(time: FloatArray, increments: FloatArray) -> FloatArray:
+    """The rate (n,) whose integral grows by `increments` (n,) up to each sample; NaN where one is missing."""
+    check_time(time)
+    steps = np.diff(time, prepend=2.0 * time[0] - time[1])
+    known = np.isfinite(increments)
+    if known.sum() < 2:
+        return np.full_like(time, np.nan)
+    grown = np.cumsum(np.interp(time, time[known], (increments / steps)[known]) * steps)
+    whole = CubicSpline(np.insert(time, 0, time[0] - steps[0]), np.insert(grown, 0, 0.0))
+    return np.where(known, whole.derivative()(time), np.nan)
 
 
 def _window(mapping: RecordMap, phases: tuple[Phase, ...], time: FloatArray) -> tuple[float, float]:

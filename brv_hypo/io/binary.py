@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.io.files import check_regular, check_target, write_whole
+from brv_hypo.io.files import check_hdf5, check_regular, check_target, write_whole
 from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 from brv_hypo.io.text import one_line
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MOST_NAMES = 10_000  # members of a group
 DEEPEST = 8  # groups below groups
 MOST_TEXTS = 100_000  # strings in a dataset
+MOST_REFERENCES = 1_000_000  # structs in an array of MATLAB
 ATTRIBUTE_BYTES = 1 << 20
 MOST_ATTRIBUTES = 256
 
@@ -63,8 +64,11 @@ def read_tree(path: str | Path, *, only: Mapping[str, Iterable[str] | None] | No
 # ---- Reading, in the worker ----
 
 
-def tree_of(path: str, budget: Budget, only: Mapping[str, list[str] | None] | None) -> Tree:
-    """The tree of a file, for a reader in the sandbox; `only` as of `read_tree`."""
+def tree_of(path: str, budget: Budget, only: Mapping[str, list[str] | None] | None, *, follow: bool = False) -> Tree:
+    """The tree of a file, for a reader in the sandbox; `only` as of `read_tree`.
+
+    `follow` reads what a MATLAB array of structs refers to, an element for each struct.
+    """
     import h5py
 
     if not h5py.is_hdf5(path):
@@ -76,14 +80,14 @@ def tree_of(path: str, budget: Budget, only: Mapping[str, list[str] | None] | No
             "bring a foreign record in with `brv-hypo import`, or copy the file again",
         )
     with h5py.File(path, "r") as file:
-        return _Walk({"": None} if only is None else only, budget).group(file, "", False, ())
+        return _Walk({"": None} if only is None else only, budget, follow).group(file, "", False, ())
 
 
 class _Walk:
     """One pass over a file's groups; only what is requested is opened."""
 
-    def __init__(self, only: Mapping[str, list[str] | None], budget: Budget) -> None:
-        self._only = only
+    def __init__(self, only: Mapping[str, list[str] | None], budget: Budget, follow: bool = False) -> None:
+        self._only, self._follow = only, follow
         self._budget = budget
 
     def group(self, group: Any, place: str, whole: bool, above: tuple[Any, ...]) -> Tree:
@@ -123,6 +127,8 @@ class _Walk:
             elif not (wanted or entered):
                 if not _is_group(group, name):
                     unread.append(name)
+            elif self._follow and name.startswith("#"):  # where MATLAB keeps what it refers to
+                continue
             elif isinstance(item := group[name], h5py.Dataset):
                 if wanted:
                     datasets[name] = self._dataset(item, inner)
@@ -137,6 +143,8 @@ class _Walk:
         import h5py
 
         place = f"dataset '{place}'"
+        if self._follow and item.shape is not None and h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+            return self._referred(item, place)
         is_text = h5py.check_string_dtype(item.dtype) is not None
         if item.shape is None or not (is_text or item.dtype.kind in "fiubc"):
             raise refused(
@@ -163,6 +171,16 @@ class _Walk:
         self._budget.take(item.size * item.dtype.itemsize, place)
         values = np.asarray(item[()])
         return Dataset(values.astype(np.uint8) if values.dtype.kind == "b" else values, units)
+
+    def _referred(self, item: Any, place: str) -> Dataset:
+        """Numbers of one shape that a dataset refers to, one after the other; an empty text where they are none."""
+        _check_count(place, item.size, "references", MOST_REFERENCES)
+        held = [item.file[each] for each in item[()].reshape(-1)]
+        shapes = {(each.shape, each.dtype.kind in "fiu") for each in held}
+        if len(shapes) != 1 or not next(iter(shapes))[1]:
+            return Dataset(np.array("", dtype=np.str_), None)
+        self._budget.take(sum(each.size for each in held) * 8, place)
+        return Dataset(np.array([np.squeeze(each[()]) for each in held], dtype=np.float64), None)
 
 
 def _check_count(place: str, count: int, things: str, most: int, damaged: str = "file") -> None:
@@ -208,11 +226,13 @@ def _plain(value: Any) -> Any:
 def write_tree(path: str | Path, tree: Tree, *, overwrite: bool = False) -> None:
     """Write `tree`; its root dataset `time` becomes the scale of all root datasets of its length.
 
-    Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
+    Raises UsageError where its name does not end in .h5 or .hdf5, the file exists and `overwrite` is false, or where
+    it cannot be written.
     """
     import h5py
 
     check_target(path, overwrite=overwrite)
+    check_hdf5(path)
     # Made in memory first: a medium that fails must not fail inside the library.
     with h5py.File("image", "w", driver="core", backing_store=False) as handle:
         _write_group(handle, tree)
@@ -242,6 +262,7 @@ def _write_group(group: h5py.Group, tree: Tree) -> None:
 
 
 MOST_COLUMNS = 10_000  # whose names are kept
+MOST_CHANNELS = 1000  # columns of a matrix
 
 
 @dataclass(frozen=True)
@@ -250,6 +271,16 @@ class ColumnTable:
 
     columns: Mapping[str, NDArray[Any]]
     names: tuple[str, ...]
+    units: Mapping[str, str] = field(default_factory=dict)
+    """As far as the table states them."""
+    notes: tuple[str, ...] = ()
+    lines: NDArray[Any] | None = None
+    """Number of the line of each row, of a text."""
+    stamps: tuple[str, ...] = ()
+    """Columns of dates or times of day, in s."""
+    delimiter: str = ","
+    zero: np.datetime64 | None = None
+    """From which dates count."""
 
 
 def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
@@ -259,7 +290,8 @@ def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTa
 
     file = parquet.ParquetFile(path)
     available = tuple(str(name) for name in file.schema_arrow.names)
-    columns = {}
+    columns: dict[str, NDArray[Any]] = {}
+    stamps: list[str] = []
     for name in names:
         if name not in available:
             continue
@@ -267,11 +299,23 @@ def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTa
         column = file.read(columns=[name], use_threads=False).column(0)
         kind = column.type.value_type if types.is_dictionary(column.type) else column.type
         numeric = (types.is_integer, types.is_floating, types.is_decimal, types.is_boolean)
+        if types.is_timestamp(kind):  # UTC, whatever the zone
+            columns[name] = np.asarray(column.cast(kind).cast(pa.int64()).to_numpy(), "i8").view(f"M8[{kind.unit}]")
+            continue
+        if types.is_string(kind) or types.is_large_string(kind):
+            budget.take(8 * column.nbytes, f"dataset '{name}'")
+            columns[name] = np.array(column.cast(kind).to_pylist(), dtype=np.str_)
+            continue
+        if types.is_duration(kind) or types.is_time(kind):
+            stamps.append(name)
+            counts = column.cast(kind).cast(pa.int32() if types.is_time32(kind) else pa.int64())
+            columns[name] = counts.to_numpy() / (np.timedelta64(1, "s") / np.timedelta64(1, kind.unit))
+            continue
         if not any(is_kind(kind) for is_kind in numeric):
             raise _not_numbers(name, str(column.type))
         values = column.cast(kind).cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
         columns[name] = np.asarray(values, dtype=np.float64)
-    return ColumnTable(columns, available[:MOST_COLUMNS])
+    return ColumnTable(columns, available[:MOST_COLUMNS], stamps=tuple(stamps))
 
 
 def mat_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
@@ -297,25 +341,33 @@ def mat_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
             except (TypeError, ValueError):
                 raise _not_numbers(name, type(flat[name]).__name__) from None
             budget.take(columns[name].nbytes, f"dataset '{name}'")
-    return ColumnTable(columns, (*flat, *(name for name in kinds if name not in variables))[:MOST_COLUMNS])
+    others = {name: np.broadcast_to(0.0, shape) for name, (shape, _) in kinds.items() if name not in variables}
+    return ColumnTable(columns, tuple(dict([*flat.items(), *_flat(others, "", 0)]))[:MOST_COLUMNS])
 
 
 def _mat_of_hdf5(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
     selection: dict[str, list[str] | None] = {} if names else {"": None}
     for name in names:
-        group, _, last = name.rpartition(".")
-        selection.setdefault(group.replace(".", "/"), []).append(last)  # type: ignore[union-attr]
-    tree = tree_of(path, budget, selection)
+        # The last part may be the number of a matrix's column.
+        for place in {name, name.rpartition(".")[0] if name.rpartition(".")[2].isdigit() else name}:
+            group, _, last = place.rpartition(".")
+            selection.setdefault(group.replace(".", "/"), []).append(last)  # type: ignore[union-attr]
+    tree = tree_of(path, budget, selection, follow=True)
     held = dict(_flat(_nested(tree), "", 0))
     available = held if names else [name for name, values in held.items() if values.dtype.kind in "fiu"]
     return ColumnTable({name: held[name] for name in names if name in held}, (*available, *tree.unread))
 
 
 def _flat(content: Mapping[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """Nested structs as one list, with dotted names."""
+    """Nested structs, arrays of structs and matrices as one list, with dotted names; samples on the longer axis."""
     for name, value in content.items():
+        if isinstance(value, list | np.ndarray) and len(np.shape(value)) and isinstance(first := value[0], dict):
+            value = {key: np.array([each.get(key) for each in value]) for key in first}
         if isinstance(value, dict) and depth < DEEPEST:
             yield from _flat(value, f"{prefix}{name}.", depth + 1)
+        elif isinstance(value, np.ndarray) and value.ndim == 2 and 1 < min(value.shape) <= MOST_CHANNELS:
+            samples = value if value.shape[0] >= value.shape[1] else value.T
+            yield from ((f"{prefix}{name}.{k + 1}", samples[:, k]) for k in range(samples.shape[1]))
         else:
             yield prefix + name, value
 

@@ -18,7 +18,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from brv_hypo.errors import BrvHypoError, UsageError
+from brv_hypo.errors import (
+    BrvHypoError,
+    ExistingOutputError,
+    FlightRecordError,
+    MissingInputError,
+    MissingRecordError,
+    UsageError,
+)
 
 _KINDS = {
     stat.S_IFDIR: "a directory",
@@ -44,7 +51,8 @@ def check_regular(path: str | Path, expected: str, error: type[BrvHypoError] = U
     if kind == "a file":
         return
     if kind is None:
-        raise error(
+        missing = MissingRecordError if issubclass(error, FlightRecordError) else MissingInputError
+        raise missing(
             f"{path}: cannot be read: found no such file, expected {expected}. Likely cause: a misspelt path, or a "
             "relative path from another directory. Remedy: give the path of an existing file."
         )
@@ -109,7 +117,13 @@ def check_target(path: str | Path, *, overwrite: bool) -> None:
     if kind not in (None, "a file"):
         raise UsageError(f"{path} is {kind}, where a file is to be written. Name a regular file.")
     if kind is not None and not overwrite:
-        raise UsageError(f"{path} exists already and is left as it is. Choose another name, or give --force.")
+        raise ExistingOutputError(f"{path} exists already and is left as it is. Choose another name, or give --force.")
+
+
+def check_hdf5(path: str | Path) -> None:
+    """Raise UsageError where the name of a file that is to hold HDF5 says otherwise."""
+    if Path(path).suffix.lower() not in (".h5", ".hdf5"):
+        raise UsageError(f"{path} would hold HDF5, whose names end in .h5 or .hdf5. Give {Path(path).stem}.h5, say.")
 
 
 def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = True) -> None:
@@ -145,7 +159,7 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     Raises UsageError where something stands at `path`, or it cannot be written.
     """
     if kind_of(path) is not None:
-        raise UsageError(f"{path} exists already and is left as it is. Choose another name or directory.")
+        raise ExistingOutputError(f"{path} exists already and is left as it is. Choose another name or directory.")
     target = Path(os.path.realpath(path))
     with writable(path), _temporary(target) as partial:
         partial.mkdir()
@@ -159,6 +173,8 @@ def writable(path: str | Path) -> Iterator[None]:
     """Turn what the system says against writing to `path` inside into a UsageError with the remedy."""
     try:
         yield
+    except BrvHypoError:
+        raise
     except OSError as error:
         remedy = _REMEDIES.get(error.errno or 0, "Choose another place.")
         raise UsageError(f"{path} cannot be written: {error.strerror or error}. {remedy}") from None

@@ -122,12 +122,13 @@ class _Worker:
     def end(self) -> None:
         """End the worker, if this process has one."""
         if self._process is not None and self._owner == os.getpid():
-            self._process.kill()
-            self._process.wait()
+            with self._process as process:  # whose pipes are closed at the end
+                process.kill()
         self._process = None
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
+            self.end()
             self._owner = os.getpid()
             # One thread, and an allocator that the limit of memory can count.
             own = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")

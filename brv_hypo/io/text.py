@@ -80,19 +80,20 @@ def naming(path: str | Path) -> Iterator[None]:
 # ---- How numbers are written ----
 
 NOT_A_NUMBER = "–"
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEAST_PLAIN, MOST_PLAIN = 1e-4, 1e6
 """Numbers from the one to below the other are written without an exponent."""
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """At `digits` significant digits, as 0.00012, 6.90e6 or 2.6e-5; a dash for no number."""
+    """At `digits` significant digits, as 0.00012, 6.90×10⁶ or 2.6×10⁻⁵; a dash for no number."""
     if value is None or not math.isfinite(value):
         return NOT_A_NUMBER
     rounded = f"{value:.{digits - 1}e}"
     if value == 0.0 or LEAST_PLAIN <= abs(value) < MOST_PLAIN:
         return f"{float(rounded):.{max(digits, 7)}g}"
     mantissa, exponent = rounded.split("e")
-    return f"{mantissa}e{int(exponent)}"
+    return f"{mantissa}×10{str(int(exponent)).translate(_RAISED)}"
 
 
 def known_to(value: float, sigma: float) -> str:
@@ -128,7 +129,7 @@ def probability(value: float | None) -> str:
 
 def p_value(value: float | None) -> str:
     """A probability under the null hypothesis at two digits; none is nought."""
-    return "<1e-99" if value is not None and value < 1e-99 else number(value, 2)
+    return "<10⁻⁹⁹" if value is not None and value < 1e-99 else number(value, 2)
 
 
 def share(value: float | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
@@ -16,7 +16,7 @@ from brv_hypo.likelihood.derivatives import Function, check_shape, choose_method
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
 from brv_hypo.likelihood.noise import Shape, least_variance
 from brv_hypo.likelihood.result import FitResult
-from brv_hypo.likelihood.search import Options, Progress, search
+from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
 from brv_hypo.likelihood.starts import (
     MOST_STEPS,
@@ -31,6 +31,7 @@ from brv_hypo.likelihood.starts import (
     states_from_outputs,
     stretches,
 )
+from brv_hypo.progress import Progress, report_to, silent
 
 
 def fit(
@@ -50,7 +51,7 @@ def fit(
     max_iterations: int = 50,
     tolerance: float = 1e-5,
     near_start: bool = False,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Progress | None = None,
 ) -> FitResult:
     """Maximum-likelihood parameters of x' = f(x, u, theta, t), y = h(x, u, theta, t) + noise, by collocation.
 
@@ -84,7 +85,7 @@ def fit(
         tolerance: step, as a fraction of the standard errors, at which the search ends.
         near_start: theta0 and the x0 histories are near the solution, from an earlier fit say: the search
             begins there, without the steps that bring a poor start near, and with one step between samples.
-        progress: called after each iteration.
+        progress: called after each iteration with None and a text; see `brv_hypo.progress`.
 
     Returns:
         The estimate, its errors and a status; failure to converge is a status, not an exception.
@@ -101,7 +102,7 @@ def fit(
         noise=noise if isinstance(noise, str) else "diagonal",
         estimate_noise=isinstance(noise, str),
         estimate_process_noise=estimate_process_noise,
-        progress=progress,
+        report=silent if progress is None else report_to(progress),
         draft=not near_start,
     )
     task = _Task(

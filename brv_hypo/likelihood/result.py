@@ -15,7 +15,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.derivatives import Method
 from brv_hypo.likelihood.noise import whitening
-from brv_hypo.likelihood.search import Progress, Status
+from brv_hypo.likelihood.search import Iteration, Status
 from brv_hypo.likelihood.uncertainty import Identifiability, Linearised, Whiteness
 from brv_hypo.results import Row, Tabular
 
@@ -74,7 +74,7 @@ class FitResult(Tabular):
     """The same of `process_noise`, (n_states,)."""
     iterations: int
     """Gauss-Newton steps taken in theta."""
-    history: tuple[Progress, ...]
+    history: tuple[Iteration, ...]
     """NLLF, violation of the dynamics, step length and fraction after each iteration."""
     identifiability: Identifiability
     """Condition, and near-null directions by name."""

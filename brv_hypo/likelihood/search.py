@@ -1,12 +1,11 @@
 """The search: Gauss-Newton steps until they are negligible against the standard errors, and B by Eq. 3.11 beside them.
 
 A merit function weighs the fit against violated dynamics. How a search ended is a `Status`, which knows its cause and
-its remedy; `Progress` is one iteration, `Options` how to search, `Outcome` where it ended. `search` is the entrance.
+its remedy; `Iteration` is one step, `Options` how to search, `Outcome` where it ended. `search` is the entrance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -38,6 +37,7 @@ from brv_hypo.likelihood.gauss_newton import (
     sensitivities,
 )
 from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.progress import Report, silent
 
 
 class Status(StrEnum):
@@ -134,8 +134,8 @@ Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises th
 
 
 @dataclass(frozen=True)
-class Progress:
-    """What the progress callback sees after each iteration."""
+class Iteration:
+    """One step of the search."""
 
     iteration: int
     """Number of the step, from 1."""
@@ -163,7 +163,7 @@ class Options:
     """Whether that is estimated."""
     estimate_process_noise: bool
     """Whether the process noise is, too."""
-    progress: Callable[[Progress], None] | None = None
+    report: Report = silent
     """Called after each iteration."""
     mesh_steps: int = 1
     """Steps of the dynamics between samples."""
@@ -185,7 +185,7 @@ class Outcome:
     """How it ended."""
     message: str
     """The same in words, with cause and remedy."""
-    history: tuple[Progress, ...]
+    history: tuple[Iteration, ...]
     """Every iteration."""
     segments: tuple[Sensitivity, ...] = ()
     """The sensitivities from which the last step came, where that step was negligible and they still hold."""
@@ -195,7 +195,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     """Iterate until the step is a small fraction of the standard errors and the dynamics hold."""
     if options.estimate_process_noise:
         problem, iterate = _noise_first(problem, iterate, options)
-    history: list[Progress] = []
+    history: list[Iteration] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
     derivatives = _HeldDerivatives(problem, _HELD * options.tolerance)
     extrapolation = Extrapolation(problem)
@@ -237,7 +237,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         problem, iterate, noise_converged = noise.updated(problem, following, derivatives, step.length)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
-            Progress(
+            Iteration(
                 iteration=iteration,
                 cost=_nllf(problem, iterate),
                 violation=violation,
@@ -245,8 +245,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
                 fraction=fraction,
             )
         )
-        if options.progress is not None:
-            options.progress(history[-1])
+        options.report(None, f"iteration {iteration}: NLLF {history[-1].cost:.6g}, step {step.length:.2g}")
         if step.length < options.tolerance and noise_converged and violation < _FEASIBLE:
             if unseen is not None:
                 return ended(_singular(unseen), str(unseen))

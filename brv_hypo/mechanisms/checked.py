@@ -8,6 +8,7 @@ results of the others are those of a run in which these were never installed.
 from __future__ import annotations
 
 import inspect
+import os
 import signal
 import threading
 import traceback
@@ -16,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, NoReturn, TypeVar, cast
 
 import numpy as np
 
@@ -52,10 +53,11 @@ def answer(
 ) -> Result:
     """What foreign code answers to `call(*arguments)` within ANSWER_SECONDS; `problem` says what is wrong with it.
 
-    Raises MechanismError that names the plugin's package, file and line, whatever it raises, sys.exit included.
+    Raises MechanismError that names the plugin's package, file and line, whatever it raises, sys.exit and os._exit
+    included.
     """
     try:
-        with np.errstate(), _within(ANSWER_SECONDS):
+        with np.errstate(), _within(ANSWER_SECONDS), _exit_refused():
             given = call(*arguments)
             found = problem(given)
     except MechanismError:
@@ -90,6 +92,23 @@ def _within(seconds: float) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+
+
+@contextmanager
+def _exit_refused() -> Iterator[None]:
+    """In the block `os._exit`, which would end the process without a word, raises SystemExit in this thread."""
+    real, thread, process = os._exit, threading.get_ident(), os.getpid()
+
+    def refuse(status: int) -> NoReturn:
+        if (threading.get_ident(), os.getpid()) == (thread, process):
+            raise SystemExit(f"os._exit({status})")
+        real(status)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = real
 
 
 def fault(

@@ -192,6 +192,17 @@ def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
     return tuple(item for item in items if isinstance(item, Mechanism) and item.kind == kind)
 
 
+ALL_INSTALLED = "installed"
+"""What stands among names of mechanisms for every one that is installed."""
+
+
+def compared(names: Sequence[str]) -> list[str]:
+    """The names, with `installed` replaced; where there are none, the mechanisms of this distribution and of files."""
+    known = [item.name for item in mechanisms()]
+    own = [name for name in known if (package := installed()[name].package) == OWN or package in _files]
+    return [each for name in names for each in (known if name == ALL_INSTALLED else [name])] or own
+
+
 def record_effects() -> tuple[RecordEffect, ...]:
     """The installed instrument and environment effects but for processes."""
     items = (entry.item for entry in installed().values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,21 +15,40 @@ from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.mechanisms.registry import nuisance_mechanisms, perturbations
 from brv_hypo.motion import Reconstruction, ReconstructionConfig
 from brv_hypo.motion import reconstruct as reconstruct_with
-from brv_hypo.settings import settings_of
+from brv_hypo.motion.config import ReconstructionSettings
+from brv_hypo.progress import Progress, report_to
+from brv_hypo.settings import settings_of, takes_settings
 
 
+@takes_settings(ReconstructionConfig)
 def reconstruct(
-    flight: FlightSource, config: ReconstructionConfig | Mapping[str, Any] | str | Path | None = None
+    flight: FlightSource,
+    config: ReconstructionConfig | Mapping[str, Any] | str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    **settings: Unpack[ReconstructionSettings],
 ) -> Reconstruction:
-    """Wind-relative motion and moments, with standard deviations, of a path, a `Flight` or a simulated flight.
+    """Wind-relative motion and moments, with standard deviations.
 
-    Instruments, vehicle and air are taken as known to the record's tolerances (`flight.instruments`) and no
-    better. `config`: settings, a mapping of them, or the YAML file that holds them. Raises UnanswerableError where the
-    record is too short, or the vehicle is not in the air.
+    Instruments, vehicle and air are taken as known to the record's tolerances (`flight.instruments`) and no better.
+
+    Returns
+    -------
+    Reconstruction
+        Histories (n,) over the record's time; SI, angles in rad.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> flown = brv_hypo.simulate("research_cone", seed=1, duration=1.0)
+    >>> brv_hypo.reconstruct(flown, method="rates").method
+    'rates'
     """
-    record = one_flight(flight)
+    chosen, record = settings_of(ReconstructionConfig, config, settings), one_flight(flight)
+    if progress is not None:
+        report_to(progress)(0.0, "reconstructing the motion")
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found = reconstruct_with(record, settings_of(ReconstructionConfig, config), perturbations(record))
+        found = reconstruct_with(record, chosen, perturbations(record))
     sigma = np.hypot(found.moments.sigma, _of_the_vehicle(found))
     return replace(found, moments=replace(found.moments, sigma=sigma))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypedDict
 
 from pydantic import AfterValidator, AliasChoices, BaseModel, ConfigDict, Field
 
@@ -45,3 +45,10 @@ class ReconstructionConfig(BaseModel):
         default=None, description="noise, rad/s, that the attitude is integrated with; white, of `gyro_sigma`, if None"
     )
     accel_sigma: float | None = Field(default=None, gt=0.0, description="white noise, m/s^2; from the record if None")
+
+
+ReconstructionSettings = TypedDict("ReconstructionSettings", {  # noqa: UP013
+    "method": str, "gravity": bool, "measurements": Measurements, "gravity_magnitude": float | None,
+    "gyro_sigma": float | None, "gyro_walk": ColouredNoise | None, "accel_sigma": float | None,
+}, total=False)  # fmt: skip
+"""The fields of `ReconstructionConfig` as keywords."""

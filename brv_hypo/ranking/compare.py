@@ -9,7 +9,7 @@ import time as clock
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from scipy.linalg import qr
@@ -20,19 +20,21 @@ from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
+from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.checked import checked_terms, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism, Process
-from brv_hypo.mechanisms.registry import installed, parse_hypothesis, requested
-from brv_hypo.mechanisms.registry import mechanisms as installed_mechanisms
+from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, requested
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import theta_grid
 from brv_hypo.motion import ReconstructionConfig, try_record
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.ranking.adequacy import outside
-from brv_hypo.ranking.config import CompareConfig
+from brv_hypo.ranking.config import CompareConfig, CompareSettings
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.judgement import Hypotheses, Judged, Progress, acting_in, explained, judged, processes, weighed
+from brv_hypo.ranking.judgement import Hypotheses, Judged, acting_in, explained, judged, processes, weighed
+from brv_hypo.ranking.judgement import Progress as Say
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_credible, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings
@@ -43,7 +45,7 @@ from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.held_out import block_of_whitened_row, held_out
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.problem import Problem
-from brv_hypo.settings import settings_of
+from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 from brv_hypo.thresholds import BOUND_COSTS
 
@@ -82,20 +84,39 @@ def _blocks(problem: Problem, count: int) -> IntArray:
 # ---- `compare`: from flight records to ranked mechanisms ----
 
 
+LATER_STAGES = {"linearising": 0.6, "predicting held-out": 0.75, "maximum likelihood": 0.8}
+"""Fraction of a comparison that is done before each."""
+
+
+@takes_settings(CompareConfig)
 def compare(
     flights: FlightSource | Sequence[FlightSource],
     config: CompareConfig | Mapping[str, Any] | str | Path | None = None,
     *,
     progress: Progress | None = None,
+    **settings: Unpack[CompareSettings],
 ) -> Comparison:
-    """Rank competing mechanisms on one or several flights of a vehicle: paths, `Flight`s or simulated flights.
+    """Rank competing mechanisms on one or several flights of a vehicle.
 
-    `config`: settings, a mapping of them, or the YAML file that holds them.
-    A record that contradicts itself is not compared unless `config.accept_record`: the verdict says why. Raises
-    UsageError for an unknown mechanism and UnanswerableError where the data cannot answer.
+    A record that contradicts itself is not compared unless `accept_record` is set: the verdict says why.
+
+    Returns
+    -------
+    Comparison
+        The hypotheses by rank, and the verdict.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> flown = brv_hypo.simulate("research_cone", seed=1, plant=["sticking"])
+    >>> result = brv_hypo.compare(flown, mechanisms=["sticking"], maximum_likelihood="none")
+    >>> result.verdict.winner
+    'sticking'
     """
-    config, say = settings_of(CompareConfig, config), progress or (lambda message: None)
-    _hypotheses(config)  # an unknown name is refused whatever the record is like
+    config = settings_of(CompareConfig, config, settings)
+    wanted = _hypotheses(config)  # an unknown name is refused whatever the record is like
+    fits = {f"fitting {hypothesis(name)}": 0.1 + 0.5 * k / len(wanted) for k, name in enumerate(wanted)}
+    say = stages(report_to(progress), {"reconstructing": 0.02, **fits, **LATER_STAGES})
     say("checking the record")
     trials = [try_record(flight) for flight in flights_of(flights)]
     record = record_summary([trial for _, trial in trials])
@@ -113,16 +134,14 @@ def compare(
     return found.model_copy(update=about_record)
 
 
-def _compare_without(
-    flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]
-) -> Comparison:
+def _compare_without(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
     """The comparison with those nuisances of other distributions that it names."""
-    compared = {mechanism.name for mechanisms in _hypotheses(config).values() for mechanism in mechanisms}
-    with requested({*compared, *(config.mechanisms or ())}, faulty):
+    names = {mechanism.name for mechanisms in _hypotheses(config).values() for mechanism in mechanisms}
+    with requested({*names, *(config.mechanisms or ())}, faulty):
         return _compare(flights, config, say, faulty)
 
 
-def _compare(flights: Sequence[Flight], config: CompareConfig, say: Progress, faulty: frozenset[str]) -> Comparison:
+def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
     """The comparison without the mechanisms and effects that broke their contract."""
     hypotheses = {
         name: mechanisms
@@ -211,5 +230,4 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
     items = {name: entry.item for name, entry in installed().items()}
     beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
     names = [name for name in config.mechanisms or () if name not in beside]
-    names = names or [mechanism.name for mechanism in installed_mechanisms()]
-    return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *names])}
+    return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}

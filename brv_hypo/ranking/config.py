@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -17,8 +18,8 @@ class CompareConfig(BaseModel):
 
     mechanisms: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
         default=None,
-        description="Hypotheses, a plus joining several mechanisms; None compares all that are installed. The name of "
-        "a nuisance effect of another package puts it into every hypothesis.",
+        description="Hypotheses, a plus joining several mechanisms; None: the five that come along; `installed`: all. "
+        "The name of a nuisance effect of another package puts it into every hypothesis.",
     )
     options: dict[str, dict[str, Any]] = Field(default_factory=dict, description="Options by mechanism name.")
     method: Method = Field(default="joint", description="Of reconstruction, as in `reconstruct`.")
@@ -59,3 +60,12 @@ class CompareConfig(BaseModel):
         lt=1.0,
         description="Prior probability that something outside the list moved the vehicle.",
     )
+
+
+CompareSettings = TypedDict("CompareSettings", {  # noqa: UP013
+    "mechanisms": Sequence[str] | None, "options": Mapping[str, Mapping[str, Any]], "method": str,
+    "knots": Sequence[float] | None, "knot_count": int, "max_terms": int, "offset_degree": int | None,
+    "slope_degree": int | None, "exact_terms": int, "refine": bool, "accept_record": bool, "held_out_blocks": int,
+    "maximum_likelihood": Literal["quick", "full", "none"], "other_prior": float,
+}, total=False)  # fmt: skip
+"""The fields of `CompareConfig` as keywords."""

@@ -47,6 +47,19 @@ def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
     return drawn
 
 
+def record_document(flight: Flight) -> Document:
+    """A record as it was measured: its charts, and what was changed on reading."""
+    setting = Setting((float(flight.time[0]), float(flight.time[-1])))
+    return Document(
+        title=f"Record: {flight.title or flight.path}",
+        subtitle=(flight.headline(),),
+        conclusion_title="Record",
+        conclusion=flight.headline(),
+        decided=not flight.faults,
+        blocks=(*map(Picture, record_charts(setting, flight)), Texts(flight.notes, "Notes")),
+    )
+
+
 def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     """The record as measured; motion and moments with their standard deviations."""
     usable, motion = result.moments.usable, result.motion
@@ -84,7 +97,7 @@ def reconstruction_document(result: Reconstruction) -> Document:
         title=f"Reconstruction: {flight.title or flight.path}",
         subtitle=(flight.title or flight.path, f"{flight.samples} samples, {span} s, {flight.sample_rate:.4g} Hz"),
         conclusion_title="Motion",
-        conclusion=known if result.status == "ok" else f"{known}: {result.status}",
+        conclusion=known if result.status == "ok" else f"{known}. Degraded: {'; '.join(result.warnings)}",
         decided=result.status == "ok",
         blocks=(
             Table(history_rows(result), words=("history", "unit")),

@@ -14,14 +14,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import UsageError, missing_package
+from brv_hypo.flight import Flight
 from brv_hypo.io.files import check_target, make_folder, write_whole
 from brv_hypo.motion import Reconstruction
 from brv_hypo.ranking.result import Comparison
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Chart, Document
 from brv_hypo.report.html import page, provenance
-from brv_hypo.report.reconstruction import reconstruction_document
+from brv_hypo.report.reconstruction import reconstruction_document, record_document
 from brv_hypo.report.trace import prediction_document, trace_document
 from brv_hypo.residuals.prediction import Prediction
 from brv_hypo.residuals.result import Trace
@@ -37,7 +38,7 @@ RESOLUTION = 200
 def require_matplotlib(what: str = "--figures") -> None:
     """Raise UsageError with the remedy where matplotlib, which `what` needs, is not installed."""
     if find_spec("matplotlib") is None:
-        raise UsageError(f"{what} needs matplotlib, which is not installed: pip install 'brv-hypo[figures]'.")
+        raise missing_package(what, "matplotlib", "figures")
 
 
 def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = False) -> tuple[Path, ...]:
@@ -79,10 +80,10 @@ PRINCIPAL = ("moments", "moments-1", "residuals", "band", "probability")
 
 @singledispatch
 def document_of(result: Any) -> Document:
-    """The document of a comparison, trace, prediction or reconstruction. Raises UsageError for anything else."""
+    """The document of a comparison, trace, prediction, reconstruction or flight; else UsageError."""
     raise UsageError(
-        f"got {type(result).__name__}, expected what compare, trace, predict or reconstruct returned: only these "
-        "have a report."
+        f"got {type(result).__name__}, expected a Flight, or what compare, trace, predict or reconstruct returned: "
+        "only these have a report."
     )
 
 
@@ -90,13 +91,14 @@ document_of.register(Comparison, comparison_document)
 document_of.register(Trace, trace_document)
 document_of.register(Prediction, prediction_document)
 document_of.register(Reconstruction, reconstruction_document)
+document_of.register(Flight, record_document)
 
 
 def write_report(result: Any, path: str | Path, *, overwrite: bool = False) -> None:
     """Write the page of a result; raises UsageError where the file exists and is not to be overwritten."""
     check_target(path, overwrite=overwrite)
     document = document_of(result)
-    flights = result.flights if isinstance(result, Comparison) else (result.flight,)
+    flights = result.flights if isinstance(result, Comparison) else (getattr(result, "flight", result),)
     write_whole(path, page(document, provenance("", None, [flight.path for flight in flights])))
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from typing import Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -46,3 +47,11 @@ class TraceConfig(BaseModel):
     """As in `compare`."""
     maximum_likelihood: bool = True
     """Whether the final model is refined by maximum likelihood."""
+
+
+TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
+    "start": str | SavedModel, "baseline": Baseline, "aero": AeroTable | None, "effects": Sequence[str] | None,
+    "discover": bool, "method": str, "blocks": int, "max_steps": int, "significance": float, "knot_count": int,
+    "max_terms": int, "maximum_likelihood": bool,
+}, total=False)  # fmt: skip
+"""The fields of `TraceConfig` as keywords."""

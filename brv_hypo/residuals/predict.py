@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -34,12 +34,13 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
+from brv_hypo.progress import Progress, report_to
 from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.noise import first_noise
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import TraceConfig, TraceSettings
 from brv_hypo.residuals.fitted_model import next_corrections
 from brv_hypo.residuals.judge import noise_floor
 from brv_hypo.residuals.linearisation import Corrected, Model, correct, with_in_plane_moment
@@ -53,7 +54,7 @@ from brv_hypo.residuals.result import Trace
 from brv_hypo.residuals.saved import SavedModel, read_model
 from brv_hypo.residuals.static_slope import slopes_at
 from brv_hypo.residuals.summary import term_estimates
-from brv_hypo.settings import settings_of
+from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 
 
@@ -84,31 +85,40 @@ _OF_THE_MOTION = ("motion", "force")
 INSTRUMENTS = "instruments"
 
 
+@takes_settings(
+    TraceConfig,
+    model="Trace, SavedModel, str or Path\n    What `trace` returned, the model of it, or a file that holds either.",
+    refit="sequence of str\n    What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of "
+    "the record;\n    `instruments` stands for all of these, within their tolerances.",
+)
 def predict(
     flight: FlightSource,
     model: Trace | SavedModel | str | Path,
     refit: Sequence[str] = (),
     config: TraceConfig | Mapping[str, Any] | str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    **settings: Unpack[TraceSettings],
 ) -> Prediction:
     """Errors of the moments that a frozen model predicts for a flight.
 
-    `model` is what `trace` returned, the model of it, or a file that holds either.
-    `refit` names what belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record;
-    `instruments` stands for all of these, within their tolerances.
-    `config`: settings of the loop, a mapping of them, or the YAML file that holds them.
     Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
     (its file, at its times); so is what belongs to its times, unless `refit` names it.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
     predicted as it is; `record` of the result says so.
-    Raises UsageError where the model holds no coefficients or `refit` names what is not there, UnanswerableError where
-    the record is too short.
+
+    Returns
+    -------
+    Prediction
+        Errors (mean squares of the moment coefficients), by region too, and the prediction interval.
     """
+    report_to(progress)(0.0, "predicting the moments")
     saved = model.model.definition if isinstance(model, Trace) else model
-    path, settings = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config)
+    path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
     content = of_as_many(saved if isinstance(saved, SavedModel) else read_model(Path(saved)), 1)
     record = one_flight(flight)
     with threadpool_limits(limits=1, user_api="blas"):
-        found = _predict(record, content, path, tuple(map(current_name, refit)), _in_blocks(record, settings))
+        found = _predict(record, content, path, tuple(map(current_name, refit)), _in_blocks(record, chosen))
     return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
 
 

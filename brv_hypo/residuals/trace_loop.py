@@ -10,7 +10,7 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -36,6 +36,7 @@ from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypot
 from brv_hypo.model.baseline import KnownSlopeSchedule, SlopeSchedule, StaticBend
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots, term_column
 from brv_hypo.motion import try_record
+from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.ranking.result import MaximumLikelihood
 from brv_hypo.ranking.summary import likelihood_block, record_summary
 from brv_hypo.regression.channels import split
@@ -54,7 +55,7 @@ from brv_hypo.residuals.baseline import (
 from brv_hypo.residuals.candidates import Candidate, adjusted, confounded, with_columns
 from brv_hypo.residuals.candidates_at_step import Analysis, analyse_step
 from brv_hypo.residuals.choice import Choice, Tried, best_first, choose, follows_mach, is_schedule, schedules_first
-from brv_hypo.residuals.config import TraceConfig
+from brv_hypo.residuals.config import TraceConfig, TraceSettings
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery
 from brv_hypo.residuals.families import Beside, beside_processes
@@ -66,7 +67,7 @@ from brv_hypo.residuals.restore import restored
 from brv_hypo.residuals.result import Account, Residual, Step, Stop, Trace
 from brv_hypo.residuals.step_report import step_of
 from brv_hypo.residuals.summary import LoopEnd, summary, term_estimates
-from brv_hypo.settings import settings_of
+from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
 
 
@@ -188,24 +189,26 @@ def _left_out(message: str) -> MaximumLikelihood:
     return MaximumLikelihood(status="left out", iterations=0, log_likelihood=None, message=message)
 
 
-Progress = Callable[[str], None]
-
-
+@takes_settings(TraceConfig)
 def trace(
     flights: FlightSource | Sequence[FlightSource],
     config: TraceConfig | Mapping[str, Any] | str | Path | None = None,
     *,
     progress: Progress | None = None,
+    **settings: Unpack[TraceSettings],
 ) -> Trace:
-    """Trace what a model lacks on one flight or several (paths, `Flight`s or simulated flights), effect by effect.
+    """Trace what a model lacks on one flight or several, effect by effect.
 
-    `config`: settings, a mapping of them, or the YAML file that holds them.
     Several flights share the terms by Mach number and angle of attack; trim, instruments, and what changes at times of
     the record are of each. Long records far finer than their motion are traced as means of samples. A record that
-    contradicts itself is traced as it is, for the effect may be what does it; `record` of the result says so. Raises
-    UsageError for an unknown effect and UnanswerableError where a record is too short.
+    contradicts itself is traced as it is, for the effect may be what does it; `record` of the result says so.
+
+    Returns
+    -------
+    Trace
+        The steps, findings, hints and the final model.
     """
-    config = settings_of(TraceConfig, config)
+    config = settings_of(TraceConfig, config, settings)
     own = flights_of(flights)
     records = tuple(averaged(flight) for flight in own)
     fewest = max(TRACED_SMALLEST, HELD_OUT_SHORTEST * config.blocks)
@@ -217,11 +220,11 @@ def trace(
                 "configuration."
             )
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        result = _trace(records, config, progress or (lambda message: None))
+        result = _trace(records, config, stages(report_to(progress), {}))
     return result.model_copy(update={"record": record_summary([try_record(flight)[1] for flight in own])})
 
 
-def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Progress) -> Trace:
+def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str], None]) -> Trace:
     begun = clock.perf_counter()
     loop = _Loop(flights, config, *_candidates(config))
     turns: list[Turn] = []

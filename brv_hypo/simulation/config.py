@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, TypedDict, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -341,6 +341,18 @@ class SimulationConfig(Section):
         return int(self.duration * self.sample_rate + 1e-6) + 1
 
 
+Part = Mapping[str, Any]
+
+
+SimulationSettings = TypedDict("SimulationSettings", {  # noqa: UP013
+    "title": str, "duration": float, "step": float, "sample_rate": float, "vehicle": VehicleConfig | Part,
+    "aerodynamics": AerodynamicsConfig | Part, "start": StartConfig | Part, "environment": EnvironmentConfig | Part,
+    "instruments": InstrumentsConfig | Part, "mechanisms": Sequence[PlantedConfig | Part],
+    "asymmetries": Sequence[PlantedConfig | Part], "plantable": Mapping[str, Sequence[PlantedConfig | Part]],
+}, total=False)  # fmt: skip
+"""The fields of `SimulationConfig` as keywords; parts are models or mappings."""
+
+
 # ---- Configurations from files and mappings, with refusals that say what to write instead ----
 
 
@@ -372,12 +384,16 @@ def config_path(name: str | Path, folder: str = "") -> Path:
     raise UsageError(f"no configuration file '{name}', and none of that name comes with the program; {hint}")
 
 
-def load_config(source: ConfigSource, *, plant: Sequence[str] = ()) -> SimulationConfig:
+def load_config(
+    source: ConfigSource, *, plant: Sequence[str] = (), keywords: Mapping[str, Any] = {}
+) -> SimulationConfig:
     """The configuration of a file, a name, a mapping or a `SimulationConfig`, with `plant` sets planted.
 
-    Raises UsageError that names each wrong key, what it holds and what is expected.
+    `keywords` replace top-level keys. Raises UsageError that names each wrong key, what it holds and what is expected.
     """
-    config = source if isinstance(source, SimulationConfig) else _read(source)
+    if isinstance(source, SimulationConfig) and keywords:
+        source = {name: getattr(source, name) for name in source.model_fields_set}
+    config = source if isinstance(source, SimulationConfig) else _read(source, keywords)
     unknown = [name for name in plant if name not in config.plantable]
     if unknown:
         raise UsageError(
@@ -388,7 +404,7 @@ def load_config(source: ConfigSource, *, plant: Sequence[str] = ()) -> Simulatio
     return config.model_copy(update={"mechanisms": (*config.mechanisms, *chosen)}) if plant else config
 
 
-def _read(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
+def _read(source: Mapping[str, Any] | str | Path, keywords: Mapping[str, Any]) -> SimulationConfig:
     """`base: NAME` takes over another file's top-level keys, where the mapping or file has none of its own."""
     expected = "a simulation with `vehicle`, `start` ..."
     origin = "simulation configuration"
@@ -401,7 +417,7 @@ def _read(source: Mapping[str, Any] | str | Path) -> SimulationConfig:
             raise UsageError(f"the base configuration '{source['base']}' has a base itself; one level is allowed")
         source = base | {key: value for key, value in source.items() if key != "base"}
     try:
-        return SimulationConfig.model_validate(source)
+        return SimulationConfig.model_validate({**source, **keywords})
     except ValidationError as error:
         problems = "; ".join(_problem(detail) for detail in error.errors())
         raise UsageError(f"{origin}: {problems}. All values are SI, angles in rad.") from None

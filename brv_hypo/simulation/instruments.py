@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, Record, checked_vehicle
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, Record, checked_vehicle, validated
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
@@ -153,15 +153,16 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
             missing = (time >= start - 1e-9) & (time < start + gap.duration - 1e-9)
             for name in gap.channels:
                 channels[name][missing] = np.nan
-    return Record(
-        time=time,
-        channels=channels,
-        vehicle=checked_vehicle(vars(flight.vehicle)),
-        instruments=instruments.declared(),
-        planet=config.environment.planet,
-        title=config.title,
-        source=f"simulated, seed {seed}",
-    )
+    content = {
+        "time": time,
+        "channels": channels,
+        "vehicle": checked_vehicle(vars(flight.vehicle)),
+        "instruments": instruments.declared(),
+        "planet": config.environment.planet,
+        "title": config.title,
+        "source": f"simulated, seed {seed}",
+    }
+    return validated(Record, content)
 
 
 def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Flight:

@@ -6,7 +6,6 @@ fast. Mechanisms that look back ask `History` while the integration goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.motion.motion import Motion
+from brv_hypo.progress import Report, silent
 from brv_hypo.simulation.vehicle import ATTITUDE, STATES, System, dot
 
 
@@ -95,8 +95,6 @@ _SAME = 1e-9
 _TURN = 0.1
 _MOST_PARTS = 64
 
-Progress = Callable[[float], None]
-
 
 @dataclass(frozen=True)
 class Grid:
@@ -146,8 +144,8 @@ def break_times(system: System, start: float) -> FloatArray:
     return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + delays)]))
 
 
-def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | None = None) -> Trajectory:
-    """The trajectory from `state` (13, 1); `progress` is called with the fraction done."""
+def integrate(system: System, state: FloatArray, on: Grid, report: Report = silent) -> Trajectory:
+    """The trajectory from `state` (13, 1); `report` is called now and then."""
     nodes = on.nodes
     history = History(system, nodes, on.breaks)
 
@@ -180,8 +178,8 @@ def integrate(system: System, state: FloatArray, on: Grid, progress: Progress | 
             state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
         if on.breaks[node + 1]:
             history.rates_before[node + 1] = rate(before, state, near)[0]
-        if progress is not None and node % 64 == 0:
-            progress(node / nodes.size)
+        if node % 64 == 0:
+            report(node / nodes.size, "simulating")
     final = nodes[-1] + _ASIDE if on.breaks[-1] else nodes[-1]
     k1, motion = rate(final, state, near)
     history.store(nodes.size - 1, state, k1, motion.windward_meridian)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import yaml
@@ -19,10 +19,12 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE
 from brv_hypo.flight.format import Quantity, assemble, save_flight
 from brv_hypo.flight.record import Flight, Record
+from brv_hypo.progress import Progress, Report, report_to, silent
 from brv_hypo.results import Histories
-from brv_hypo.simulation.config import ConfigSource, SimulationConfig, load_config, numbers
+from brv_hypo.settings import takes_settings
+from brv_hypo.simulation.config import ConfigSource, SimulationConfig, SimulationSettings, load_config, numbers
 from brv_hypo.simulation.instruments import Signals, drawn, recorded, true_channels, wind_profile
-from brv_hypo.simulation.integration import Progress, Trajectory, break_times, grid, integrate
+from brv_hypo.simulation.integration import Trajectory, break_times, grid, integrate
 from brv_hypo.simulation.vehicle import RATES, AirData, System, initial_state, planted, system
 
 # ---- A simulated flight: what the instruments say, and what is true ----
@@ -129,28 +131,46 @@ class SimulatedFlight(Histories):
 # ---- From a configuration to a simulated flight ----
 
 
+@takes_settings(
+    SimulationConfig,
+    config="SimulationConfig, mapping, str or Path\n    Or the name of a configuration that comes along.",
+    seed="int\n    Of every random draw, 0 or more.",
+    plant="sequence of str\n    Sets of the configuration's `plantable` block.",
+)
 def simulate(
-    config: ConfigSource, *, seed: int, plant: Sequence[str] = (), progress: Progress | None = None
+    config: ConfigSource,
+    *,
+    seed: int,
+    plant: Sequence[str] = (),
+    progress: Progress | None = None,
+    **settings: Unpack[SimulationSettings],
 ) -> SimulatedFlight:
-    """One flight; `plant` names sets of the configuration's `plantable` block.
+    """One 6-DOF flight with planted mechanisms and instrument errors.
 
-    `config` is a file, the name of one that comes along, a mapping or a `SimulationConfig`. `progress` is
-    called with the fraction done. Raises UsageError for a bad configuration, and UnanswerableError where no
-    flight comes of it: the motion diverges, or meets the ground.
+    Returns
+    -------
+    SimulatedFlight
+        The record, SI, and apart from it the truth.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> brv_hypo.simulate("research_cone", seed=4, plant=["lag"], duration=1.0)
+    <SimulatedFlight: research cone, seed 4: lag planted>
     """
     if seed < 0:
         raise UsageError(f"got the seed {seed}, expected one that is not below zero")
-    settings = drawn(load_config(config, plant=plant), seed)
-    equations = replace(system(settings), wind_profile=wind_profile(settings))
-    trajectory = flown(equations, progress)
+    chosen = drawn(load_config(config, plant=plant, keywords=settings), seed)
+    equations = replace(system(chosen), wind_profile=wind_profile(chosen))
+    trajectory = flown(equations, report_to(progress))
     states, rates = trajectory.states[..., 0].T, trajectory.rates[..., 0].T
     air = equations.air_data(trajectory.nodes, states)
     truth = _truth(equations, trajectory, states, air, rates[RATES])
     signals = Signals(trajectory.nodes, true_channels(states, air), rates[RATES])
-    return SimulatedFlight(recorded(signals, settings, truth.time, seed), truth, settings, seed)
+    return SimulatedFlight(recorded(signals, chosen, truth.time, seed), truth, chosen, seed)
 
 
-def flown(equations: System, progress: Progress | None = None) -> Trajectory:
+def flown(equations: System, report: Report = silent) -> Trajectory:
     """The trajectory of a flight; refuses what has no sense as one."""
     config, state = equations.config, initial_state(equations)
     begin = config.start.time
@@ -160,7 +180,7 @@ def flown(equations: System, progress: Progress | None = None) -> Trajectory:
         item.check_terms(replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
     on = grid(begin, config.step, config.samples, config.steps_per_sample, break_times(equations, begin))
     with np.errstate(over="ignore", invalid="ignore"):
-        trajectory = integrate(equations, state, on, progress)
+        trajectory = integrate(equations, state, on, report)
     lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2))
     if np.any(lost):
         raise UnanswerableError(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -247,6 +247,14 @@ class StudyConfig(Section):
             if twice:
                 raise ValueError(f"the {what} '{twice[0]}' is named twice: ask for more `flights` instead")
         return self
+
+
+StudySettings = TypedDict("StudySettings", {  # noqa: UP013
+    "title": str, "vehicles": Sequence[str], "planted": Sequence[str], "flights": int, "seed": int,
+    "draws": DrawsConfig | Mapping[str, Any], "sample_rate": float | None, "visible_effect": float,
+    "compare": CompareConfig | Mapping[str, Any],
+}, total=False)  # fmt: skip
+"""The fields of `StudyConfig` as keywords."""
 
 
 def read_study(source: str | Path, **overrides: Any) -> StudyConfig:

@@ -15,19 +15,22 @@ import signal
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, Unpack
 
 from pydantic import ValidationError
 
-from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.errors import UnanswerableError, UsageError, missing_package
 from brv_hypo.io.files import check_target, make_folder
 from brv_hypo.mechanisms import plugin_files, use_plugin_files
-from brv_hypo.study.config import Draw, StudyConfig, check_names, draws
+from brv_hypo.progress import Progress, report_to
+from brv_hypo.settings import settings_of, takes_settings
+from brv_hypo.simulation.config import config_path
+from brv_hypo.study.config import HOME, Draw, StudyConfig, StudySettings, check_names, draws
 from brv_hypo.study.trial import Outcome, fly
 
 # ---- Outcomes on disk ----
@@ -154,39 +157,47 @@ _COLUMNS = (
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-Progress = Callable[[int, int, Outcome], None]
-
 PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
 CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
 
+@takes_settings(
+    StudyConfig,
+    study="StudyConfig, mapping, str or Path\n    Or the name of a study that comes along.",
+    folder="str or Path\n    Where each outcome is kept at once; an interrupted study goes on there.",
+    jobs="int\n    Processes at once; -1: one for each processor.",
+    cluster="str, optional\n    Address of a Dask scheduler, whose workers are used instead.",
+    overwrite="bool\n    Whether another study in the folder is replaced.",
+)
 def run_study(
-    study: StudyConfig,
+    study: StudyConfig | Mapping[str, Any] | str | Path,
     folder: str | Path,
     *,
     jobs: int = 1,
     cluster: str | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
+    **settings: Unpack[StudySettings],
 ) -> tuple[Outcome, ...]:
-    """Fly what `folder` does not hold yet; the outcomes of the whole study, in its order.
+    """Fly what `folder` does not hold yet.
 
-    `jobs` processes at once (-1: one for each processor), or the workers of the Dask scheduler at `cluster`.
-    `progress` is called with flights done, flights in all and the latest outcome. A flight that fails is an
-    outcome with its reason. Raises UsageError for a vehicle or planted set that does not exist, and where
-    `folder` holds another study and `overwrite` is not set, or no scheduler answers.
+    Returns
+    -------
+    tuple of Outcome
+        Of the whole study, in its order; a flight that failed is an outcome with its reason.
     """
-    check_names(study)
-    wanted = draws(study)
-    with closing(Store(Path(folder), study, overwrite=overwrite)) as store:
+    source = config_path(study, HOME) if isinstance(study, str | Path) else study
+    chosen, report = settings_of(StudyConfig, source, settings), report_to(progress)
+    check_names(chosen)
+    wanted = draws(chosen)
+    with closing(Store(Path(folder), chosen, overwrite=overwrite)) as store:
         known = store.known()
         missing = [draw for draw in wanted if draw.key not in known]
-        flown = spread(partial(_fly, study, plugin_files()), missing, jobs=jobs, cluster=cluster)
+        flown = spread(partial(_fly, chosen, plugin_files()), missing, jobs=jobs, cluster=cluster)
         for done, outcome in enumerate(flown, start=len(wanted) - len(missing) + 1):
             store.add(outcome)
             known[outcome.draw.key] = outcome
-            if progress is not None:
-                progress(done, len(wanted), outcome)
+            report(done / len(wanted), f"{done} of {len(wanted)} flights, last {outcome.draw.key}")
     return tuple(known[draw.key] for draw in wanted)
 
 
@@ -222,7 +233,7 @@ def _on_cluster(call: Callable[[Item], Result], items: Sequence[Item], address: 
     try:
         distributed: Any = import_module("distributed")  # which declares no types
     except ImportError as error:
-        raise UsageError("--cluster needs Dask. Install the extra: pip install 'brv-hypo[cluster]'.") from error
+        raise missing_package("--cluster", "distributed", "cluster") from error
     try:
         client = distributed.Client(address, timeout=CONNECT_SECONDS)
     except (OSError, TimeoutError, ValueError) as error:

@@ -136,10 +136,11 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
     def fitted(columns: tuple[int, ...]) -> Subset:
         terms = frame.forced + columns
         fit = least_squares(frame.X[:, list(terms)], frame.y)
-        criteria = evaluate(fit, reference)
+        criteria, powers = evaluate(fit, reference), frame.powers[list(terms)]
+        std_errors = np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal)
         return Subset(
-            columns=columns, rss=fit.rss, terms=terms, coefficients=fit.coefficients,
-            std_errors=np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal), criteria=criteria,
+            columns=columns, rss=fit.rss, terms=terms, coefficients=np.ldexp(fit.coefficients, powers),
+            std_errors=np.ldexp(std_errors, powers), criteria=criteria,
         )  # fmt: skip
 
     return SubsetResult(

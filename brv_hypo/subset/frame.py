@@ -175,6 +175,8 @@ ROUNDING_MULTIPLE = 64.0
 MEANINGFUL_MULTIPLE = 2.0**16
 # Columns up to which a factor is had without work in blocks.
 _SMALL = 48
+# Largest size, and inverse of the smallest, of a column whose sums of squares are well within double precision.
+MOST_SQUARED = 1e140
 # Relative size of the terms of a combination that are named.
 NAMED_TERM = 1e-9
 
@@ -202,7 +204,9 @@ class Frame:
     """The least-squares problem that is searched: n rows, p columns, m of them candidates."""
 
     X: FloatArray
-    """The weighted columns (n, p), in the precision given."""
+    """The weighted columns (n, p), in the precision given, each times 2 to its power."""
+    powers: IntArray
+    """(p,), zero but where squares of the column as given would be beyond double precision."""
     y: FloatArray
     """The weighted response (n,)."""
     forced: tuple[int, ...]
@@ -237,8 +241,12 @@ class Frame:
 
     @property
     def aliases(self) -> tuple[Alias, ...]:
-        """Columns that are combinations of others."""
-        return (*self.set_aside, *self._names[0])
+        """Columns that are combinations of others, as given."""
+        power = self.powers.tolist()
+        return tuple(
+            Alias(column, tuple((other, float(np.ldexp(w, power[other] - power[column]))) for other, w in combination))
+            for column, combination in (*self.set_aside, *self._names[0])
+        )
 
     @property
     def refused(self) -> tuple[Refusal, ...]:
@@ -277,6 +285,7 @@ def build_frame(
     Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns out of range.
     """
     X_given, y_given, forced_columns = _checked(X, y, forced, weights)
+    X_given, powers = _with_squares(X_given)
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
     basis, kept_forced, aliases = _forced_basis(X64, forced_columns)
     free = np.array([j for j in range(X64.shape[1]) if j not in set(forced_columns)], dtype=np.int64)
@@ -299,7 +308,8 @@ def build_frame(
     if len(independent) == m > 0:
         condition = float(np.linalg.cond(R))
     return Frame(
-        X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=factor[:m, m].copy(), noise=noise,
+        X=X_given, powers=powers, y=y_given, forced=kept_forced, candidates=free, R=R, z=factor[:m, m].copy(),
+        noise=noise,
         rss_forced=float(rest @ rest), rss_full=float(factor[m, m] ** 2), rank=len(independent),
         condition=condition,
         set_aside=tuple(aliases), dependent=tuple(free[list(each)] for each in involved),
@@ -390,7 +400,21 @@ def _checked(
         raise UsageError(
             f"forced names columns {outside}, but X has columns 0..{X_array.shape[1] - 1}; use forced=() for none"
         )
+    largest = float(np.max(np.abs(y_array), initial=0.0))
+    if largest > MOST_SQUARED or 0.0 < largest < 1.0 / MOST_SQUARED:
+        raise UsageError(
+            f"y reaches {largest:.3g}, expected {1.0 / MOST_SQUARED:g} to {MOST_SQUARED:g}: the sum of its squares is "
+            "beyond double precision. Give y in another unit"
+        )
     return X_array, y_array, columns
+
+
+def _with_squares(X: FloatArray) -> tuple[FloatArray, IntArray]:
+    """The columns, times 2 to the powers (p,), whose squares are within double precision."""
+    largest = np.max(np.abs(X), axis=0, initial=0.0)
+    beyond = (largest > MOST_SQUARED) | ((largest > 0.0) & (largest < 1.0 / MOST_SQUARED))
+    powers = np.where(beyond, -np.frexp(largest)[1], 0)
+    return np.ldexp(X, powers) if beyond.any() else X, powers
 
 
 def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, tuple[int, ...], list[Alias]]:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from brv_hypo import reconstruct
 from brv_hypo.flight import load_flight, read_tree
+from brv_hypo.report.reconstruction import reconstruction_document
 from tests.truth import load_truth
 
 ROW_KEYS = "rank mechanism f_ratio cp prediction_error r2 bic log_likelihood n_terms n_effective terms ml"
@@ -274,6 +277,7 @@ class TestReconstruct:
         assert written["alpha"].units == "rad"
         assert written["alpha"].values.shape == load_flight(planted_file).time.shape
         assert "windward meridian" in done.stdout
+        assert done.stdout.endswith("Wrote motion.h5.\n")
 
     @pytest.mark.parametrize("method", ["joint", "velocity", "rates", "polar"])
     def test_each_method_can_be_chosen(self, brv_hypo, planted_file, method):
@@ -285,6 +289,14 @@ class TestReconstruct:
         done = brv_hypo("reconstruct", planted_file, "--report", "out.html", "--json", "out.json", cwd=tmp_path)
         assert "Wrote out.html." in done.stdout
         assert "Wrote out.json." in done.stdout
+
+    def test_a_name_of_another_format_is_refused_before_the_work(self, brv_hypo, planted_file, tmp_path):
+        done = brv_hypo("reconstruct", planted_file, "-o", "motion.csv", cwd=tmp_path)
+        assert (done.returncode, "Give motion.h5" in done.stderr, [*tmp_path.iterdir()]) == (2, True, [])
+
+    def test_the_conclusion_says_why_a_motion_is_degraded(self, planted_file):
+        found = replace(reconstruct(planted_file, method="rates"), status="degraded", warnings=("too few samples",))
+        assert reconstruction_document(found).conclusion.endswith("(rms). Degraded: too few samples")
 
     def test_the_report_opens_offline(self, brv_hypo, planted_file, tmp_path):
         done = brv_hypo("reconstruct", planted_file, "--report", "out.html", "-q", cwd=tmp_path)

@@ -10,6 +10,7 @@ import pytest
 
 from brv_hypo.flight import load_flight
 from brv_hypo.mechanisms import use_plugin_files
+from brv_hypo.mechanisms.registry import compared
 from tests.mechanisms.test_registry import plugin
 from tests.truth import load_truth
 
@@ -44,6 +45,7 @@ def brv_hypo_mechanisms():
 def brv_hypo_record_effects():
     return [GreedyGyros()]
 """
+FIVE = ["bodyfixed", "damping", "inplane", "lag", "sticking"]
 TRACE = "effects: [sticking, gyro_bias]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
 STUDY = """
 vehicles: [{vehicle}]
@@ -95,6 +97,12 @@ def test_the_plugin_is_known_where_it_is_named(brv_hypo, greedy):
     with installed_in(greedy):
         listed = brv_hypo("mechanisms", "--json", "-").stdout
     assert {"greedy", "greedy_gyros"} <= {entry["name"] for entry in entries(json.loads(listed))}
+
+
+def test_the_five_are_compared_and_all_that_are_installed_where_asked(greedy):
+    with installed_in(greedy):
+        assert compared([]) == compared(FIVE) == FIVE
+        assert compared(["installed"]) == sorted([*FIVE, "greedy"])
 
 
 def entries(value):

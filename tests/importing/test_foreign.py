@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,9 +15,11 @@ import yaml
 
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight import CHANNELS, Flight, load_flight, save_flight
-from brv_hypo.importing import formats, import_record
+from brv_hypo.importing import import_record
+from brv_hypo.importing.formats import sandboxed
 from brv_hypo.importing.guess import guess_map
 from tests.flight.records import UNITS, VEHICLE, motion, write_raw
+from tests.importing.dialects import mat
 
 DEGREE = np.pi / 180.0
 
@@ -71,12 +72,8 @@ def write_mat(path: Path, columns: dict[str, Any]) -> Path:
 
 
 def write_mat73(path: Path, columns: dict[str, Any]) -> Path:
-    """A v7.3 file as MATLAB writes it: HDF5 behind a 512-byte block of its own, row vectors as columns."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, values in columns.items():
-            file.create_dataset(name, data=np.asarray(values)[:, None])
-    with path.open("r+b") as stream:
-        stream.write(b"MATLAB 7.3 MAT-file".ljust(116) + bytes(8) + b"\x00\x02IM")
+    """A v7.3 file as MATLAB writes it: row vectors as columns."""
+    mat(lambda file: file.update({name: np.asarray(each)[:, None] for name, each in columns.items()})).write(path)
     return path
 
 
@@ -214,8 +211,8 @@ def test_text_in_a_column_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_parquet_without_its_extra_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = write_parquet(tmp_path / "d.parquet", foreign_columns())
-    monkeypatch.setattr(formats, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[tables\]'"):
+    monkeypatch.setattr(sandboxed, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"pip install -e '.\[tables\]'"):
         import_record(data, write_map(tmp_path, foreign_map()))
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.importing.formats import read_columns
+from brv_hypo.importing.formats import Layout, read_columns
 from brv_hypo.io import mappings
 from brv_hypo.io.files import read_text
 from brv_hypo.io.mappings import read_json, read_yaml
@@ -118,11 +118,11 @@ def test_a_hostile_table_is_refused(tmp_path, content, error, says):
     path = tmp_path / "data.csv"
     path.write_bytes(content)
     with pytest.raises(error, match=says):
-        read_columns(path, ("t", "p"), ",")
+        read_columns(path, ("t", "p"))
 
 
 def test_a_delimiter_that_cannot_be_one_is_a_usage_error(tmp_path):
     path = tmp_path / "data.csv"
     path.write_text("t,p\n1,2\n")
     with pytest.raises(UsageError, match="delimiter"):
-        read_columns(path, ("t", "p"), "too long")
+        read_columns(path, ("t", "p"), Layout.model_construct(delimiter="too long"))

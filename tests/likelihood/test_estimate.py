@@ -286,12 +286,13 @@ def test_noise_free_data_give_back_the_truth_and_say_that_they_hold_no_noise() -
 
 
 def test_progress_is_reported_and_the_cost_history_kept() -> None:
-    seen: list[int] = []
+    seen: list[str] = []
     result = fit(
         SHORT.dynamics, SHORT.outputs, [SHORT.simulate(300, 0)], scaled(SHORT, 0.5),
-        progress=lambda step: seen.append(step.iteration),
+        progress=lambda fraction, text: seen.append(text),
     )  # fmt: skip
-    assert seen == [h.iteration for h in result.history] == list(range(1, result.iterations + 1))
+    assert [h.iteration for h in result.history] == list(range(1, result.iterations + 1))
+    assert [text.split(":")[0] for text in seen] == [f"iteration {h.iteration}" for h in result.history]
     assert result.history[-1].cost == pytest.approx(result.nllf)
 
 

@@ -46,6 +46,8 @@ BAD = {
     "import": ({"top": "import no_such_module"}, "line 5.*no_such_module"),
     "syntax": ({"top": "def ("}, "line 5.*SyntaxError"),
     "exit": ({"top": "sys.exit(0)"}, "SystemExit"),
+    "ends the process": ({"top": "import os; os._exit(0)"}, r"os\._exit\(0\)"),
+    "ends it when asked": ({"terms": "__import__('os')._exit(0)"}, r"os\._exit\(0\)"),
     "hook raises": ({"hook": "1 / 0"}, "ZeroDivisionError"),
     "hook gives none": ({"hook": "return None"}, "expected a list"),
     "hook gives another": ({"hook": "return [7]"}, "gave 7, expected a Mechanism"),

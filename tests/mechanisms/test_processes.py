@@ -305,7 +305,7 @@ def in_comparison(*names: str) -> set[str]:
     """The processes that are in every hypothesis once a comparison with these mechanisms has begun."""
     found: set[str] = set()
 
-    def say(message: str) -> None:
+    def say(fraction: float | None, message: str) -> None:
         if message != "checking the record":
             found.update(in_every_hypothesis())
             raise _Enough

@@ -324,7 +324,7 @@ class TestDrawing:
         from brv_hypo.report import write
 
         monkeypatch.setattr(write, "find_spec", lambda name: None)
-        with pytest.raises(UsageError, match=r"pip install 'brv-hypo\[figures\]'"):
+        with pytest.raises(UsageError, match=r"pip install -e '.\[figures\]'"):
             draw_into(tmp_path, [plain])
 
 

@@ -38,18 +38,18 @@ def flown(monkeypatch):
 def test_every_flight_is_flown_once_and_kept_at_once(tmp_path, flown):
     kept = []
 
-    def progress(done, total, latest):
-        kept.append((done, total, len(stored(tmp_path))))
+    def progress(fraction, text):
+        kept.append((fraction, text.partition(" flights")[0], len(stored(tmp_path))))
 
     outcomes = run_study(STUDY, tmp_path, progress=progress)
     assert [o.draw.key for o in outcomes] == flown
-    assert kept == [(n, 4, n) for n in (1, 2, 3, 4)]
+    assert kept == [(n / 4, f"{n} of 4", n) for n in (1, 2, 3, 4)]
     assert [path.name for path in tmp_path.iterdir()] == [FLIGHTS]
 
 
 def test_an_interrupted_study_goes_on_with_what_it_lacks(tmp_path, flown):
-    def interrupt(done, total, latest):
-        if done == 2:
+    def interrupt(fraction, text):
+        if fraction == 0.5:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

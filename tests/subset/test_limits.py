@@ -112,3 +112,28 @@ def test_refusals_say_what_is_wrong(arguments: dict[str, object], message: str) 
     given = {"X": np.eye(5, 2), "y": np.arange(5.0), **arguments}
     with pytest.raises(UsageError, match=message):
         best_subsets(**given)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e150, 1e300])
+@pytest.mark.parametrize("columns", [slice(None), [2], [5, 6]])
+def test_the_scale_of_columns_changes_coefficients_alone(scale: float, columns: slice | list[int]) -> None:
+    random = np.random.default_rng(3)
+    X = random.normal(size=(50, 7))
+    X[:, 6] = 3.0 * X[:, 2]
+    y = 2.0 * X[:, 2] - X[:, 5] + 0.1 * random.normal(size=50)
+    scaled, factors = X.copy(), np.ones(7)
+    scaled[:, columns] *= scale
+    factors[columns] = scale
+    for one, other in zip(best_subsets(X, y, 4).subsets, (found := best_subsets(scaled, y, 4)).subsets, strict=True):
+        assert one.columns == other.columns
+        np.testing.assert_allclose(other.coefficients * factors[list(other.terms)], one.coefficients, rtol=1e-9)
+        np.testing.assert_allclose(other.std_errors * factors[list(other.terms)], one.std_errors, rtol=1e-9)
+    (alias,) = found.aliases
+    assert alias.column == 6
+    assert dict(alias.combination) == pytest.approx({2: 3.0 / factors[2] * factors[6]}, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_a_response_whose_squares_are_no_numbers_is_refused(scale: float) -> None:
+    with pytest.raises(UsageError, match="another unit"):
+        best_subsets(np.eye(9)[:, :4], scale * np.arange(9.0), 2)

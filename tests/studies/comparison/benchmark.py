@@ -57,7 +57,7 @@ class _Stages:
         self._began = self._since = time.process_time()
         self._stage = COLUMNS[0]
 
-    def __call__(self, message: str) -> None:
+    def __call__(self, fraction: float | None, message: str) -> None:
         now = time.process_time()
         self.seconds[self._stage] += now - self._since
         self.seconds["whole"] = now - self._began
@@ -71,7 +71,7 @@ def stages(flight: Flight, config: CompareConfig, repeats: int) -> dict[str, flo
     for _ in range(repeats + 1):
         told = _Stages()
         compare([flight], config, progress=told)
-        told("")
+        told(None, "")
         runs.append(told.seconds)
     return min(runs[1:], key=lambda seconds: seconds["whole"])
 

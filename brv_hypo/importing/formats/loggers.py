@@ -1,0 +1,61 @@
+"""Rocket loggers that are known by the header of their csv: their columns get the names and units of channels.
+
+A logger is a text table with words of its header and, for its columns that are channels, "own name: channel units"; the
+other columns keep their names, and a map may use the logger's own. Axes are the logger's, x along the rocket. Layouts:
+
+altos        AltosCSV.java of AltOS (https://git.gag.com/fw/altos, folder altoslib), which states the units: TeleMega,
+             EasyMega, TeleMetrum and others of Altus Metrum, as AltosUI exports them, the header behind a #
+blue-raven   Featherweight Blue Raven user's manual (https://www.featherweightaltimeters.com): csv of high and low rate
+eggtimer     Eggtimer TRS User's Guide, "Flight Summary" (https://eggtimerrocketry.com): altitude above the pad
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from brv_hypo.importing.formats import Layout, TableFormat
+from brv_hypo.importing.formats.delimited import detect, read_text
+from brv_hypo.io.binary import ColumnTable
+
+GYROS = "gyro_x: p deg/s; gyro_y: q deg/s; gyro_z: r deg/s"
+LOGGERS = {
+    "altos": (
+        ("version,serial,flight", "state_name"),
+        f"time: time s; accel_x: ax m/s^2; accel_y: ay m/s^2; accel_z: az m/s^2; {GYROS}; gyro_roll: p deg/s; "
+        "gyro_pitch: q deg/s; gyro_yaw: r deg/s; altitude: altitude m; accel_speed: velocity m/s; speed: velocity m/s",
+    ),
+    "blue-raven": (
+        ("Flight_Time_(s)",),
+        f"Flight_Time_(s): time s; Accel_X: ax g; Accel_Y: ay g; Accel_Z: az g; {GYROS.title()}; "
+        "Baro_Altitude_ASL_(feet): altitude ft; Velocity_Up: velocity ft/s",
+    ),
+    "eggtimer": (
+        ("Veloc", "FVeloc", "LDA"),
+        "T: time ms; FAlt: altitude ft; Filt_Alt: altitude ft; FVeloc: velocity ft/s",
+    ),
+}
+
+
+def _format(name: str, words: tuple[str, ...], described: str) -> TableFormat:
+    columns = {own: tuple(text.split()) for own, _, text in (each.partition(": ") for each in described.split("; "))}
+
+    def recognises(path: Path, head: str) -> bool:
+        return any(all(word in line for word in words) for line in head.splitlines())
+
+    def read(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
+        found = detect(path, layout)
+        own = {columns[each][0]: each for each in reversed(found.names) if each in columns}
+        table = read_text(path, tuple(own.get(each, each) for each in names), layout, found)
+        values = {each: table.columns[own.get(each, each)] for each in names}
+        channels = {each: channel for channel, each in own.items()}
+        units = {each: columns[each][1] for each in channels} | {
+            channel: columns[each][1] for channel, each in own.items()
+        }
+        known = (*(channels.get(each, each) for each in found.names), *channels)
+        return replace(table, columns=values, names=known if names else known[: len(found.names)], units=units)
+
+    return TableFormat(name, read, (), recognises)
+
+
+FORMATS = tuple(_format(name, *each) for name, each in LOGGERS.items())
