@@ -41,6 +41,7 @@ def threshold(value: Number, unit: str, decides: str, source: str) -> Number:
 _TRIAL = "tests/motion/test_trial.py and tests.studies.independent.faulty_records"
 _FAULTS = "tests.studies.record_faults and tests.studies.independent.faulty_records"
 _HELD = "judgement; held by tests/flight/test_faults.py and tests.studies.independent.faulty_records"
+_STEPS = "judgement; tests/importing/test_soundness.py"
 _GAPS = "tests/flight/test_gaps.py and tests.studies.independent.faulty_records"
 _SPIKES = "tests/flight/test_spikes.py and tests.studies.independent.faulty_records"
 _LIMITS = "tests/motion/test_limits.py"
@@ -140,6 +141,22 @@ COMPATIBILITY_CORRECTED = threshold(0.4, "1", "a correction restores a relation:
 COMPATIBILITY_NEARLY_EQUAL = threshold(1.0, "nats", "another correction is named beside the best", _TRIAL)
 COMPATIBILITY_UNRELATED = threshold(0.5, "1", "gyros and accelerometers disagree: unexplained shares", _TRIAL)
 COMPATIBILITY_QUIET = threshold(0.1, "1", "noise is small enough to say so: its share of a relation", _TRIAL)
+
+# ---- Physics of a record, whatever the vehicle ----
+
+_SOUND = "tests.studies.soundness"
+CLIMB_WITHIN = threshold(1.1, "1", "altitude or speed is wrong: climb over speed", _SOUND)
+CLIMB_WIND = threshold(20.0, "m/s", "the same: beyond wind along the path and errors of the speed", _SOUND)
+CLIMB_SIGMAS = threshold(5.0, "sigmas", "the same: certainty of the climb", _SOUND)
+GAIN_WITHIN = threshold((0.5, 1.5), "1", "speed or height gained is wrong: over what the forces make", _SOUND)
+DRAG_WITHIN = threshold((0.01, 20.0), "1", "forces or pressure are wrong: axial coefficient of any body", _SOUND)
+MOUNTING_TILT = threshold(0.035, "rad", "the unit is turned in the vehicle: 2 deg between nose and x", _SOUND)
+MOUNTING_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that angle", _SOUND)
+GYROS_SURE = threshold(0.85, "1", "units and axes of gyros are known: unexplained share over the next", _SOUND)
+HELD_FEWEST = threshold(20, "changes", "a channel has enough values to be called held or rounded", _STEPS)
+HELD_REGULAR = threshold(0.8, "1", "a channel is held: share of its changes that come as regularly", _STEPS)
+ROUNDED_REPEATS = threshold(0.2, "1", "a channel is rounded beyond its noise: share of samples that repeat", _STEPS)
+ROUNDED_WITHIN = threshold(0.05, "steps", "the same: changes are whole numbers of the smallest", _STEPS)
 
 # ---- Motion: filters, smoothing, the fit of forces and rates ----
 

@@ -94,6 +94,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     session.claim(output, hdf5=True)
     from brv_hypo.flight import save_flight
     from brv_hypo.importing import bring_in
+    from brv_hypo.motion import try_record
     from brv_hypo.report.document import Texts
     from brv_hypo.report.listings import phase_texts
 
@@ -101,7 +102,8 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     flight = found.flight
     save_flight(flight, output, raw=found.raw, overwrite=session.force)
     phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
-    session.tell(Texts(flight.notes, "Notes"), phases)
+    faults = [f"{fault.channel}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
+    session.tell(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 

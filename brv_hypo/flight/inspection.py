@@ -15,10 +15,12 @@ from typing import Literal
 
 import numpy as np
 
+from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.cleaning import find_spikes, without_spikes
 from brv_hypo.flight.clock import joined, runs, sigma_of_differences, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
+from brv_hypo.flight.mounting import GRAVITY, THRUST
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS, CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import SI
 
@@ -26,7 +28,6 @@ PHASE_SMOOTHED = 0.1  # s: a median over this takes vibration and spikes out
 PHASE_SHORTEST = 0.3  # s of a phase
 PHASE_AT_REST = 0.15  # gravities by which a reading along the axis may be off gravity at rest
 PHASE_RESTING = 0.9  # share of the samples before ignition that have to read so for a pad
-PHASE_THRUST = 1.5  # gravities sensed, beyond what any instrument's bias makes of gravity
 PHASE_BURNT_OUT = 0.0  # m/s^2 along the axis: drag alone is left
 # A parachute pulls with so many times what was sensed in the seconds before it, and with so many gravities.
 PARACHUTE_TIMES = 5.0
@@ -42,9 +43,7 @@ INSPECTED_PER_CYCLE = 10.0  # samples
 
 PhaseName = Literal["pad", "burn", "coast", "parachute"]
 
-GRAVITY = 9.80665  # m/s^2
 AT_REST = PHASE_AT_REST * GRAVITY  # m/s^2 about gravity along the axis
-THRUST = PHASE_THRUST * GRAVITY  # m/s^2 sensed
 
 
 @dataclass(frozen=True)
@@ -194,6 +193,7 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
             channels.append(_channel(name, time, recorded[name], units, derived=False))
         elif (values := getattr(ready, name)) is not None:
             channels.append(_channel(name, ready.time, values, si, derived=True))
+    steps = [held_or_rounded(name, time, values) for name, values in recorded.items()]
     frequency = strongest_frequency(ready.q, ready.r, ready.step, ready.segments)
     phases = find_phases(ready.time, ready.ax, ready.ay, ready.az)
     per_cycle = ready.sample_rate / frequency if frequency > 0.0 else float("inf")
@@ -216,7 +216,7 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
         vehicle=ready.vehicle,
         phases=phases,
         notes=ready.notes,
-        warnings=tuple(_warnings(channels, per_cycle, phases)),
+        warnings=(*_warnings(channels, per_cycle, phases), *filter(None, steps)),
     )
 
 
@@ -238,6 +238,30 @@ def white_noise(values: FloatArray) -> Noise:
     level = float(np.median(levels))
     agrees = 0.0 < sigma <= INSPECTED_AGREES * level and level <= INSPECTED_AGREES * sigma
     return Noise(sigma, trusted=agrees and bool(levels.max() <= INSPECTED_LEVEL * levels.min()))
+
+
+def held_or_rounded(name: str, time: FloatArray, values: FloatArray) -> str | None:
+    """What to say of a channel (n,) that is held over several samples, or rounded beyond its noise; None of others."""
+    known = np.isfinite(values)
+    changes = np.diff(values[known])
+    moved = np.flatnonzero(changes)
+    if moved.size < limits.HELD_FEWEST:
+        return None
+    unit, rate = SI[CHANNEL_DIMENSIONS[name]], (time.size - 1) / float(time[-1] - time[0])
+    lasts = np.diff(moved)
+    every = float(np.median(lasts))
+    step = float(np.median(np.abs(changes[moved])))
+    if every >= 2.0 and np.mean(np.abs(lasts - every) <= 1.0) > limits.HELD_REGULAR:
+        return (
+            f"{name} is held, a staircase: new values at {rate / every:.3g} Hz of {rate:.4g}, in steps of {step:.3g} "
+            f"{unit}; give it its own recorder and rate, or leave the repeated samples empty"
+        )
+    quantum = float(np.min(np.abs(changes[moved])))
+    counts = changes[moved] / quantum
+    coarse = float(np.mean(changes == 0.0)) > limits.ROUNDED_REPEATS
+    if coarse and np.max(np.abs(counts - np.rint(counts))) < limits.ROUNDED_WITHIN:
+        return f"{name} is rounded to {quantum:.3g} {unit}, coarser than its noise"
+    return None
 
 
 def _channel(name: str, time: FloatArray, values: FloatArray, units: str, *, derived: bool) -> ChannelQuality:

@@ -18,19 +18,24 @@ import yaml
 from jinja2 import Environment, PackageLoader
 from scipy.integrate import cumulative_trapezoid
 
+from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
+from brv_hypo.flight.mounting import nose_axis, relative_axes
+from brv_hypo.flight.plausibility import gains, mounting_fault
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
 from brv_hypo.importing.formats import clock_fault
 from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, stated_units
-from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, clock_offset
+from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, PAD_FEWEST_SAMPLES, clock_offset
 from brv_hypo.io.text import one_line
 
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
+NOSE_UP_THRUST = 0.7  # cosine between thrust and up at rest: no rail leans by more than 45 deg
+GAINED_WITHIN = 0.45  # logarithm within which a gain shows units: a path leans, feet are 0.3 m
 NOT_EARTHS = 2.0  # factor between a density and the Earth's at its altitude from which the planet is in doubt
 AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a second recorder may add
 ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the ground
@@ -163,54 +168,86 @@ def _find_unnamed(table: ForeignTable) -> None:
 
 
 def _stand_upright(table: ForeignTable) -> None:
-    """Units of the accelerometers, and the axis that is up, from gravity at rest."""
+    """Units of the accelerometers from gravity at rest; the axis of the nose from thrust, else from gravity."""
     if not set(ACCELEROMETERS) <= set(table.entries):
         return
     time = table.in_si("time")
     known = [table.values(name) for name in (*ACCELEROMETERS, *GYROS) if name in table.entries]
     rest = rules.find_rest(time, known)
+    up = None
     if rest is None:
         doubt = "no rest in the record, at which gravity would tell units and axes of the accelerometers"
         table.unsure.append(doubt)
-        return
-    reads = np.array([np.mean(table.values(name)[:rest]) for name in ACCELEROMETERS])
-    norm = float(np.linalg.norm(reads))
-    units = rules.gravity_units(norm)
-    if units is None:
-        doubt = f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known"
-        table.unsure.append(doubt)
-        return
-    for name in ACCELEROMETERS:
-        table.sure(name, units, f"at rest they read {norm:.4g}, gravity in {units}")
-    table.rest_s = (float(time[0]), float(time[rest - 1]))
-    _turn_nose_up(table, reads / norm)
+    else:
+        reads = np.array([np.mean(table.values(name)[:rest]) for name in ACCELEROMETERS])
+        norm = float(np.linalg.norm(reads))
+        units = rules.gravity_units(norm)
+        if units is None:
+            doubt = f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known"
+            table.unsure.append(doubt)
+            return
+        for name in ACCELEROMETERS:
+            table.sure(name, units, f"at rest they read {norm:.4g}, gravity in {units}")
+        up = reads / norm
+        if rest >= PAD_FEWEST_SAMPLES:
+            table.rest_s = (float(time[0]), float(time[rest - 1]))
+    forces = table.triad(ACCELEROMETERS)
+    thrust = nose_axis(time, np.zeros_like(forces), forces)
+    if thrust is not None:
+        _turn_nose_up(table, thrust.nose, "along thrust")
+        table.tilt = nose_axis(time, np.zeros_like(forces), table.triad(ACCELEROMETERS))
+        if up is not None and float(up @ thrust.nose) < NOSE_UP_THRUST:
+            angle = np.degrees(np.arccos(float(up @ thrust.nose)))
+            table.unsure.append(f"thrust lies {angle:.0f} deg off what gravity shows to be up at rest")
+    elif up is not None:
+        _turn_nose_up(table, up, "up at rest")
 
 
-def _turn_nose_up(table: ForeignTable, up: FloatArray) -> None:
-    """Axes turned, right-handed, so that the one that stands up is x."""
-    axis = int(np.argmax(np.abs(up)))
-    if axis == 0 and up[0] > 0.0:
-        return
-    if abs(up[axis]) < NOSE_UP:
+def _turn_nose_up(table: ForeignTable, nose: FloatArray, how: str) -> None:
+    """Axes turned, right-handed, so that the one nearest to the nose (3,) is x."""
+    axis = int(np.argmax(np.abs(nose)))
+    if abs(nose[axis]) < NOSE_UP and how != "along thrust":
         doubt = "at rest gravity lies along none of the axes: the vehicle leans, or the unit is mounted askew"
         table.unsure.append(doubt)
         return
-    signs = (1.0, 1.0, 1.0) if up[axis] > 0.0 else (-1.0, 1.0, -1.0)
-    doubt = "if the vehicle did not stand nose up at rest, undo this"
+    if axis == 0 and nose[0] > 0.0:
+        return
+    signs = (1.0, 1.0, 1.0) if nose[axis] > 0.0 else (-1.0, 1.0, -1.0)
+    matrix = np.roll(np.eye(3), axis, axis=1) * np.array(signs)[:, None]
     for channels in (ACCELEROMETERS, GYROS):
-        if set(channels) <= set(table.entries):
-            before = [table.entries[name] for name in channels]
-            for place, channel in enumerate(channels):
-                source = before[(axis + place) % 3]
-                table.entries[channel] = replace(source, scale=source.scale * signs[place])
-                doubts = [doubt] if channel == "ax" else []
-                table.change(channel, "axes turned so that x is up at rest", *doubts)
+        table.turn(channels, matrix, f"axes turned so that x is {how}")
+    if how != "along thrust":
+        table.change("ax", "by gravity", "if the vehicle did not stand nose up at rest, undo this")
+
+
+def _axes_of_gyros(table: ForeignTable) -> bool:
+    """Units, axes and signs of the gyros by the forces that follow from them; whether the record tells them."""
+    if not {*GYROS, *ACCELEROMETERS} <= set(table.entries) or table.tilt is None:
+        return False
+    time, doubtful = table.in_si("time"), any(_NOWHERE in doubt for doubt in table.entries["p"].unsure)
+    rates = np.stack([table.entries[name].scale * table.values(name) for name in GYROS])
+    if table.rest_s is not None:
+        rates = rates - rates[:, time <= table.rest_s[1]].mean(axis=1, keepdims=True)
+    matrix = table.tilt.matrix
+    found = relative_axes(time, matrix @ rates, matrix @ table.triad(ACCELEROMETERS), rules.sizes("angular rate"))
+    if found is None or found[2] > limits.GYROS_SURE:
+        if not doubtful:
+            table.unsure.append("axes and signs of the gyros: the forces do not tell them, and they are taken as named")
+        return False
+    units, turn, _ = found
+    for name in GYROS:
+        table.sure(name, units, f"the forces across the axis follow from the rates in {units}")
+    if not np.allclose(turn, np.eye(3)):
+        table.turn(GYROS, turn, "axes and signs by which the forces follow from the rates")
+        table.unsure.append("the gyros' axes are not those of the accelerometers: turned, or reversed, by the forces")
+    return True
 
 
 def _units_of_gyros(table: ForeignTable) -> None:
-    """Units and sign of the roll rate from a magnetometer, else units by range."""
+    """Units and sign of the roll rate from the forces and a magnetometer, else units by range."""
     if not set(GYROS) <= set(table.entries):
         return
+    known_by_forces = _axes_of_gyros(table)
     rate = table.entries["p"].scale * table.values("p")
     if {"my", "mz"} <= set(table.entries):
         field_across = (table.values("my"), table.values("mz"))
@@ -223,7 +260,7 @@ def _units_of_gyros(table: ForeignTable) -> None:
                 doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
                 table.change("p", "sign against the magnetometer", doubt)
             return
-    if any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
+    if not known_by_forces and any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
         most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
         units = "deg/s" if most > rules.FASTEST_RADIANS else "rad/s"
         for name in GYROS:
@@ -233,9 +270,25 @@ def _units_of_gyros(table: ForeignTable) -> None:
             table.change(name, f"{units} by range (up to {most:.3g})", units=units, unsure=doubts)
 
 
+def _gained(table: ForeignTable) -> None:
+    """Units of speed and altitude by what the thrust gains."""
+    recorded: dict[str, FloatArray] = {n: table.values(n) for n in ("velocity", "altitude") if n in table.entries}
+    for name, (rise, made) in gains(table.in_si("time"), table.triad(ACCELEROMETERS), recorded).items():
+        sizes = rules.sizes(CHANNEL_DIMENSIONS[name])
+        off = {unit: abs(float(np.log(max(rise, 1e-9) * size / made))) for unit, size in sizes.items()}
+        units = min(off, key=lambda unit: off[unit])
+        said = f"in the burn it gains {rise:.4g}, and the forces make {made:.4g} {SI[CHANNEL_DIMENSIONS[name]]}"
+        if off[units] < GAINED_WITHIN:
+            table.sure(name, units, f"{said}: it is in {units}")
+        else:
+            table.change(name, "against the thrust", f"{said}: in no units that are known")
+
+
 def _units_of_air(table: ForeignTable) -> None:
     """Units of speed, altitude and pressure against each other and the accelerometer."""
     have = set(table.entries)
+    if set(ACCELEROMETERS) <= have and table.rest_s is not None:
+        _gained(table)
     if {"velocity", "ax"} <= have:
         _speed_like_push(table)
     if {"dynamic_pressure", "density", "velocity"} <= have:
@@ -379,6 +432,9 @@ def _written(found: _Guessed) -> Guess:
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
         meanings=_OF_VEHICLE,
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
+        tilt=table.tilt,
+        degrees=np.degrees,
+        turned=bool(mounting_fault(table.in_si("time"), table.tilt)),
         pad=table.rest_s and [each - found.zero_s for each in table.rest_s],
         rate=1.0 / float(np.median(np.diff(table.in_si("time")))),
         slowest_fast=SLOWEST_FAST,

@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.inspection import GRAVITY
+from brv_hypo.flight.mounting import GRAVITY, Tilt
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
 from brv_hypo.importing.formats import read_all
@@ -150,7 +150,7 @@ def _axis_of(words: Sequence[str]) -> str | None:
     return None
 
 
-REST_SECONDS = 0.5
+REST_SECONDS = 0.1
 STILL = 0.03  # of a channel's whole spread: what is left of it at rest
 WITHIN = 0.06  # relative: a factor is taken for that of units
 RATES = (0.5, 2e4)  # Hz that a recorder may have
@@ -291,6 +291,8 @@ class ForeignTable:
     """Doubts about the table as a whole."""
     rest_s: tuple[float, float] | None = None
     """The pad, if there is one."""
+    tilt: Tilt | None = None
+    """Of the nose, by thrust, in the axes of the entries."""
     align: MapEntry | None = None
     """Of another recorder: what it sensed of ax."""
 
@@ -301,6 +303,19 @@ class ForeignTable:
     def in_si(self, channel: str) -> FloatArray:
         """The column of a channel (n,), SI."""
         return to_si(self.values(channel), self.entries[channel].units, CHANNEL_DIMENSIONS[channel], channel)
+
+    def triad(self, channels: Sequence[str]) -> FloatArray:
+        """Three columns (3, n), SI and scaled."""
+        return np.stack([self.entries[name].scale * self.in_si(name) for name in channels])
+
+    def turn(self, channels: Sequence[str], matrix: FloatArray, why: str) -> None:
+        """The entries of a triad exchanged and reversed by a signed permutation (3, 3)."""
+        if set(channels) <= set(self.entries):
+            before = [self.entries[name] for name in channels]
+            for channel, row in zip(channels, matrix, strict=True):
+                place = int(np.argmax(np.abs(row)))
+                self.entries[channel] = replace(before[place], scale=before[place].scale * float(row[place]))
+                self.change(channel, why)
 
     @property
     def recorder(self) -> str:

@@ -17,6 +17,7 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
       mass: {value: 832, units: kg}
       ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
+    rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
     pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
     derive: {velocity: ascent}     # from ax and altitude, on a steep climb
     window: coast                  # a phase that is found, or [start, stop] in s
@@ -24,8 +25,8 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
 
 Columns of a mat file that lie in a struct are called `struct.field`. Files are named relative to the map's folder,
 or to that of the data. Entrances: `read_map`; `bring_in`, and `import_record` for the flight alone. Their order:
-all recorders on one clock; biases from the pad removed; speed derived; phases found and the window cut, with the
-vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
+all recorders on one clock; axes turned; biases from the pad removed; speed derived; phases found and the window cut,
+with the vehicle and its tolerances over it; faults masked on the way to the rate that the motion needs.
 """
 
 from __future__ import annotations
@@ -38,14 +39,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import RawTable, assemble
-from brv_hypo.flight.inspection import Phase, PhaseName, find_phases
+from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
+from brv_hypo.flight.mounting import Tilt, nose_axis
+from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
+    GYROS,
+    INERTIAL_CHANNELS,
     VEHICLE_DIMENSIONS,
     Channels,
     Flight,
@@ -62,7 +68,15 @@ from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tol
 from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
-from brv_hypo.importing.rocket_log import ascent, clock_offset, decimated, needed_rate, take_out_biases
+from brv_hypo.importing.rocket_log import (
+    PAD_MOUNTED,
+    ascent,
+    clock_offset,
+    decimated,
+    filter_reach,
+    needed_rate,
+    take_out_biases,
+)
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.text import naming, one_line
 
@@ -79,6 +93,29 @@ def _in_order(span: tuple[float, float]) -> tuple[float, float]:
     if not span[0] < span[1]:
         raise ValueError("a start before its stop")
     return span
+
+
+Row = tuple[float, float, float]
+Rows = tuple[Row, Row, Row]
+
+
+def _rotation(entry: str | Rows | None) -> Any:
+    """`auto`, or the rows of named turns, in degrees, or those that are given."""
+    if entry is None or entry == "auto":
+        return entry
+    matrix = np.eye(3)
+    if isinstance(entry, str):
+        for turn in entry.split(","):
+            try:
+                axis, angle = turn.split()
+                matrix = matrix @ Rotation.from_euler(axis, float(angle), degrees=True).as_matrix()
+            except ValueError:
+                raise ValueError('auto, three rows, or turns in degrees such as "x 45, z -3"') from None
+    else:
+        matrix = np.array(entry)
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) or np.linalg.det(matrix) < 0.0:
+        raise ValueError("a rotation: rows of length 1, perpendicular and right-handed (a scale of -1 mirrors)")
+    return tuple(map(tuple, matrix.tolist()))
 
 
 Span = Annotated[tuple[float, float], AfterValidator(_in_order)]
@@ -162,6 +199,8 @@ class RecordMap(Layout):
     """Other files, each with a clock of its own."""
     instruments: dict[str, Any] = Field({})
     """Grade and tolerances."""
+    rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
+    """From what gyros and accelerometers read to body axes: "auto" is found from thrust, drag and spin."""
     pad: Span | None = None
     """Times between which the vehicle is at rest, nose up, s."""
     derive: Derived | None = None
@@ -242,17 +281,19 @@ def vehicle_of(
 
 def instruments_of(
     mapping: RecordMap,
-    from_pad: Mapping[str, Any],
+    estimated: Mapping[str, Any],
     inertia: float,
     channels: Mapping[str, FloatArray],
     speed_sigma: FloatArray | None,
 ) -> Instruments:
-    """Tolerances: of the map's grade, then what pad, table and derived speed show, then what the map states.
+    """Tolerances: of the map's grade, then what pad, mounting, table and speed show, then what the map states.
 
     `inertia` is relative, of `vehicle_of`; `speed_sigma` (n,) m/s of a derived speed, None for a measured one.
     """
     grade = of_grade(str(mapping.instruments.get("grade", DEFAULT_GRADE)))
-    shown: dict[str, Any] = dict(from_pad)
+    shown: dict[str, Any] = dict(estimated)
+    for key in {"gyro_misalignment", "accel_misalignment"} & set(shown):
+        shown[key] = float(np.hypot(shown[key], getattr(grade, key)[0]))
     if inertia > STEADY_PROPERTY:
         shown |= {"inertia": float(np.hypot(inertia, grade.inertia[0]))}
     # Relative, of a dynamic pressure that is made of speed and a standard atmosphere.
@@ -352,24 +393,43 @@ def _record(
     time, channels, clock_notes = _on_one_clock(raw, mapping)
     notes = [*notes, *clock_notes]
     tolerances: dict[str, Any] = {}
-    sigma = None
+    sigma, rest = None, None
+    tilt = _nose(time, channels)
+    if mapping.rotation is not None:
+        _turn(mapping.rotation, tilt, channels, tolerances, notes)
+        tilt = _nose(time, channels)
+    contradicted = (*mounting_fault(time, tilt), *contradictions(time, channels))
+    if tilt is not None and not mounting_fault(time, tilt):
+        contradicted += gyro_fault(time, *_triads(channels))
+    notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
-        channels, tolerances, pad_notes = take_out_biases(time, channels, mapping.pad)
+        missing = [name for name in INERTIAL_CHANNELS if name not in channels]
+        if missing:
+            raise UsageError(f"pad: biases need all gyros and accelerometers, and the map has no {missing[0]}. Map it.")
+        sigma_known = tolerances.get("accel_misalignment", PAD_MOUNTED)
+        channels, rest, biases, pad_notes = take_out_biases(time, channels, mapping.pad, sigma_known)
+        tolerances |= biases
         notes += pad_notes
     if mapping.derive is not None:
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        speed, altitude, sigma, note = ascent(time, channels["ax"], channels["altitude"])
+        speed, channels["altitude"], sigma, climb_notes = ascent(time, channels["ax"], channels["altitude"], rest)
         # unknown where it is as good as rest
         channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
-        channels["altitude"] = altitude
-        notes.append(note)
+        notes += climb_notes
     forces = [channels[name] for name in ACCELEROMETERS if name in channels]
     phases = find_phases(time, *forces) if len(forces) == len(ACCELEROMETERS) else ()
     window = _window(mapping, phases, time)
     inside = (time >= window[0]) & (time <= window[1])
     kept = {name: values[inside] for name, values in channels.items()}
+    rate = None if mapping.rate == "auto" else mapping.rate
+    flown = np.flatnonzero(inside & np.isfinite(channels.get("velocity", time)))
+    if mapping.rate == "auto" and flown.size and {"q", "r"} <= set(channels):
+        motion = {name: channels[name][flown[0] : flown[-1] + 1] for name in ("q", "r")}
+        rate = needed_rate(time[flown[0] : flown[-1] + 1], motion)
+    reach = 0.0 if rate is None else filter_reach(rate)  # the filter runs in from beyond the window
+    around = (time >= window[0] - reach) & (time <= window[1] + reach)
     vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window, zero)
     notes += vehicle_notes
     if mapping.window is not None:
@@ -378,8 +438,8 @@ def _record(
     record = validated(
         Record,
         {
-            "time": time[inside],
-            "channels": kept,
+            "time": time[around],
+            "channels": {name: values[around] for name, values in channels.items()},
             "vehicle": vehicle,
             "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
             "planet": mapping.planet.strip().lower(),
@@ -390,8 +450,44 @@ def _record(
             "notes": notes,
         },
     )
-    rate = needed_rate(record.time, record.channels) if mapping.rate == "auto" else mapping.rate
-    return (*decimated(record, rate), phases) if rate is not None else (record, (), phases)
+    faults: tuple[RecordFault, ...] = ()
+    if rate is not None:
+        record, faults = decimated(record, rate)
+        within = (record.time >= window[0]) & (record.time <= window[1])
+        cut = {name: values[within] for name, values in record.channels.items()}
+        record = record.model_copy(update={"time": record.time[within], "channels": cut})
+        faults = tuple(fault for fault in faults if fault.start_s <= window[1] and fault.stop_s >= window[0])
+    return record, (*contradicted, *faults), phases
+
+
+def _nose(time: FloatArray, channels: Channels) -> Tilt | None:
+    return nose_axis(time, *_triads(channels)) if set(INERTIAL_CHANNELS) <= set(channels) else None
+
+
+def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
+    rates, forces = (np.stack([channels[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
+    return rates, forces
+
+
+def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
+    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
+
+    Raises UsageError where nothing shows the nose.
+    """
+    missing = [name for name in INERTIAL_CHANNELS if name not in channels]
+    if missing or (rotation == "auto" and tilt is None):
+        lacks = f"the map has no channel {missing[0]}" if missing else "the record holds no thrust, which lies along x"
+        raise UsageError(f"rotation: {lacks}. Give a rotation by hand (turns or three rows) over all six channels.")
+    matrix = np.array(rotation) if rotation != "auto" or tilt is None else tilt.matrix
+    for names, triad in zip((GYROS, ACCELEROMETERS), _triads(channels), strict=True):
+        channels |= dict(zip(names, matrix @ triad, strict=True))
+    if rotation == "auto" and tilt is not None:
+        tolerances |= dict.fromkeys(("gyro_misalignment", "accel_misalignment"), tilt.sigma)
+        rows = "; ".join(", ".join(f"{value:.4f}" for value in row) for row in matrix)
+        notes.append(
+            f"rotation found from {tilt.by}: the nose lay "
+            f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
+        )
 
 
 def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
@@ -405,6 +501,7 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
     for name in channels:
         channels[name] = _rate(time, channels[name]) if mapping.channels[name].increments else channels[name]
     notes: list[str] = []
+    steps = [held_or_rounded(name, time, values) for name, values in channels.items() if values.shape == time.shape]
     for name, recorder in mapping.recorders.items():
         columns = raw[name].columns
         clock = _channel(columns[recorder.time.column], recorder.time, "time", f"recorders/{name}/time")
@@ -428,11 +525,12 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
                 values = _channel(columns[entry.column], entry, _dimension(channel, entry), channel)
                 values = _rate(clock, values) if entry.increments else values
                 known = np.isfinite(values) & np.isfinite(clock)
+                steps.append(held_or_rounded(channel, clock[known], values[known]))
                 channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
     check_time(time)
     for name, values in channels.items():
         check_shape(name, values, time.shape)
-    return time, channels, notes
+    return time, channels, [*notes, *filter(None, steps)]
 
 
 def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: str) -> FloatArray:

@@ -4,10 +4,10 @@ Two clocks (`clock_offset`): the offset at which the correlation of what both re
 Biases from the pad (`take_out_biases`): a gyro at rest reads its bias (the turning of the Earth, 0.004 deg/s, is
 below most). An accelerometer at rest reads gravity: along the nose, up to the rail's unknown lean, that gives the
 bias; across it, lean and bias are confounded, and what is read there becomes the tolerance of the bias.
-Speed of a steep climb (`ascent`): the nose is taken as up and along the path, dh/dt = v, dv/dt = ax - g + d, where
-d (lean of the path, bias of the accelerometer) is a slow random walk. Altitude and accelerometer are joined by a
-Kalman filter and the smoother of Rauch, Tung and Striebel (AIAA J. 3, 1965); altitudes that leave the climb, as a
-barometer's do near Mach 1, have less weight (Student's t).
+Speed of a climb (`ascent`): dh/dt = V cos(lean), dV/dt = ax - g cos(lean), the nose along the path on average. The
+lean is that of the nose by the gyros from the pad on, less a slow random walk; it, scale and bias of the accelerometer
+follow from the altitudes, which force and lean together must explain. Altitudes off the climb have less weight
+(Student's t), those near Mach 1 none: a shock stands on the port.
 Lower rate (`decimated`): a linear-phase low-pass, then the rate that the motion needs; nothing is aliased.
 """
 
@@ -15,39 +15,67 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import find_spikes, mask_faults, spike_note, without_spikes
-from brv_hypo.flight.clock import MAD_TO_SIGMA, regularise, transverse_frequency
-from brv_hypo.flight.inspection import AT_REST, GRAVITY
-from brv_hypo.flight.record import GYROS, Channels, Record, RecordFault
+from brv_hypo.flight.clock import MAD_TO_SIGMA, joined, regularise
+from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmosphere
+from brv_hypo.flight.mounting import GRAVITY
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Channels, Record, RecordFault
 
 CLOCK_STEPS_PER_SAMPLE = 2.0  # of the slower recorder: the grid of offsets that are tried
 CLOCK_LEAST_OVERLAP = 0.3  # of the shorter record
 CLOCK_LEAST_CORRELATION = 0.8  # of what both recorders sensed, below which no offset is believed
 PAD_FEWEST_SAMPLES = 20  # from which biases are taken
-PAD_LEANING = math.radians(5.0)  # rad, 1-sigma of the rail's lean: launch rails stand within some 5 deg of the vertical
+PAD_LEANING = math.radians(2.0)  # rad, by which a lean that no accelerometer's bias explains may be one all the same
+PAD_MOUNTED = math.radians(1.0)  # rad, 1-sigma between the unit's x axis and the nose
+PAD_OFF_GRAVITY = 0.05  # of gravity that a reading at rest may be off: bias and scale of any accelerometer
+PAD_UPRIGHT = 0.7  # cosine of the lean, up to 45 deg, that a rail has
 PAD_MOVING = math.radians(2.0)  # rad/s of standard deviation: beyond any wind on a rail
-ASCENT_RATE = 20.0  # Hz at which the filter runs: the speed has no faster content that a barometer could tell
-ASCENT_WANDERING = 0.3  # m/s^2 per root second: the lean of a path bends as it turns over
-ASCENT_HEIGHT_AT_FIRST = 100.0  # m, 1-sigma
-ASCENT_SPEED_AT_FIRST = 1e3  # m/s, 1-sigma: unknown
-ASCENT_OFF_AT_FIRST = 0.3  # m/s^2, 1-sigma, of what the acceleration is off
-ASCENT_LEAN = math.radians(10.0)  # rad, 1-sigma of the path's lean: the speed is that much larger than its climb
+ASCENT_RATE = 20.0  # Hz at which the climb is computed: the speed has no faster content that a barometer could tell
+ASCENT_LEAN, ASCENT_LEAN_SIGMA = math.radians(12.0), math.radians(8.0)  # rad: of a path of which no pad tells
+ASCENT_KNOTS = 2.0  # s between the knots of the lean
+ASCENT_DRIFT = math.radians(0.7)  # rad per root second by which nose and path part, and gyros err
+ASCENT_TURNING = math.radians(5.0)  # rad per root second by which a path bends where no pad starts the gyros
+ASCENT_SWING = 1.0  # s over which the nose swings about the path
+ASCENT_HEIGHT = 100.0  # m, 1-sigma at first
+ASCENT_AT_REST = 0.3  # m/s, 1-sigma of the speed at the end of the pad
+ASCENT_UNKNOWN_SPEED = 0.3  # of the climb, 1-sigma of the speed with which a record without pad begins
+ASCENT_BIAS, ASCENT_SCALE = 0.1, 0.005  # m/s^2 and 1, 1-sigma of the axial accelerometer once its rest is known
+ASCENT_BIAS_WALK = 0.1  # m/s^2 per root second by which it drifts, and by which side forces take speed
+ASCENT_SLANT = 0.18  # of the highest speed, 1-sigma of that along the ground where no pad tells the lean
+ASCENT_WIND = 5.5  # m/s, 1-sigma of the wind along the ground
+ASCENT_WIND_ALONG = 0.3  # of it, at most, lies along the path for long: a lean of 17 deg
 ASCENT_LEAST_SIGMA = 1.0  # m: no barometer is better
-ASCENT_REPEATS = 6  # rounds of weights
+ASCENT_HELD = 0.5  # share of altitudes that change, below which the others are taken for held
+ASCENT_TRANSONIC = (0.85, 1.25)  # Mach numbers at which a shock stands on the barometer's port
+ASCENT_MOST_TRANSONIC = 0.7  # of the climb, beyond which such altitudes are all there is
+ASCENT_STEEP = 0.5  # cosine of the lean: a slow path that leans by more is near its top, where speed is all wind
+ASCENT_TOP = 1.0  # s over which altitudes are averaged to find the highest
+ASCENT_END = 0.25  # s before the last altitude, which no later one corrects
+ASCENT_REPEATS = 8  # rounds of weights and linearisation
 ASCENT_DEGREES_OF_FREEDOM = 4.0  # of Student's t, by which altitudes off the climb count less
+ASCENT_GYROS_OFF = 3.0  # times the altitudes are missed by more with the lean of the gyros, which are then in doubt
 ASCENT_FEWEST = 20  # samples with force and altitude
 # Samples that a cycle of the transverse oscillation keeps: a moment is differentiated from its rates, and delays are
 # shorter than a cycle.
 DECIMATED_PER_CYCLE = 30.0
+DECIMATED_FEWEST = 500.0  # samples that a window keeps, if it has them
+DECIMATED_TREND = 3  # degree of the polynomial through a rate that is no motion
+DECIMATED_TIMES_NOISE = 20.0  # medians of the spectrum, below which a peak is noise
+DECIMATED_WORTH = 1.3  # times the rate asked for, below which a filter costs more than it saves
 DECIMATED_LEAST_GAIN = 2.0  # times the samples that the motion needs, below which a record is left as it is
 DECIMATED_PASS_END = 0.3  # of the new rate
 DECIMATED_STOP_BEGIN = 0.5  # of the new rate: nothing is aliased
 DECIMATED_STOP_DECIBEL = 60.0  # by which the filter stops
+DECIMATED_REACH = 12.0  # samples of the new rate: half the length of such a filter, and more
 DECIMATED_KNOWN = 0.6  # share of the filter's weight that must lie on samples that are there
 VIBRATION = 20.0  # Hz: no rigid vehicle oscillates faster
 
@@ -109,135 +137,217 @@ def _peak(score: FloatArray, best: int) -> float:
 # ---- Biases from the pad: what gyros and accelerometers read of a rocket at rest, nose up ----
 
 
-def take_out_biases(
-    time: FloatArray, channels: Mapping[str, FloatArray], rest: tuple[float, float]
-) -> tuple[Channels, dict[str, tuple[float, float, float]], list[str]]:
-    """`channels` (n,), SI, less the biases that the samples of `time` (n,) s within `rest` show.
+@dataclass(frozen=True)
+class Rest:
+    """What the pad shows: until when the vehicle is at rest (s), the rail's lean and its 1-sigma error, rad."""
 
-    Also 1-sigma tolerances that follow, SI, and notes. Raises UsageError where the vehicle is not at rest, nose up,
-    between those times.
+    stop_s: float
+    lean: float
+    lean_sigma: float
+    leans: FloatArray | None
+    """Lean of the nose (n,) rad at the record's samples, from the gyros after the pad, if they are to be trusted."""
+
+
+def lean_by_gyros(time: FloatArray, rates: FloatArray, up: FloatArray) -> FloatArray:
+    """Lean of the nose (n,) rad from `rates` (3, n) rad/s without biases, `up` (3,) being up in body axes at first."""
+    known = np.stack([joined(each) for each in rates])
+    means = 0.5 * (known[:, 1:] + known[:, :-1]) * np.diff(time)
+    turns = Rotation.from_rotvec(-means.T).as_matrix()
+    nose = np.empty(time.size)
+    nose[0] = up[0]
+    for k, turn in enumerate(turns):
+        up = turn @ up
+        nose[k + 1] = up[0]
+    return np.asarray(np.arccos(np.clip(nose, -1.0, 1.0)))
+
+
+def take_out_biases(
+    time: FloatArray, channels: Mapping[str, FloatArray], pad: tuple[float, float], mounting_sigma: float = PAD_MOUNTED
+) -> tuple[Channels, Rest, dict[str, tuple[float, float, float]], list[str]]:
+    """`channels` (n,), SI, less the biases that the samples of `time` (n,) s within `pad` show, and the rest there.
+
+    Also 1-sigma tolerances that follow, SI, and notes. `mounting_sigma` rad is the error of the nose. Raises UsageError
+    where the vehicle is not at rest, nose up, between those times.
     """
-    inside = (time >= rest[0]) & (time <= rest[1])
+    inside = (time >= pad[0]) & (time <= pad[1])
     held = {name: values[inside] for name, values in channels.items()}
     count = int(np.count_nonzero(inside))
     if count < PAD_FEWEST_SAMPLES:
         raise UsageError(
-            f"the map's pad, {rest[0]:g} to {rest[1]:g} s, holds {count} samples, expected at least "
+            f"the map's pad, {pad[0]:g} to {pad[1]:g} s, holds {count} samples, expected at least "
             f"{PAD_FEWEST_SAMPLES}: the record runs from {time[0]:.3f} to {time[-1]:.3f} s."
         )
-    axial = float(np.nanmean(held["ax"]))
-    swings = max(float(np.nanstd(held[name])) for name in GYROS)
-    if abs(axial - GRAVITY) > AT_REST or swings > PAD_MOVING:
+    reads = np.array([float(np.nanmean(held[name])) for name in ACCELEROMETERS])
+    norm, swings = float(np.linalg.norm(reads)), max(float(np.nanstd(held[name])) for name in GYROS)
+    if abs(norm - GRAVITY) > PAD_OFF_GRAVITY * GRAVITY or reads[0] < PAD_UPRIGHT * norm or swings > PAD_MOVING:
         raise UsageError(
-            f"the map's pad, {rest[0]:g} to {rest[1]:g} s: ax reads {axial:.3g} m/s^2 and the gyros swing by "
-            f"{np.degrees(swings):.2g} deg/s, expected gravity along the nose and rest. Likely cause: times after "
-            "ignition, another sign of ax, or wrong units. Remedy: correct the times or the map."
+            f"the map's pad, {pad[0]:g} to {pad[1]:g} s: ax reads {reads[0]:.3g} of {norm:.3g} m/s^2 and the gyros "
+            f"swing by {np.degrees(swings):.2g} deg/s, expected gravity along the nose and rest. Likely cause: times "
+            "after ignition, another axis or sign of ax, or wrong units. Remedy: correct the times or the map."
         )
     biases = {name: float(np.nanmean(held[name])) for name in GYROS}
-    biases["ax"] = axial - GRAVITY * float(np.exp(-0.5 * PAD_LEANING**2))
+    biases["ax"] = (norm - GRAVITY) * float(reads[0] / norm)
     changed = {name: values - biases.get(name, 0.0) for name, values in channels.items()}
     biases_text = ", ".join(f"{name} {np.degrees(biases[name]):.3g} deg/s" for name in GYROS)
-    across = [abs(float(np.nanmean(held[name]))) for name in ("ay", "az")]
-    lean = 0.5 * GRAVITY * PAD_LEANING**2
+    lean, across = float(np.arccos(reads[0] / norm)), np.abs(reads[1:])
+    rates = np.where(time < pad[1], 0.0, np.stack([changed[name] for name in GYROS]))
+    rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm))
     notes = [
         f"biases from the pad taken out: {biases_text}, ax {biases['ax']:.3g} m/s^2",
-        f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or lean of the rail: kept, and "
-        "within the tolerance of their bias",
+        f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or a lean of "
+        f"{np.degrees(lean):.1f} deg: kept; the tolerance of their bias is as large, or what a usual lean makes",
     ]
-    return changed, {"accel_bias": (lean, across[0], across[1])}, notes
+    usual = GRAVITY * PAD_LEANING
+    y, z = np.minimum(across, usual).tolist()
+    along = math.hypot(math.sin(lean) * math.hypot(y, z), 0.5 * GRAVITY * mounting_sigma**2)
+    return changed, rest, {"accel_bias": (along, y, z)}, notes
 
 
-# ---- Speed and altitude of a steep climb ----
+# ---- Speed and altitude of a climb ----
 
 
-def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, str]:
-    """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and a note.
+Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
-    From `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s. Raises UsageError where
-    too little of either is known.
+
+def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None = None) -> Climb:
+    """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and notes; NaN off the climb.
+
+    From `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s, from `rest` on. Without
+    a rest, speed and lean at the beginning are open. Raises UsageError where too little of either is known.
     """
-    from scipy.integrate import cumulative_trapezoid
+    climb, off = _climb(time, ax, altitude, rest)
+    if rest is None or rest.leans is None:
+        return climb
+    free, missed = _climb(time, ax, altitude, replace(rest, leans=None))
+    if off < ASCENT_GYROS_OFF * missed:
+        return climb
+    free[3].append(
+        f"the lean by the gyros misses the altitudes by {off:.0f} m, where a path of any lean misses them by "
+        f"{missed:.0f} m: axes, signs or units of the gyros are in doubt, and the lean is not theirs"
+    )
+    return free
 
-    both = np.isfinite(ax) & np.isfinite(altitude)
+
+def _climb(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None) -> tuple[Climb, float]:
+    """As of `ascent`, by one source of the lean, and by how much the altitudes are missed, m."""
+    usable = np.isfinite(altitude)
+    if np.any(usable):
+        width = max(1, round(ASCENT_TOP / float(np.median(np.diff(time)))))
+        usable &= time <= time[np.argmax(uniform_filter1d(joined(altitude), width))]
+    fresh = usable & (np.diff(altitude, prepend=np.nan) != 0.0)
+    if np.count_nonzero(fresh) < ASCENT_HELD * np.count_nonzero(usable):
+        usable = fresh  # a value that is held is one of its first sample
+    both = np.isfinite(ax) & usable
     if np.count_nonzero(both) < ASCENT_FEWEST:
         raise UsageError(
             f"derive/velocity: ax and altitude are both known at {np.count_nonzero(both)} samples, expected at least "
             f"{ASCENT_FEWEST}. Likely cause: the recorders' clocks do not overlap. Remedy: correct offset or align of "
             "the second recorder's time."
         )
-    first, last = time[both][0], time[both][-1]
-    grid = np.arange(first, last, 1.0 / ASCENT_RATE)
     known = np.isfinite(ax)
+    first = time[both][0] if rest is None else max(rest.stop_s, time[known][0])
+    grid = np.arange(first, time[both][-1], 1.0 / ASCENT_RATE)
     # Mean acceleration over the interval of the grid that ends at each of its points.
     gained = np.interp(grid, time[known], cumulative_trapezoid(ax[known], time[known], initial=0))
-    pushed = np.diff(gained, prepend=0.0) * ASCENT_RATE - GRAVITY
+    pushed = np.diff(gained, prepend=gained[0]) * ASCENT_RATE
     heights = np.interp(grid, time[both], altitude[both])
-    weights = np.ones(grid.size)
-    spread = ASCENT_LEAST_SIGMA
-    for _ in range(ASCENT_REPEATS):
-        state, variance = _smoothed(pushed, heights, spread**2 / weights)
-        residual = heights - state[:, 0]
-        spread = max(ASCENT_LEAST_SIGMA, MAD_TO_SIGMA * float(np.median(np.abs(residual))))
-        weights = (ASCENT_DEGREES_OF_FREEDOM + 1.0) / (ASCENT_DEGREES_OF_FREEDOM + (residual / spread) ** 2)
-    leaning = 0.5 * ASCENT_LEAN**2 * np.abs(state[:, 1])
-    sigma = np.sqrt(variance[:, 1] + leaning**2)
-    inside = (time >= first) & (time <= grid[-1])
+    reached = np.searchsorted(time[both], grid)
+    measured = (grid >= time[both][0]) & (np.diff(reached, prepend=reached[0] - 1) > 0)
+    lean_first, lean_sigma = (ASCENT_LEAN, ASCENT_LEAN_SIGMA) if rest is None else (rest.lean, rest.lean_sigma)
+    nose, drift = np.full(grid.size, lean_first), ASCENT_TURNING
+    by_gyros = None if rest is None else rest.leans
+    if by_gyros is not None:
+        width = round(ASCENT_SWING * ASCENT_RATE)
+        nose, drift = uniform_filter1d(np.interp(grid, time, by_gyros), width, mode="nearest"), ASCENT_DRIFT
+    climb = 0.0 if rest else float(np.polyfit(grid[:ASCENT_FEWEST], heights[:ASCENT_FEWEST], 1)[0])
+    speed_sigma = ASCENT_AT_REST if rest else max(ASCENT_UNKNOWN_SPEED * abs(climb), ASCENT_AT_REST)
+    knots = np.arange(grid[0], grid[-1] + ASCENT_KNOTS, ASCENT_KNOTS)
+    walk = np.array([[drift], [ASCENT_BIAS_WALK]]) * np.full((2, knots.size), np.sqrt(ASCENT_KNOTS))
+    walk[:, 0] = lean_sigma, ASCENT_BIAS
+    sigmas = np.array([ASCENT_HEIGHT, speed_sigma, ASCENT_SCALE, *walk.ravel()])
 
-    def at(values: FloatArray) -> FloatArray:
-        return np.where(inside, np.interp(time, grid, values), np.nan)
+    def flown(unknown: FloatArray) -> FloatArray:
+        """Speed, height and lean (3, n) by height, speed, scale, and a lean and a bias that wander, in sigmas."""
+        height, speed, scale, *walks = sigmas * unknown
+        off = [np.interp(grid, knots, np.cumsum(part)) for part in np.reshape(walks, (2, -1))]
+        lean = nose + off[0]
+        push = pushed * (1.0 + scale) + off[1] - GRAVITY * np.cos(lean)
+        speeds = climb + speed + np.cumsum(push) / ASCENT_RATE
+        climbed = cumulative_trapezoid(speeds * np.cos(lean), grid, initial=0)
+        return np.stack([speeds, heights[0] + height + climbed, lean])
 
-    note = (
-        f"velocity derived from ax and altitude on a steep climb: known to {np.median(sigma):.2g} m/s (a lean of the "
-        f"path of {np.degrees(ASCENT_LEAN):.0f} deg included), altitudes to {spread:.2g} m"
-    )
-    return at(state[:, 1]), at(state[:, 0]), at(sigma), note
-
-
-def _smoothed(pushed: FloatArray, heights: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """States (n, 3) of height, speed and what the acceleration is off, and their variances (n, 3)."""
-    step = 1.0 / ASCENT_RATE
-    moves = np.array([[1.0, step, 0.5 * step**2], [0.0, 1.0, step], [0.0, 0.0, 1.0]])
-    enters = np.array([0.5 * step**2, step, 0.0])
-    wanders = np.diag([0.0, 0.0, ASCENT_WANDERING**2 * step])
-    count = heights.size
-    before, spread_before = np.empty((count, 3)), np.empty((count, 3, 3))
-    after, spread_after = np.empty((count, 3)), np.empty((count, 3, 3))
-    state = np.array([heights[0], 0.0, 0.0])
-    spread = np.diag([ASCENT_HEIGHT_AT_FIRST**2, ASCENT_SPEED_AT_FIRST**2, ASCENT_OFF_AT_FIRST**2])
-    for k in range(count):
-        if k:
-            state = moves @ state + enters * pushed[k]
-            spread = moves @ spread @ moves.T + wanders
-        before[k], spread_before[k] = state, spread
-        gain = spread[:, 0] / (spread[0, 0] + variances[k])
-        state = state + gain * (heights[k] - state[0])
-        spread = spread - np.outer(gain, spread[0])
-        after[k], spread_after[k] = state, spread
-    for k in range(count - 2, -1, -1):
-        back = np.linalg.solve(spread_before[k + 1], moves @ spread_after[k]).T
-        after[k] += back @ (after[k + 1] - before[k + 1])
-        spread_after[k] += back @ (spread_after[k + 1] - spread_before[k + 1]) @ back.T
-    return after, np.einsum("nii->ni", spread_after)
+    unknown, weights = np.zeros(sigmas.size), np.where(measured, ASCENT_LEAST_SIGMA**-2.0, 0.0)
+    for _ in range(ASCENT_REPEATS):  # Gauss-Newton
+        change = np.array([flown(unknown + step) - flown(unknown) for step in 1e-3 * np.eye(unknown.size)]) / 1e-3
+        by_height = change[:, 1] * weights
+        inverse = np.linalg.inv(by_height @ change[:, 1].T + np.eye(unknown.size))
+        unknown = unknown + inverse @ (by_height @ (heights - flown(unknown)[1]) - unknown)
+        speed, height, lean = flown(unknown)
+        residual = heights - height
+        mach = speed / atmosphere(np.clip(height, LOWEST_ALTITUDE, HIGHEST_ALTITUDE), "speed_of_sound")
+        transonic = measured & (mach > ASCENT_TRANSONIC[0]) & (mach < ASCENT_TRANSONIC[1])
+        counted = measured & ~transonic if np.sum(transonic) < ASCENT_MOST_TRANSONIC * np.sum(measured) else measured
+        spread = max(ASCENT_LEAST_SIGMA, MAD_TO_SIGMA * float(np.median(np.abs(residual[counted]))))
+        steps = np.diff(residual[counted])  # white noise steps by twice its variance
+        correlation = float(np.clip(1.0 - 0.5 * np.var(steps) / max(np.var(residual[counted]), 1e-12), 0.0, 0.95))
+        # Student's t; and what follows the sample before it says less.
+        far = (ASCENT_DEGREES_OF_FREEDOM + (residual / spread) ** 2) / (ASCENT_DEGREES_OF_FREEDOM + 1.0)
+        weights = np.where(counted, (1.0 - correlation) / (1.0 + correlation) / far / spread**2, 0.0)
+    deviations = np.sqrt(np.einsum("ikn,ij,jkn->kn", change, inverse, change))
+    # The nose points along the flow, the climb is over the ground: wind along the path is between them. Where no gyros
+    # follow the lean from a pad, a steep path cannot be told from a vertical one.
+    slant = 0.0 if by_gyros is not None else (ASCENT_SLANT * speed.max()) ** 2 / (2.0 * np.maximum(speed, 1.0))
+    wind = ASCENT_WIND * np.minimum(np.hypot(np.sin(lean), deviations[2]), ASCENT_WIND_ALONG)
+    sigma = np.sqrt(deviations[0] ** 2 + slant**2 + wind**2)
+    leaving = np.flatnonzero((np.cos(lean) < ASCENT_STEEP) & (speed < 0.5 * speed.max()))
+    stop = min(grid[-1] - ASCENT_END, grid[leaving[0]] if leaving.size else np.inf)
+    inside = (time >= first) & (time <= stop)
+    fast = (speed > 0.3 * speed.max()) & (grid <= stop)
+    notes = [
+        f"velocity derived from ax and altitude on a path that leans by {np.degrees(lean[fast][0]):.0f} to "
+        f"{np.degrees(lean[fast][-1]):.0f} deg: known to {np.median(sigma[fast]):.2g} m/s, at worst to "
+        f"{np.max(sigma[fast]):.2g} m/s, altitudes to {spread:.2g} m; left out from {stop:.2f} s on"
+    ]
+    if np.any(transonic):
+        when, off = grid[transonic], residual[transonic]
+        notes.append(
+            f"near Mach 1, {when[0]:.2f} to {when[-1]:.2f} s, the barometer reads up to "
+            f"{off[np.argmax(np.abs(off))]:+.0f} m off the climb, and "
+            f"{'counts' if counted is measured else 'is left out'}"
+        )
+    found = [np.where(inside, np.interp(time, grid, values), np.nan) for values in (speed, height, sigma)]
+    return (found[0], found[1], found[2], notes), spread
 
 
 # ---- Fewer samples, none of them aliased: a record at the rate that the motion needs ----
 
 
 def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float | None:
-    """Samples per second, Hz, that the motion in q and r needs; None where the record has little more."""
+    """Samples per second, Hz, that the motion in q and r needs; None where the record has little more.
+
+    The motion is the strongest per octave, between rates and the moments that change them: a slow trend is none.
+    """
     grid, uniform, _ = regularise(time, {name: channels[name] for name in ("q", "r")})
     before = (grid.size - 1) / float(grid[-1] - grid[0])
-    thinned, every = list(uniform.values()), 1
-    # Vibration is faster than any oscillation, and may be stronger.
-    if before > DECIMATED_LEAST_GAIN * VIBRATION / DECIMATED_PASS_END:
-        every = int(before * DECIMATED_PASS_END / VIBRATION)
-        thinned = [_filtered(values, low_pass(before, before / every))[::every] for values in thinned]
-    rate = DECIMATED_PER_CYCLE * transverse_frequency(thinned[0], thinned[1], every / before)
+    motion = sum(np.array([1.0, 1j])[k] * joined(values) for k, values in enumerate(uniform.values()))
+    place = np.linspace(-1.0, 1.0, grid.size)
+    trend = sum(
+        np.array([1.0, 1j])[k] * np.polyval(np.polyfit(place, part, DECIMATED_TREND), place)
+        for k, part in enumerate((motion.real, motion.imag))
+    )
+    power = np.abs(np.fft.fft((motion - trend) * np.hanning(grid.size))) ** 2
+    frequency = np.abs(np.fft.fftfreq(grid.size, 1.0 / before))
+    # Vibration is faster than any oscillation, and may be stronger; noise is level.
+    kept = (frequency < VIBRATION) & (power > DECIMATED_TIMES_NOISE * np.median(power))
+    if not np.any(kept & (power > 0.0)):
+        return None
+    motion_frequency = float(frequency[np.argmax(np.where(kept, power * frequency, 0.0))])
+    rate = max(DECIMATED_PER_CYCLE * motion_frequency, DECIMATED_FEWEST / float(grid[-1] - grid[0]))
     return float(np.ceil(rate)) if 0.0 < DECIMATED_LEAST_GAIN * rate <= before else None
 
 
 def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, ...]]:
-    """The record at `rate` Hz, itself where it has no more samples than that; the faults that were masked before.
+    """The record at `rate` Hz, itself where it has hardly more samples than that; the faults that were masked before.
 
     Faults are masked and spikes replaced before the filter, which would spread them.
     """
@@ -250,7 +360,7 @@ def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, .
         notes += [spike_note(name, spikes, stamps)] if np.any(spikes) else []
     time, uniform, resampled = regularise(stamps, clean)
     before = (time.size - 1) / float(time[-1] - time[0])
-    if rate >= before:
+    if rate * DECIMATED_WORTH > before:
         return record, ()
     taps = low_pass(before, rate)
     grid = np.arange(time[0], time[-1], 1.0 / rate)
@@ -263,6 +373,11 @@ def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, .
     ]
     update = {"time": grid, "channels": channels, "notes": (*record.notes, *notes)}
     return record.model_copy(update=update), faults
+
+
+def filter_reach(rate: float) -> float:
+    """Seconds before and after a sample that the low-pass to `rate` Hz takes in, or a little more."""
+    return DECIMATED_REACH / rate
 
 
 def low_pass(before: float, after: float) -> FloatArray:

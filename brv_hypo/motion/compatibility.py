@@ -14,7 +14,8 @@ known. With xi = (v + i w) / V, omega = q + i r, f = f_y + i f_z, phi the integr
 Wrong signs and axes break the phase of these relations, whatever the slopes; wrong units break their size, and those
 of ax the deceleration. Every relation is linear in its unknowns and integrated, so that nothing is differentiated.
 `try_record` is the entrance: the record contradicts itself where it breaks a relation by more than its own noise and
-the tolerances of any instrument explain, and undoing one mistake of sign, axis or unit restores it.
+the tolerances of any instrument explain, and undoing one mistake of sign, axis or unit restores it; or where it breaks
+the physics of any vehicle (brv_hypo/flight/plausibility.py).
 """
 
 from __future__ import annotations
@@ -25,20 +26,20 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 from threadpoolctl import threadpool_limits
 
 from brv_hypo import thresholds as limits
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
+from brv_hypo.flight.mounting import coasting_axis, fitted_slopes, integral, nose_axis, path_into_force
+from brv_hypo.flight.plausibility import axial_coefficient, contradictions, mounting_fault
 from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import gravity_magnitude
 from brv_hypo.motion.signals import differentiate, white_noise_level
 
 COMPATIBILITY_FEWEST_SAMPLES = 64  # of a segment that is judged
-COMPATIBILITY_MOST_SAMPLES = 300  # that it is thinned to; bounds the time
 COMPATIBILITY_ALTITUDE_DEGREE = 3  # of the polynomial through the altitude: it is noisy, and its rate changes slowly
 COMPATIBILITY_WIND_MEMORY = 0.5  # of a segment, over which wind is correlated
 COMPATIBILITY_GRAVITY = 10.0  # m/s^2, of a planet that is not known
@@ -354,43 +355,35 @@ class _Tally:
 def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, force_sigma: FloatArray) -> _Tally:
     vehicle = record.flight.vehicle
     time = piece.time
-    roll = _integral(time, piece.rates[0])
+    roll = integral(time, piece.rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
     omega = piece.rates[1] + 1j * piece.rates[2]
     axial, force = _force(piece, vehicle.accelerometer_position)
-    path = _integral(time, (1j * piece.velocity * omega + force) * turn)
-    path_of_gyros = _integral(time, 1j * piece.velocity * omega * turn)
-    xi = path * np.conj(turn) / piece.velocity
+    path_of_gyros = integral(time, 1j * piece.velocity * omega * turn)
     pressure = piece.dynamic_pressure
     scale = pressure * vehicle.reference_area / vehicle.mass
     tau = 2.0 * time / time[-1] - 1.0
     powers = np.stack([np.ones_like(tau), tau, tau**2])
     noise, rate_noise = (2.0 * float(np.mean(sigma[1:] ** 2)) for sigma in (force_sigma, rate_sigma))
 
-    # Relation 1, in body axes; the path starts anywhere, and gravity and wind bend it slowly.
-    start = [scale / piece.velocity * np.conj(turn) * power for power in powers]
-    fixed = [powers[0].astype(complex), axial.astype(complex), scale.astype(complex), tau.astype(complex)]
-    first, slope = _fit(noise, force, [-scale * xi * power for power in powers], [*start, *fixed])
+    first, slope = path_into_force(
+        time, piece.rates, np.stack([axial, force.real, force.imag]), piece.velocity, scale, noise
+    )
     # Relation 2, integrated; a moment fixed in the body may come and go.
-    body = [_integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
-    damped = _integral(time, pressure / piece.velocity * omega * spin)
+    body = [integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
+    damped = integral(time, pressure / piece.velocity * omega * spin)
     ones = np.ones_like(spin)
-    ratio = [_integral(time, 1j * force * spin * power) for power in powers]
-    second, _ = _fit(rate_noise, omega * spin, ratio, [ones, *body, damped, _integral(time, axial * spin)])
+    ratio = [integral(time, 1j * force * spin * power) for power in powers]
+    second, _ = fitted_slopes(rate_noise, omega * spin, ratio, [ones, *body, damped, integral(time, axial * spin)])
 
     # Relation 3, integrated.
     away = spin * np.conj(turn)
-    drift = [_integral(time, pressure / piece.velocity * away * power) for power in powers]
+    drift = [integral(time, pressure / piece.velocity * away * power) for power in powers]
     gyro_crossflow = path_of_gyros / piece.velocity * away
-    static = [_integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
-    third, _ = _fit(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
+    static = [integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
+    third, _ = fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
     steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
     return _Tally(np.array([first, second, third]), slope, steady)
-
-
-def _integral(time: FloatArray, values: Values) -> Values:
-    """Integral of `values` (n,) from the first sample on, by trapezoids."""
-    return np.asarray(cumulative_trapezoid(values, time, initial=0))
 
 
 def _force(piece: Readings, position: tuple[float, float, float]) -> tuple[FloatArray, ComplexArray]:
@@ -401,32 +394,6 @@ def _force(piece: Readings, position: tuple[float, float, float]) -> tuple[Float
         swing = np.cross(piece.rates.T, np.cross(piece.rates.T, arm)).T
         moved = moved - np.cross(piece.change.T, arm).T - swing
     return moved[0], moved[1] + 1j * moved[2]
-
-
-def _fit(
-    noise: float, observed: ComplexArray, slopes: list[ComplexArray], nuisances: list[ComplexArray]
-) -> tuple[tuple[float, float, float], float]:
-    """`observed` by real slopes, after complex nuisances: the slope on average, and three squares.
-
-    Those are of what nuisances do not explain, of what slopes do not explain either, and of noise of that variance.
-    """
-    every = max(1, observed.size // COMPATIBILITY_MOST_SAMPLES)
-    table = np.stack([*nuisances, *(1j * column for column in nuisances), *slopes, observed], axis=1)[::every]
-    rows = np.concatenate([table.real, table.imag])
-    count = 2 * len(nuisances)
-    norms = np.linalg.norm(rows, axis=0)
-    scaled = rows / np.where(norms > 0.0, norms, 1.0)
-    basis, values, _ = np.linalg.svd(scaled[:, :count], full_matrices=False)
-    basis = basis[:, values > 1e-8 * max(float(values[0]), 1e-300)]
-    rest = scaled[:, count:] - basis @ (basis.T @ scaled[:, count:])
-    answer = np.linalg.lstsq(rest[:, :-1], rest[:, -1], rcond=1e-8)[0]
-    residual = rest[:, -1] - rest[:, :-1] @ answer
-    power = float(norms[-1]) ** 2
-    fitted = rows[:, count:-1] @ (answer / np.where(norms[count:-1] > 0.0, norms[count:-1], 1.0))
-    first = rows[:, count]
-    slope = float(first @ fitted / max(float(first @ first), 1e-300)) * float(norms[-1])
-    squares = power * float(rest[:, -1] @ rest[:, -1]), power * float(residual @ residual), noise * table.shape[0]
-    return squares, slope
 
 
 def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correction) -> tuple[float, float]:
@@ -446,7 +413,7 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
             place = np.linspace(-1.0, 1.0, piece.time.size)
             smooth = np.polyval(np.polyfit(place, piece.altitude, COMPATIBILITY_ALTITUDE_DEGREE), place)
             fall = np.gradient(smooth, piece.time)
-            change = change + record.gravity * _integral(piece.time, fall / piece.velocity)
+            change = change + record.gravity * integral(piece.time, fall / piece.velocity)
             doubt = COMPATIBILITY_GRAVITY_DOUBT
         apart = np.abs(time[:, None] - time) / (COMPATIBILITY_WIND_MEMORY * time[-1])
         covariance = record.wind_sigma**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
@@ -454,7 +421,7 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
         lift = COMPATIBILITY_LIFT_DOUBT * _slowed_by_lift(record.flight.vehicle, piece)[::every]
         covariance += np.outer(lift, lift)
         covariance += (record.velocity_sigma * correction.air[0]) ** 2 * np.eye(time.size)
-        sensed = _integral(piece.time, piece.forces[0])[::every]
+        sensed = integral(piece.time, piece.forces[0])[::every]
         weighted = np.linalg.solve(covariance, sensed)
         information += float(weighted @ sensed)
         right += float(weighted @ change[::every])
@@ -468,7 +435,7 @@ def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
     normal = np.hypot(piece.forces[1], piece.forces[2])
     stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
     angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
-    return _integral(piece.time, normal * angle)
+    return integral(piece.time, normal * angle)
 
 
 def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
@@ -537,14 +504,32 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         unusable = _fault(flight, "record", "unusable", str(error))
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        found = (*faults, *_contradictions(averaged(masked)))
+        record = prepared(averaged(masked))
+        found = (*faults, *_physics(masked, record), *_contradictions(record))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 
 
-def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
+def _physics(flight: Flight, record: PreparedRecord) -> tuple[RecordFault, ...]:
+    """What contradicts the physics of any vehicle, within the segments, or a nose along x."""
+    inside = np.zeros(flight.samples, dtype=np.bool_)
+    for start, stop in flight.segments:
+        inside[start:stop] = True
+    known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
+    rates, forces = (np.stack([known[name] for name in triad]) for triad in _TRIADS.values())
+    tilt = nose_axis(flight.time, rates, forces)
+    slope = compatibility_of(record, AS_IT_IS).normal_slope if record.segments and tilt is None else None
+    drag = axial_coefficient(known, flight.vehicle)
+    if slope is not None and drag is not None:
+        tilt = coasting_axis(flight.time, rates, forces, max(flight.instruments.gyro_bias), slope / drag[2])
+    tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
+    turned = mounting_fault(flight.time, tilt, tolerance)
+    return (*contradictions(flight.time, known, flight.vehicle), *turned)
+
+
+def _contradictions(record: PreparedRecord) -> tuple[RecordFault, ...]:
     """The mistake whose correction restores the record best; and whether the gyros contradict it even so."""
-    record = prepared(flight)
+    flight = record.flight
     if not record.segments:
         return ()
     as_read = compatibility_of(record, AS_IT_IS)

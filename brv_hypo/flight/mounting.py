@@ -1,0 +1,249 @@
+"""How an inertial unit stands in the vehicle, from the whole record: thrust, drag and spin lie along the nose.
+
+    transverse force = tilt * axial force + c V^2 + bias       trim grows with V^2, thrust does not
+    transverse rate  = tilt * spin                             coning and swinging average out
+
+Each `tilt` from a first guess of the nose is of least squares, its error from sums over blocks longer than a swing. A
+turn about the nose is a convention, which nothing shows. How gyros stand to accelerometers the flow shows
+(`relative_axes`): the transverse force opposes the crossflow that follows from rates and speed (`path_into_force`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray, Values
+from brv_hypo.flight.clock import joined, runs
+
+GRAVITY = 9.80665  # m/s^2
+THRUST = 1.5 * GRAVITY  # m/s^2 sensed, beyond what any instrument's bias makes of gravity
+THRUST_SHORTEST, THRUST_SMOOTHED = 0.2, 0.05  # s
+REST_OFF = 0.15 * GRAVITY  # m/s^2 by which a reading at rest may be off, or spread
+DRAGGED, DRAGGED_SHARE = 0.5, 0.3  # m/s^2 of drag, and the part of what follows a thrust that senses it
+BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks further apart are independent
+THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the crosswind at the rail, and the nose
+SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose: trim, principal axis
+COAST_LEAST_RATIO = 3.0  # of the slopes of normal and axial force, to which a trim can be told from a turned unit
+COAST_RATIO = 0.4  # 1-sigma, relative, of that ratio
+LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
+SLOW = 0.35  # of the highest speed, below which a coast shows little
+FADED = 0.05  # s after the highest speed, until which thrust fades
+RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
+SCALE_HEIGHT = 8500.0  # m over which the air's density falls by e
+FIT_MOST_SAMPLES = 300  # that a relation is thinned to; bounds the time
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """The nose in the unit's axes, (3,), the 1-sigma error of its direction, rad, and what lies along it."""
+
+    nose: FloatArray
+    sigma: float
+    by: str = "thrust and drag"
+
+    @property
+    def angle(self) -> float:
+        """Between nose and the x axis of the unit, rad."""
+        return float(np.arccos(np.clip(self.nose[0], -1.0, 1.0)))
+
+    @property
+    def matrix(self) -> FloatArray:
+        """The smallest turn (3, 3) of what the unit reads that brings the nose to x."""
+        from scipy.spatial.transform import Rotation
+
+        axis = np.cross(self.nose, [1.0, 0.0, 0.0])
+        size = max(float(np.linalg.norm(axis)), 1e-12)
+        return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
+
+
+def thrust_span(time: FloatArray, forces: FloatArray) -> tuple[int, int] | None:
+    """Samples [start, stop) of the first thrust, whatever the axes of the forces (3, n) m/s^2; None without.
+
+    Thrust comes after a rest, which senses gravity, or before a drag the other way: an entry's force does neither.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    known = np.stack([joined(each) for each in forces])
+    step = float(np.median(np.diff(time)))
+    size = uniform_filter1d(np.linalg.norm(known, axis=0), max(1, round(THRUST_SMOOTHED / step)), mode="nearest")
+    least = max(2, round(THRUST_SHORTEST / step))
+    for start, stop in (run for run in runs(size > THRUST) if run[1] - run[0] >= least):
+        axis = known[:, start:stop].sum(axis=1)
+        after = axis @ known[:, stop:] / max(float(np.linalg.norm(axis)), 1e-300)
+        dragged = after.size > 0 and float(np.mean(after < -DRAGGED)) > DRAGGED_SHARE
+        low, middle, high = np.percentile(size[: start - least], (10, 50, 90)) if start > 2 * least else (0.0, 0.0, 1e9)
+        if (abs(middle - GRAVITY) < REST_OFF and high - low < REST_OFF) or dragged:
+            return start, stop
+    return None
+
+
+def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray, tuple[int, int, int]] | None:
+    """Mean direction of the thrust (3,), the speed (n,) m/s that forces along it make, and three samples.
+
+    Those of ignition, highest speed, and where drag has brought it down to a part of that. None without thrust.
+    """
+    thrust = thrust_span(time, forces)
+    if thrust is None:
+        return None
+    known = np.stack([joined(each) for each in forces])
+    first = known[:, thrust[0] : thrust[1]].sum(axis=1)
+    first /= np.linalg.norm(first)
+    speed = integral(time, np.where(np.arange(time.size) < thrust[0], 0.0, first @ known - GRAVITY))
+    top = int(np.argmax(speed))
+    slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
+    return first, speed, (thrust[0], top, top + int(slow[0]) if slow.size else time.size)
+
+
+def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt | None:
+    """The nose by thrust, drag and, if it turns enough, spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2.
+
+    None without thrust.
+    """
+    flown = powered_flight(time, forces)
+    if flown is None:
+        return None
+    first, speed, (ignition, top, end) = flown
+    used = slice(ignition, end)
+    square = (speed[used] / max(speed[top], 1.0)) ** 2
+    pushed = _tilted(time[used], first, forces[:, used], (square, np.ones_like(square)), THRUST_OFF)
+    spun = _spun(time[used], rates[:, used], pushed.nose)
+    if spun is None:
+        return pushed
+    weights = np.array([pushed.sigma, spun.sigma]) ** -2.0
+    nose = weights @ np.stack([pushed.nose, spun.nose]) / np.sum(weights)
+    apart = 0.5 * float(np.linalg.norm(pushed.nose - spun.nose))  # where the two disagree, their error is of that size
+    return Tilt(nose / np.linalg.norm(nose), max(float(np.sum(weights)) ** -0.5, apart), "thrust, drag and spin")
+
+
+def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias: float, ratio: float) -> Tilt | None:
+    """The nose of a coast by its axes of spin and drag, near x; None where it hardly spins.
+
+    A body trimmed to an angle spins about its path, that angle off the nose, and its force lies `ratio` times that
+    angle off: the slope of its normal force over the axial one. A turned unit shows one and the same angle in both.
+    `bias` rad/s is the 1-sigma of the gyros'.
+    """
+    first = np.array([1.0, 0.0, 0.0])
+    spun = _spun(time, rates, first)
+    if spun is None or abs(ratio - 1.0) < COAST_LEAST_RATIO:
+        return None
+    dragged = _tilted(time, first, forces, (), THRUST_OFF)
+    spin, drag = spun.nose / spun.nose[0], dragged.nose / dragged.nose[0]
+    nose = (ratio * spin - drag) / (ratio - 1.0)
+    off = bias / abs(float(np.median(joined(rates[0]))))
+    unknown = COAST_RATIO * ratio / (ratio - 1.0) * float(np.linalg.norm(drag - spin))
+    sigma = float(np.linalg.norm([ratio * spun.sigma, ratio * off, dragged.sigma, unknown])) / abs(ratio - 1.0)
+    return Tilt(nose / np.linalg.norm(nose), sigma, "drag and spin")
+
+
+def _spun(time: FloatArray, rates: FloatArray, first: FloatArray) -> Tilt | None:
+    """The axis of spin near `first` (3,); None without much of a spin."""
+    spin = joined(first @ rates)
+    enough = abs(float(np.trapezoid(spin, time))) > LEAST_TURNED and abs(np.median(spin)) > LEAST_SPIN
+    return _tilted(time, first, rates, (), SPIN_OFF) if enough else None
+
+
+def _tilted(
+    time: FloatArray, first: FloatArray, vectors: FloatArray, beside: tuple[FloatArray, ...], floor: float
+) -> Tilt:
+    """The axis near `first` along which `vectors` (3, n) lie, but for multiples of `beside` across it."""
+    known = np.stack([joined(each) for each in vectors])
+    axes = np.linalg.svd(first[None])[2]
+    across = (axes[1:] @ known).T
+    columns = np.stack([first @ known, *beside], axis=1)
+    inverse = np.linalg.pinv(columns.T @ columns)
+    answer = inverse @ (columns.T @ across)
+    score = columns[:, :, None] * (across - columns @ answer)[:, None]
+    edges = np.unique(np.searchsorted(time, np.arange(time[0], time[-1], BLOCK)))
+    sums = np.add.reduceat(score, edges, axis=0)
+    variance = [(inverse @ (part.T @ part) @ inverse)[0, 0] for part in np.moveaxis(sums, 2, 0)]
+    nose = first + axes[1:].T @ answer[0]
+    return Tilt(nose / np.linalg.norm(nose), float(np.sqrt(np.mean(variance) + floor**2)))
+
+
+# ---- Gyros against accelerometers: the transverse force opposes the crossflow that follows from the rates ----
+
+
+def integral(time: FloatArray, values: Values) -> Values:
+    """Integral of `values` (n,) from the first sample on, by trapezoids."""
+    from scipy.integrate import cumulative_trapezoid
+
+    return np.asarray(cumulative_trapezoid(values, time, initial=0))
+
+
+def path_into_force(
+    time: FloatArray, rates: FloatArray, forces: FloatArray, speed: FloatArray, scale: FloatArray, noise: float = 0.0
+) -> tuple[tuple[float, float, float], float]:
+    """Relation 1: the transverse of `forces` (3, n) m/s^2, by the crossflow of `rates` (3, n) rad/s at `speed` (n,).
+
+    `scale` (n,) is proportional to the dynamic pressure, `time` (n,) s begins at nought. Squares and slope as of
+    `fitted_slopes`; the path starts anywhere, and gravity and wind bend it slowly.
+    """
+    turn = np.exp(1j * integral(time, rates[0]))
+    force = forces[1] + 1j * forces[2]
+    xi = integral(time, (1j * speed * (rates[1] + 1j * rates[2]) + force) * turn) * np.conj(turn) / speed
+    tau = 2.0 * time / time[-1] - 1.0
+    powers = (np.ones_like(tau), tau, tau**2)
+    start = [scale / speed * np.conj(turn) * power for power in powers]
+    fixed = [each.astype(complex) for each in (powers[0], forces[0], scale, tau)]
+    return fitted_slopes(noise, force, [-scale * xi * power for power in powers], [*start, *fixed])
+
+
+def fitted_slopes(
+    noise: float, observed: ComplexArray, slopes: Sequence[ComplexArray], nuisances: Sequence[ComplexArray]
+) -> tuple[tuple[float, float, float], float]:
+    """`observed` by real slopes, after complex nuisances: the slope on average, and three squares.
+
+    Those are of what nuisances do not explain, of what slopes do not explain either, and of noise of that variance.
+    """
+    every = max(1, observed.size // FIT_MOST_SAMPLES)
+    table = np.stack([*nuisances, *(1j * column for column in nuisances), *slopes, observed], axis=1)[::every]
+    rows = np.concatenate([table.real, table.imag])
+    count = 2 * len(nuisances)
+    norms = np.linalg.norm(rows, axis=0)
+    scaled = rows / np.where(norms > 0.0, norms, 1.0)
+    basis, values, _ = np.linalg.svd(scaled[:, :count], full_matrices=False)
+    basis = basis[:, values > 1e-8 * max(float(values[0]), 1e-300)]
+    rest = scaled[:, count:] - basis @ (basis.T @ scaled[:, count:])
+    answer = np.linalg.lstsq(rest[:, :-1], rest[:, -1], rcond=1e-8)[0]
+    residual = rest[:, -1] - rest[:, :-1] @ answer
+    power = float(norms[-1]) ** 2
+    fitted = rows[:, count:-1] @ (answer / np.where(norms[count:-1] > 0.0, norms[count:-1], 1.0))
+    first = rows[:, count]
+    slope = float(first @ fitted / max(float(first @ first), 1e-300)) * float(norms[-1])
+    squares = power * float(rest[:, -1] @ rest[:, -1]), power * float(residual @ residual), noise * table.shape[0]
+    return squares, slope
+
+
+def relative_axes(
+    time: FloatArray, rates: FloatArray, forces: FloatArray, units: Mapping[str, float]
+) -> tuple[str, FloatArray, float] | None:
+    """Units and turn (3, 3) of the gyros under which the accelerometers follow from them best, and how surely.
+
+    `rates` (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose. The
+    last value is the unexplained share of the best over that of the next. None without thrust and a coast of a second.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    flown, step = powered_flight(time, forces), float(np.median(np.diff(time)))
+    if flown is None:
+        return None
+    used = slice(flown[2][1] + round(FADED / step), flown[2][2])
+    if (used.stop - used.start) * step < 1.0:
+        return None
+    scale = flown[1] ** 2 * np.exp(-integral(time, flown[1]) / SCALE_HEIGHT)
+    width = max(1, round(RELATIVE_SMOOTHED / step))
+    smooth = np.stack([uniform_filter1d(joined(each), width)[used] for each in (*rates, *forces)])
+    since, speed = time[used] - time[used.start], flown[1][used]
+    found = []
+    for name, size in units.items():
+        for swapped, *signs in product((False, True), (1.0, -1.0), (1.0, -1.0), (1.0, -1.0)):
+            matrix = np.diag(signs)[:, [0, 2, 1] if swapped else [0, 1, 2]]
+            turned = size * matrix @ smooth[:3]
+            squares, slope = path_into_force(since, turned, smooth[3:], speed, scale[used])
+            found.append((squares[1] / squares[0] if slope > 0.0 else 1.0, name, matrix))
+    found.sort(key=lambda each: each[0])
+    return found[0][1], found[0][2], found[0][0] / max(found[1][0], 1e-300)
