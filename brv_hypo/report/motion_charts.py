@@ -2,13 +2,6 @@
 
 The vertical range of a panel is that of the bulk of its values (`framed`): a few outliers, or a wide noise
 band, must not flatten a history. What lies beyond the frame is said in the caption.
-
-Pitch and yaw angles are drawn in axes that do not roll,
-
-    theta = alpha cos(lambda),  psi = alpha sin(lambda),  lambda = phi - phi_w,
-
-with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi), one panel for every few cycles at
-one scale.
 """
 
 from __future__ import annotations
@@ -39,12 +32,10 @@ from brv_hypo.report.document import (
     wrapped_degrees,
 )
 
-_BULK = (0.01, 0.99)
-"""Quantiles of the values that a frame always holds."""
+_BULK = (0.01, 0.99)  # quantiles of the values that a frame always holds
 _FAR = 3.0
 """Times the width of the bulk that all values take, beyond which the rest of them lies outside the frame."""
-_BESIDE = 0.5
-"""Widths of the bulk that are shown on both sides of it then."""
+_BESIDE = 0.5  # widths of the bulk that are shown on both sides of it then
 _FAR_WIDER = 5.0
 """Times the width of histories that their noise's band takes, beyond which they would be a flat line before it."""
 
@@ -109,13 +100,10 @@ _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99
 """Share of the record from which on a fault is one of the record as such, and no part of it is masked."""
-_NARROWEST = 0.003
-"""Share of the record that a shaded interval takes at least, to be seen."""
-_SEGMENT = 512
-"""Samples of a segment of a spectrum, at most."""
+_NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_SEGMENT = 512  # samples of a segment of a spectrum, at most
 
-Moments = tuple[Values, Values]
-"""In-plane and out-of-plane, or pitch and yaw, moment coefficient over time."""
+Moments = tuple[Values, Values]  # in-plane and out-of-plane, or pitch and yaw, moment coefficient over time
 
 
 @dataclass(frozen=True)
@@ -143,16 +131,11 @@ def scale_of(*histories: Values) -> Scale:
 class Setting:
     """What all charts over time of one flight share."""
 
-    span: tuple[float, float]
-    """Of the record, s."""
-    knots: Sequence[float] = ()
-    """To mark, s."""
-    masked: Sequence[tuple[float, float, str]] = ()
-    """Faults to shade: from, to (s), name."""
-    suffix: str = ""
-    """Of file names, which distinguishes the flights of one result."""
-    which: str = ""
-    """The same in headings."""
+    span: tuple[float, float]  # of the record, s
+    knots: Sequence[float] = ()  # to mark, s
+    masked: Sequence[tuple[float, float, str]] = ()  # faults to shade: from, to (s), name
+    suffix: str = ""  # of file names, which distinguishes the flights of one result
+    which: str = ""  # the same in headings
 
     def chart(self, name: str, heading: str, panels: Sequence[Panel], *read: str) -> Chart:
         """A chart over this flight's time."""

@@ -325,7 +325,7 @@ def best_subsets(
     branching at every drop on the largest rise of the bound.
     """
     effort = Effort(threads=threads, time_limit_s=time_limit_s)
-    board = _seeded(X, y, max_terms, forced, n_best, groups, parents, weights)
+    board = _seeded(build_frame(X, y, forced, weights, groups, parents), max_terms, n_best)
     return fitted_result(board, search(board, effort))
 
 
@@ -338,24 +338,15 @@ def best_columns(
     groups: Groups | None = None,
 ) -> tuple[Chosen, ...]:
     """The subsets of ``best_subsets``, proved like them but not fitted: residual sums of squares and columns alone."""
-    board = _seeded(X, y, max_terms, forced, n_best, groups)
+    board = _seeded(build_frame(X, y, forced, None, groups, None), max_terms, n_best)
     search(board, Effort())
     return board.chosen()
 
 
-def _seeded(
-    X: ArrayLike,
-    y: ArrayLike,
-    max_terms: int,
-    forced: Sequence[int],
-    n_best: int,
-    groups: Groups | None,
-    parents: Parents | None = None,
-    weights: ArrayLike | None = None,
-) -> Board:
+def _seeded(frame: Frame, max_terms: int, n_best: int) -> Board:
     """The problem with good subsets of every size to start from."""
     if max_terms < 0 or n_best < 1:
         raise UsageError(f"got max_terms={max_terms}, n_best={n_best}; expected max_terms >= 0 and n_best >= 1")
-    board = Board(build_frame(X, y, forced, weights, groups, parents), max_terms, n_best)
+    board = Board(frame, max_terms, n_best)
     seed_board(board)
     return board

@@ -203,36 +203,24 @@ class Refusal(NamedTuple):
 class Frame:
     """The least-squares problem that is searched: n rows, p columns, m of them candidates."""
 
-    X: FloatArray
-    """The weighted columns (n, p), in the precision given, each times 2 to its power."""
-    powers: IntArray
-    """(p,), zero but where squares of the column as given would be beyond double precision."""
-    y: FloatArray
-    """The weighted response (n,)."""
-    forced: tuple[int, ...]
-    """Columns in every subset, independent of each other."""
+    X: FloatArray  # the weighted columns (n, p), in the precision given, each times 2 to its power
+    powers: IntArray  # (p,), zero but where squares of the column as given would be beyond double precision
+    y: FloatArray  # the weighted response (n,)
+    forced: tuple[int, ...]  # columns in every subset, independent of each other
     candidates: IntArray
     """Columns of X to choose from (m,); everywhere else candidates go by their positions in it."""
     R: FloatArray
     """Triangular factor (m, m) of the candidates, the forced columns projected out, scaled to unit length."""
-    z: FloatArray
-    """The response on the same axes (m,)."""
+    z: FloatArray  # the response on the same axes (m,)
     noise: FloatArray
     """Rounding error of each candidate (m,), in units of eps: what projecting has cost of its digits."""
-    rss_forced: float
-    """Residual sum of squares of the forced columns alone."""
-    rss_full: float
-    """Residual sum of squares of all columns."""
-    rank: int
-    """Number of independent candidates."""
-    condition: float
-    """Condition number of R; infinite where it is not of full rank."""
-    set_aside: tuple[Alias, ...]
-    """Columns that are no candidates, as they equal combinations of others."""
-    dependent: tuple[IntArray, ...]
-    """The columns of each linear dependency among the candidates."""
-    constraints: Constraints
-    """Which subsets are allowed."""
+    rss_forced: float  # residual sum of squares of the forced columns alone
+    rss_full: float  # residual sum of squares of all columns
+    rank: int  # number of independent candidates
+    condition: float  # condition number of R; infinite where it is not of full rank
+    set_aside: tuple[Alias, ...]  # columns that are no candidates, as they equal combinations of others
+    dependent: tuple[IntArray, ...]  # the columns of each linear dependency among the candidates
+    constraints: Constraints  # which subsets are allowed
 
     @property
     def n_candidates(self) -> int:
@@ -326,7 +314,7 @@ def triangle(columns: FloatArray) -> FloatArray:
     if count > _SMALL or not columns.size:
         return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
     factor = dgeqrf(columns)[0][: min(rows, count)]
-    return np.asarray(np.where(_upper(*factor.shape), factor, 0.0), dtype=np.float64)
+    return np.asarray(np.triu(factor), dtype=np.float64)
 
 
 def square_triangle(columns: FloatArray) -> FloatArray:
