@@ -119,8 +119,7 @@ def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
 # ---- Spikes longer than two samples: a channel leaves its course and comes back to it ----
 
 
-EDGE_OF_STEP = 1.5
-"""Third difference, as taken here, of a step of one."""
+EDGE_OF_STEP = 1.5  # third difference, as taken here, of a step of one
 
 
 def find_bursts(values: FloatArray) -> BoolArray:

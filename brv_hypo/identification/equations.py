@@ -109,18 +109,13 @@ class Shapes:
     """What the coefficients multiply at some instants."""
 
     columns: tuple[Regressor, ...]
-    acceleration: ComplexArray
-    """Angular accelerations in de-rolled axes per unit of each (columns, n), rad/s^2."""
-    in_plane: ComplexArray
-    """C_N' + i C_Z' per unit of each (columns, n)."""
+    acceleration: ComplexArray  # angular accelerations in de-rolled axes per unit of each (columns, n), rad/s^2
+    in_plane: ComplexArray  # C_N' + i C_Z' per unit of each (columns, n)
     motion: Motion
-    past: tuple[Motion, ...]
-    """The motion at the delays."""
+    past: tuple[Motion, ...]  # the motion at the delays
     here: Point
-    block: float
-    """A block's length, s."""
-    own: OwnTime | None = None
-    """How the flight's time goes with the common one."""
+    block: float  # a block's length, s
+    own: OwnTime | None = None  # how the flight's time goes with the common one
 
     @cached_property
     def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
@@ -154,8 +149,7 @@ class Shapes:
 
 
 Values = Mapping[str, float]
-AtDelays = Mapping[str, Delayed]
-"""States and inputs at the delays that are parameters, by name."""
+AtDelays = Mapping[str, Delayed]  # states and inputs at the delays that are parameters, by name
 RateUse = Literal["unused", "affine", "other"]
 
 _ROUNDING = 1e-9
@@ -251,14 +245,11 @@ def use_of_rates(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanis
 # ---- Equations of motion and measurement equations of Section 4.4, as the likelihood takes them ----
 
 
-GRAVITY = ("gravity x", "gravity y", "gravity z")
-"""m/s^2 in body axes of the first sample."""
-FORCE_BEND = "C_Nalpha3_force"
-"""1/rad^3: what the normal-force slope gains with the square of alpha."""
+GRAVITY = ("gravity x", "gravity y", "gravity z")  # m/s^2 in body axes of the first sample
+FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the normal-force slope gains with the square of alpha
 RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
-Part = ComplexArray | complex
-"""What a complex pair gains, (n,) or the same everywhere."""
+Part = ComplexArray | complex  # what a complex pair gains, (n,) or the same everywhere
 
 
 @dataclass(frozen=True)

@@ -147,14 +147,10 @@ class Context:
 
     flight: int
     vehicle: Vehicle
-    start: float
-    """Its first instant, s."""
-    meridian_rate: float
-    """There, rad/s."""
-    block: float
-    """A block's length, s."""
-    own: OwnTime | None = None
-    """How its time goes with the common one, where flights share it."""
+    start: float  # its first instant, s
+    meridian_rate: float  # there, rad/s
+    block: float  # a block's length, s
+    own: OwnTime | None = None  # how its time goes with the common one, where flights share it
 
     def coefficient_time(self, time: FloatArray) -> FloatArray:
         """The times of the time bases at the flight's own times (n,), s."""
@@ -167,20 +163,13 @@ class NodeRecord:
 
     context: Context
     segment: Segment
-    time: FloatArray
-    """(samples,), s."""
-    turn: ComplexArray
-    """exp(i Phi) (samples,)."""
-    measured: ComplexArray
-    """omega and transverse specific force in de-rolled axes as read, (2, samples)."""
-    expected: ComplexArray
-    """The same as the regression has them."""
-    middle: IntArray
-    """The samples at the nodes (nodes,), for nodes that measure nothing the next ones."""
-    samples: slice
-    """Those of the flight."""
-    tolerated: tuple[Tolerated, ...]
-    """The flight's values whose parameters count sigmas."""
+    time: FloatArray  # (samples,), s
+    turn: ComplexArray  # exp(i Phi) (samples,)
+    measured: ComplexArray  # omega and transverse specific force in de-rolled axes as read, (2, samples)
+    expected: ComplexArray  # the same as the regression has them
+    middle: IntArray  # the samples at the nodes (nodes,), for nodes that measure nothing the next ones
+    samples: slice  # those of the flight
+    tolerated: tuple[Tolerated, ...]  # the flight's values whose parameters count sigmas
 
     def predicted(self, outputs: FloatArray) -> ComplexArray:
         """Angular rate and force in de-rolled axes at every sample, (2, samples), from the outputs (4, nodes).

@@ -56,11 +56,9 @@ class NonlinearParameter:
 
     name: str
     kind: Kind
-    theta: str
-    """Its name in theta; empty for a knot."""
+    theta: str  # its name in theta; empty for a knot
     mechanism: str
-    value: float
-    """`scale` times that in `units`, as are the bounds: delays are estimated in s."""
+    value: float  # `scale` times that in `units`, as are the bounds: delays are estimated in s
     bounds: tuple[float, float]
     units: str
     is_delay: bool
@@ -332,8 +330,7 @@ def alpha_over_sine(xi: ComplexArray) -> FloatArray:
 
 
 # What the equations know of errors, measured less true: courses by these names.
-GYROS = ("error of q", "error of r")
-"""rad/s that the transverse gyros read beyond the truth."""
+GYROS = ("error of q", "error of r")  # rad/s that the transverse gyros read beyond the truth
 ACCELEROMETERS = ("error of a_y", "error of a_z")
 """m/s^2, at the declared place, that the transverse accelerometers read beyond the truth."""
 ROLL_RATE_ERROR = "error of p"
@@ -341,12 +338,10 @@ PRESSURE_ERROR = "error of dynamic pressure"
 SPEED_ERROR = "error of speed"
 RATIO_ERROR = "error of inertia ratio"
 MOMENT_SCALE_ERROR = "error of S d / I"
-FORCE_SCALE_ERROR = "error of S / m"
-"""The last five are shares of the measured value."""
+FORCE_SCALE_ERROR = "error of S / m"  # the last five are shares of the measured value
 CROSSFLOW = ("change of v", "change of w")
 """m/s^2 in de-rolled axes that the crossflow gains beyond what record and computed attitude say."""
-MOMENTS = ("change of q", "change of r")
-"""rad/s^2 in body axes, of moments within their tolerance."""
+MOMENTS = ("change of q", "change of r")  # rad/s^2 in body axes, of moments within their tolerance
 READ = (*GYROS, *ACCELEROMETERS)
 OTHERS = (
     *(*CROSSFLOW, *MOMENTS, ROLL_RATE_ERROR, PRESSURE_ERROR, SPEED_ERROR),

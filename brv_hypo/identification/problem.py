@@ -61,33 +61,20 @@ class IdentificationConfig(BaseModel):
 class Problem:
     """What is estimated from what."""
 
-    frame: RateFrame
-    """The reconstructed flights, as regressed."""
-    inputs: tuple[SmoothInputs, ...]
-    """Of each flight."""
-    records: tuple[NodeRecord, ...]
-    """A segment of the likelihood each."""
-    model: VehicleModel
-    """Equations of motion and of measurement."""
-    theta: dict[str, float]
-    """Start values of all parameters, by name."""
-    priors: dict[str, tuple[float, float]]
-    """Mean and standard deviation of those with a Gaussian prior."""
-    bounds: dict[str, tuple[float, float]]
-    """Of delays and knots."""
-    tolerated: tuple[tuple[Tolerated, int], ...]
-    """The values that are known to a tolerance, each with its flight."""
-    applied: dict[str, float]
-    """What was taken out of the record of each before, in tolerances, by name."""
-    block: int
-    """Samples to a node."""
+    frame: RateFrame  # the reconstructed flights, as regressed
+    inputs: tuple[SmoothInputs, ...]  # of each flight
+    records: tuple[NodeRecord, ...]  # a segment of the likelihood each
+    model: VehicleModel  # equations of motion and of measurement
+    theta: dict[str, float]  # start values of all parameters, by name
+    priors: dict[str, tuple[float, float]]  # mean and standard deviation of those with a Gaussian prior
+    bounds: dict[str, tuple[float, float]]  # of delays and knots
+    tolerated: tuple[tuple[Tolerated, int], ...]  # the values that are known to a tolerance, each with its flight
+    applied: dict[str, float]  # what was taken out of the record of each before, in tolerances, by name
+    block: int  # samples to a node
     config: IdentificationConfig
-    placed_delays: tuple[float, ...]
-    """Delays (s) for which nodes were placed."""
-    states: tuple[FloatArray, ...] = ()
-    """States (4, nodes) by segment of an earlier fit, where there is one."""
-    first_noise: FloatArray | None = None
-    """Noise covariance (4, 4) of that."""
+    placed_delays: tuple[float, ...]  # delays (s) for which nodes were placed
+    states: tuple[FloatArray, ...] = ()  # states (4, nodes) by segment of an earlier fit, where there is one
+    first_noise: FloatArray | None = None  # noise covariance (4, 4) of that
 
     @property
     def structure(self) -> Structure:

@@ -41,16 +41,12 @@ from brv_hypo.likelihood.uncertainty import (
     whiteness,
 )
 
-_LAGS = 20
-"""Lags of the whiteness test."""
-_LOOSER = 3.0
-"""How much more loosely an unseen initial state is tied, to see which errors depend on that."""
-_SAME_ERROR = 0.01
-"""Relative change of a standard error at that which counts as none."""
+_LAGS = 20  # lags of the whiteness test
+_LOOSER = 3.0  # how much more loosely an unseen initial state is tied, to see which errors depend on that
+_SAME_ERROR = 0.01  # relative change of a standard error at that which counts as none
 _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
-_ROUNDING = 1e-12
-"""The same of rounding."""
+_ROUNDING = 1e-12  # the same of rounding
 _MOST_JUDGED = 8192
 """Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
 

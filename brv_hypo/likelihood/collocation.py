@@ -31,34 +31,23 @@ _AT_ONCE = 8192
 class Model:
     """The user's functions and how they are differentiated."""
 
-    dynamics: Function
-    """f(x, u, theta, t[, delayed]) -> (n_states, n)."""
-    outputs: Function
-    """h(x, u, theta, t[, delayed]) -> (n_outputs, n)."""
-    delays: tuple[str, ...] = ()
-    """Names of the parameters that are delays, s."""
-    method: Method = "complex"
-    """Step by which they are differentiated."""
-    scale: Mapping[str, float] | None = None
-    """Size of each parameter, for central differences."""
+    dynamics: Function  # f(x, u, theta, t[, delayed]) -> (n_states, n)
+    outputs: Function  # h(x, u, theta, t[, delayed]) -> (n_outputs, n)
+    delays: tuple[str, ...] = ()  # names of the parameters that are delays, s
+    method: Method = "complex"  # step by which they are differentiated
+    scale: Mapping[str, float] | None = None  # size of each parameter, for central differences
 
 
 @dataclass(frozen=True)
 class Linearisation:
     """One segment about states x and parameters theta, p of them."""
 
-    defect: FloatArray
-    """Defects, (n - 1, n_states)."""
-    defect_by_state: BlockRows
-    """Their derivatives by the states."""
-    defect_by_parameter: FloatArray
-    """Their derivatives by the parameters, (n - 1, n_states, p)."""
-    output: FloatArray
-    """Predicted outputs, (n, n_outputs)."""
-    output_by_state: BlockRows
-    """Their derivatives by the states."""
-    output_by_parameter: FloatArray
-    """Their derivatives by the parameters, (n, n_outputs, p)."""
+    defect: FloatArray  # defects, (n - 1, n_states)
+    defect_by_state: BlockRows  # their derivatives by the states
+    defect_by_parameter: FloatArray  # their derivatives by the parameters, (n - 1, n_states, p)
+    output: FloatArray  # predicted outputs, (n, n_outputs)
+    output_by_state: BlockRows  # their derivatives by the states
+    output_by_parameter: FloatArray  # their derivatives by the parameters, (n, n_outputs, p)
 
 
 def parts_of(n: int) -> list[slice]:
@@ -115,16 +104,11 @@ def linearise_segment(
 class _Place(NamedTuple):
     """A part of a grid."""
 
-    samples: IntArray
-    """Its samples and one more, where there is one, for the last interval."""
-    middles: IntArray
-    """The points halfway."""
-    ends: IntArray
-    """The intervals' ends, where inputs jump there."""
-    step: FloatArray
-    """Lengths of the intervals, s."""
-    own: int
-    """How many samples are its own."""
+    samples: IntArray  # its samples and one more, where there is one, for the last interval
+    middles: IntArray  # the points halfway
+    ends: IntArray  # the intervals' ends, where inputs jump there
+    step: FloatArray  # lengths of the intervals, s
+    own: int  # how many samples are its own
 
     @classmethod
     def of(cls, grid: Grid, part: slice) -> _Place:
@@ -152,18 +136,12 @@ class _Place(NamedTuple):
 class _There:
     """A part of a segment at some states and parameters."""
 
-    model: Model
-    """The functions."""
-    grid: Grid
-    """The segment."""
-    x: FloatArray
-    """States of the whole segment, (n_states, n)."""
-    theta: Mapping[str, float]
-    """Parameters by name."""
-    back: Mapping[str, Stencil]
-    """What the delays see, by their names."""
-    place: _Place
-    """The part."""
+    model: Model  # the functions
+    grid: Grid  # the segment
+    x: FloatArray  # states of the whole segment, (n_states, n)
+    theta: Mapping[str, float]  # parameters by name
+    back: Mapping[str, Stencil]  # what the delays see, by their names
+    place: _Place  # the part
 
     @cached_property
     def here(self) -> FloatArray:

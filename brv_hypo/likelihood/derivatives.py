@@ -43,13 +43,10 @@ Function = Callable[..., Any]
 
 _COMPLEX_STEP = 1e-30
 _CENTRAL_STEP = float(np.finfo(float).eps) ** (1 / 3)
-_AGREEMENT = 1e-4
-"""Largest relative difference to central differences at which the complex step is accepted."""
-_BLOCK_ROUNDING = 1e-8
-"""Rounding of central differences, against the largest derivative of a block."""
+_AGREEMENT = 1e-4  # largest relative difference to central differences at which the complex step is accepted
+_BLOCK_ROUNDING = 1e-8  # rounding of central differences, against the largest derivative of a block
 
-_NEXT_TO_ZERO = 1e-8
-"""Magnitude of a start value below which it may be meant as 0."""
+_NEXT_TO_ZERO = 1e-8  # magnitude of a start value below which it may be meant as 0
 _NEGLIGIBLE = 1e-6
 """Magnitude of a parameter, against what moves a function by its own size, that is too small for a step."""
 
@@ -65,18 +62,12 @@ class Delayed(NamedTuple):
 class Points:
     """Where a function is evaluated."""
 
-    x: FloatArray
-    """States, (n_states, n)."""
-    u: FloatArray
-    """Inputs, (n_inputs, n)."""
-    t: FloatArray
-    """Times, (n,), s."""
-    delayed: Mapping[str, Delayed] = field(default_factory=dict)
-    """x(t - delay) and u(t - delay) by the delay's name."""
-    rates: Mapping[str, Delayed] = field(default_factory=dict)
-    """Their derivatives by time."""
-    time_varying: tuple[SampledParameter, ...] = ()
-    """The parameters that vary along the samples."""
+    x: FloatArray  # states, (n_states, n)
+    u: FloatArray  # inputs, (n_inputs, n)
+    t: FloatArray  # times, (n,), s
+    delayed: Mapping[str, Delayed] = field(default_factory=dict)  # x(t - delay) and u(t - delay) by the delay's name
+    rates: Mapping[str, Delayed] = field(default_factory=dict)  # their derivatives by time
+    time_varying: tuple[SampledParameter, ...] = ()  # the parameters that vary along the samples
 
 
 class Jacobian(NamedTuple):

@@ -160,20 +160,13 @@ class BlockRows:
 class Quadratic:
     """The quadratic problem of one segment: n samples, p parameters."""
 
-    residual: FloatArray
-    """r, (n, n_outputs), whitened."""
-    by_state: BlockRows
-    """J."""
-    by_parameter: FloatArray
-    """J_p, (n, n_outputs, p)."""
-    defect: FloatArray
-    """c, (n, n_states); row 0 is that of the initial state."""
-    defect_by_state: BlockRows
-    """D without row 0, which is the unit matrix."""
-    defect_by_parameter: FloatArray
-    """C, (n, n_states, p)."""
-    variance: FloatArray
-    """Diagonal of Q, (n, n_states); row 0 infinite where the initial state is free."""
+    residual: FloatArray  # r, (n, n_outputs), whitened
+    by_state: BlockRows  # J
+    by_parameter: FloatArray  # J_p, (n, n_outputs, p)
+    defect: FloatArray  # c, (n, n_states); row 0 is that of the initial state
+    defect_by_state: BlockRows  # D without row 0, which is the unit matrix
+    defect_by_parameter: FloatArray  # C, (n, n_states, p)
+    variance: FloatArray  # diagonal of Q, (n, n_states); row 0 infinite where the initial state is free
 
     @property
     def exact(self) -> bool:
@@ -194,8 +187,7 @@ class Quadratic:
 # ---- Upper triangles of tall matrices by QR, a slab at a time ----
 
 
-_SLAB = 8
-"""Rows of a slab over its columns: small slabs stay in cache, and below what a threaded BLAS would split."""
+_SLAB = 8  # rows of a slab over its columns: small slabs stay in cache, and below what a threaded BLAS would split
 
 
 def upper_triangle(rows: FloatArray) -> FloatArray:
@@ -219,8 +211,7 @@ def _residual_last(columns: FloatArray) -> FloatArray:
 # ---- The states as affine functions of the parameter step ----
 
 
-_SINGULAR = 1e13
-"""Condition, from the growth of a random right-hand side, at which states count as undetermined."""
+_SINGULAR = 1e13  # condition, from the growth of a random right-hand side, at which states count as undetermined
 _GROWTH = 1e6
 """Growth of the motion from the first state beyond which it is not condensed: states lose so many digits, multipliers,
 of which only the size matters, the square of it.

@@ -167,25 +167,18 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
 # ---- Noise covariances: Fisher scoring of all variances together ----
 
 
-_DIFFERENCE = 1e-3
-"""Relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6."""
-_SMALL_DIFFERENCE = 1e-5
-"""The same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6."""
+_DIFFERENCE = 1e-3  # relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6
+_SMALL_DIFFERENCE = 1e-5  # the same for first derivatives, one-sided: truncation 1e-5 of the second, rounding 1e-6
 _ROUNDING = 1e-4
 """Information on the logarithm of a variance that is no more than rounding: only its gradient is used."""
-_LARGEST_MOVE = 3.0
-"""Largest change of the logarithm of a variance in one step."""
+_LARGEST_MOVE = 3.0  # largest change of the logarithm of a variance in one step
 _HALVINGS = 5
-_SCORINGS = 6
-"""Steps on one linearisation at most."""
-_CURVED = 0.1
-"""Least curvature of the likelihood along a step, against that expected, from which the Hessian learns."""
-_VANISHED = 1e-2
-"""NLLF that a variance has left to win on its way to 0 below which it counts as 0."""
+_SCORINGS = 6  # steps on one linearisation at most
+_CURVED = 0.1  # least curvature of the likelihood along a step, against that expected, from which the Hessian learns
+_VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
 _UNSEEN = 1e-10
 """Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
-_COUPLED = 12
-"""Variances up to which all their cross informations are had; beyond, those of the diagonals of Q and R."""
+_COUPLED = 12  # variances up to which all their cross informations are had; beyond, those of the diagonals of Q and R
 
 
 @dataclass(frozen=True)
@@ -246,18 +239,12 @@ def directions_of(problem: Problem, shape: Shape, estimate_noise: bool, estimate
 class Scored:
     """Where scoring led."""
 
-    problem: Problem
-    """With the process noise that was found."""
-    iterate: Iterate
-    """With the measurement noise that was found."""
-    first: float = 0.0
-    """Length of the first step, in standard errors."""
-    last: float = 0.0
-    """The same of the last."""
-    information: FloatArray | None = None
-    """The Hessian that it ended with, (k, k)."""
-    segments: tuple[Sensitivity, ...] = ()
-    """The sensitivities there, none where the states are not determined."""
+    problem: Problem  # with the process noise that was found
+    iterate: Iterate  # with the measurement noise that was found
+    first: float = 0.0  # length of the first step, in standard errors
+    last: float = 0.0  # the same of the last
+    information: FloatArray | None = None  # the Hessian that it ended with, (k, k)
+    segments: tuple[Sensitivity, ...] = ()  # the sensitivities there, none where the states are not determined
 
 
 def scored(
@@ -387,12 +374,9 @@ def _at_variances(
 class _Solved:
     """With the states best for the variances, the functions linear."""
 
-    objective: float
-    """Half the weighted sum of squares."""
-    log_det: float
-    """log det C + log det I(theta), but for a constant."""
-    segments: tuple[Sensitivity, ...]
-    """The segments, states integrated out."""
+    objective: float  # half the weighted sum of squares
+    log_det: float  # log det C + log det I(theta), but for a constant
+    segments: tuple[Sensitivity, ...]  # the segments, states integrated out
 
     @property
     def nllf(self) -> float:
@@ -434,10 +418,8 @@ def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[
 # ---- What not knowing the variances adds to the errors of theta in filter error ----
 
 
-_LOG_VARIANCE_STEP = 1e-3
-"""Relative change of a variance for derivatives by it."""
-_POOREST = 1.0
-"""Variance of the logarithm of a variance that is counted at most: beyond, nothing is linear."""
+_LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
+_POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
 
 
 def with_unknown_variances(

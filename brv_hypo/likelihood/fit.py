@@ -134,8 +134,7 @@ class _Task:
     priors: Mapping[str, tuple[float, float]]
     delays: tuple[str, ...]
     reach: Mapping[str, float]
-    noise: FloatArray | None
-    """B where it is known."""
+    noise: FloatArray | None  # B where it is known
     first_noise: FloatArray | None
     near_start: bool
     options: Options
@@ -237,8 +236,7 @@ class _Task:
         return Model(self.dynamics, self.outputs, self.delays, method, scale)
 
 
-_LONGEST = 100_000
-"""Samples up to which a second starting point is tried."""
+_LONGEST = 100_000  # samples up to which a second starting point is tried
 
 
 def _covariance(given: FloatArray, n_outputs: int) -> FloatArray:

@@ -30,22 +30,17 @@ _ROUNDING = 1e-7
 _STIFF = 1e6
 """Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
 """
-_ANCHOR = 10.0
-"""Standard deviation, in sizes of the state, by which an anchored initial state may move in one step."""
+_ANCHOR = 10.0  # standard deviation, in sizes of the state, by which an anchored initial state may move in one step
 
 
 @dataclass(frozen=True)
 class Problem:
     """All that stays the same during a fit."""
 
-    model: Model
-    """The user's functions."""
-    grids: tuple[Grid, ...]
-    """The segments."""
-    parameters: Parameters
-    """The free parameters."""
-    size: FloatArray
-    """Magnitude of each state, (n_states,)."""
+    model: Model  # the user's functions
+    grids: tuple[Grid, ...]  # the segments
+    parameters: Parameters  # the free parameters
+    size: FloatArray  # magnitude of each state, (n_states,)
     process_noise: FloatArray
     """Standard deviation of the noise that drives each state, (n_states,), per root second; 0 makes its dynamics a
     constraint.
@@ -89,22 +84,14 @@ class Sensitivity:
 class Step:
     """A Gauss-Newton step, and what it promises."""
 
-    theta: FloatArray
-    """Change of the parameters, (p,)."""
-    x: tuple[FloatArray, ...]
-    """Change of the states of each segment, (n_states, n)."""
-    triangle: FloatArray
-    """Factor T of the information matrix T'T, priors left out, (p, p)."""
-    length: float
-    """Length of the step in standard errors (root mean square)."""
-    multiplier: float
-    """Largest scaled multiplier of the dynamics."""
-    decrease: float
-    """Promised change of the objective, <= 0."""
-    cost: float
-    """Objective where the step begins."""
-    violation: float
-    """Violation of the dynamics there."""
+    theta: FloatArray  # change of the parameters, (p,)
+    x: tuple[FloatArray, ...]  # change of the states of each segment, (n_states, n)
+    triangle: FloatArray  # factor T of the information matrix T'T, priors left out, (p, p)
+    length: float  # length of the step in standard errors (root mean square)
+    multiplier: float  # largest scaled multiplier of the dynamics
+    decrease: float  # promised change of the objective, <= 0
+    cost: float  # objective where the step begins
+    violation: float  # violation of the dynamics there
 
 
 class SingularStatesError(ArithmeticError):
@@ -340,8 +327,7 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
 
 
 _HALVINGS = 12
-_SUFFICIENT = 1e-4
-"""Fraction of the promised decrease that must come true."""
+_SUFFICIENT = 1e-4  # fraction of the promised decrease that must come true
 
 
 def line_search(
@@ -369,16 +355,11 @@ def line_search(
 # ---- Extrapolation of slow Gauss-Newton steps (Anderson, J. ACM 12 (1965) 547) ----
 
 
-_NEAR = 0.5
-"""Length of a step, in standard errors, below which it is extrapolated: farther away nothing is linear."""
-_SLOW = 0.3
-"""Ratio of successive lengths above which steps are slow."""
-_WORSE = 2.0
-"""Ratio above which an extrapolation did harm, and the memory is cleared."""
-_MEMORY = 5
-"""Steps remembered."""
-_INDEPENDENT = 1e-8
-"""Singular value, against the largest, of differences of steps below which they tell nothing new."""
+_NEAR = 0.5  # length of a step, in standard errors, below which it is extrapolated: farther away nothing is linear
+_SLOW = 0.3  # ratio of successive lengths above which steps are slow
+_WORSE = 2.0  # ratio above which an extrapolation did harm, and the memory is cleared
+_MEMORY = 5  # steps remembered
+_INDEPENDENT = 1e-8  # singular value, against the largest, of differences of steps below which they tell nothing new
 
 
 @dataclass

@@ -9,16 +9,12 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
-Shape = Literal["diagonal", "full"]
-"""Of the noise covariance: outputs independent or not."""
+Shape = Literal["diagonal", "full"]  # of the noise covariance: outputs independent or not
 
 _ROUNDING = 1e-14
-_BITS = 62
-"""Outputs whose pattern of gaps fits one integer."""
-_FIRST_GUESS = 100.0
-"""Least first guess of a noise variance over the least plausible one."""
-_THIRD_DIFFERENCE = 20.0
-"""Variance of the third difference of unit white noise: 1 + 9 + 9 + 1."""
+_BITS = 62  # outputs whose pattern of gaps fits one integer
+_FIRST_GUESS = 100.0  # least first guess of a noise variance over the least plausible one
+_THIRD_DIFFERENCE = 20.0  # variance of the third difference of unit white noise: 1 + 9 + 9 + 1
 
 
 def whitening(covariance: FloatArray, measured: BoolArray) -> FloatArray:

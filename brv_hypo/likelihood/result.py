@@ -179,8 +179,7 @@ class FitResult(Tabular):
 # ---- A fit in words and numbers, in the manner of lmfit's report ----
 
 
-_CORRELATED = 0.5
-"""Least correlation that is listed."""
+_CORRELATED = 0.5  # least correlation that is listed
 _MOST_CORRELATIONS = 10
 
 

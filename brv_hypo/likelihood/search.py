@@ -101,12 +101,9 @@ _CAUSES = {
 # ---- The search ----
 
 
-_FEASIBLE = 1e-7
-"""Largest mean scaled defect of a converged trajectory."""
-_CONVERGED_CHANGE = 2e-3
-"""Relative change of a noise variance that counts as settled."""
-_CONVERGED_MOVE = 0.05
-"""The same with process noise, in standard errors of the variances' logarithms."""
+_FEASIBLE = 1e-7  # largest mean scaled defect of a converged trajectory
+_CONVERGED_CHANGE = 2e-3  # relative change of a noise variance that counts as settled
+_CONVERGED_MOVE = 0.05  # the same with process noise, in standard errors of the variances' logarithms
 _LINEAR = 0.5
 """Change of the objective against the promised one at which the states are where the variances want them."""
 _FEW, _FRACTION = 1e-4, 1e-2
@@ -121,8 +118,7 @@ _NEAR = 0.3
 _HELD = 2.5
 """Way, in tolerances, over which derivatives are held: with them the search ends where residuals are orthogonal to the
 derivatives of another place, off by less than that way."""
-_HELD_VALUES = 4_000_000
-"""Samples times parameters up to which derivatives are kept for that."""
+_HELD_VALUES = 4_000_000  # samples times parameters up to which derivatives are kept for that
 _TOO_SHORT = 1e-2
 """Length of a step, in standard errors, below which the merit cannot judge it beside process noise: the states follow
 the objective alone, and where they are not quite there the determinant may rise as they go.
@@ -153,22 +149,14 @@ class Iteration:
 class Options:
     """How the search runs; see `fit`."""
 
-    max_iterations: int
-    """Limit of Gauss-Newton steps."""
-    tolerance: float
-    """Step, as a fraction of the standard errors, at which the search ends."""
-    noise: Shape
-    """Shape of the measurement noise's covariance."""
-    estimate_noise: bool
-    """Whether that is estimated."""
-    estimate_process_noise: bool
-    """Whether the process noise is, too."""
-    report: Report = silent
-    """Called after each iteration."""
-    mesh_steps: int = 1
-    """Steps of the dynamics between samples."""
-    draft: bool = False
-    """Whether the fit goes on on a finer mesh where this one is too coarse."""
+    max_iterations: int  # limit of Gauss-Newton steps
+    tolerance: float  # step, as a fraction of the standard errors, at which the search ends
+    noise: Shape  # shape of the measurement noise's covariance
+    estimate_noise: bool  # whether that is estimated
+    estimate_process_noise: bool  # whether the process noise is, too
+    report: Report = silent  # called after each iteration
+    mesh_steps: int = 1  # steps of the dynamics between samples
+    draft: bool = False  # whether the fit goes on on a finer mesh where this one is too coarse
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Least variance of each output's noise, (n_outputs,)."""
 
@@ -177,16 +165,11 @@ class Options:
 class Outcome:
     """Where the search ended and how."""
 
-    problem: Problem
-    """The problem, with the process noise as estimated."""
-    iterate: Iterate
-    """Where the search ended."""
-    status: Status
-    """How it ended."""
-    message: str
-    """The same in words, with cause and remedy."""
-    history: tuple[Iteration, ...]
-    """Every iteration."""
+    problem: Problem  # the problem, with the process noise as estimated
+    iterate: Iterate  # where the search ended
+    status: Status  # how it ended
+    message: str  # the same in words, with cause and remedy
+    history: tuple[Iteration, ...]  # every iteration
     segments: tuple[Sensitivity, ...] = ()
     """The sensitivities from which the last step came, where that step was negligible and they still hold."""
 

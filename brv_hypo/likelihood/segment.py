@@ -24,8 +24,7 @@ from brv_hypo.errors import UsageError
 # ---- Local cubic interpolation of sampled signals: weights on nearby samples, and their rate of change ----
 
 
-WIDTH = 6
-"""Samples that take part in one interpolated value."""
+WIDTH = 6  # samples that take part in one interpolated value
 
 _SLOPE_WIDTH = 5
 
@@ -215,28 +214,17 @@ class Grid:
     n - 1 ends of the intervals, before the jump.
     """
 
-    t: FloatArray
-    """Times of samples, midpoints and ends, in that order, (2 n - 1,) or (3 n - 2,), s."""
-    u: FloatArray
-    """Inputs there, (n_inputs, times)."""
-    y: FloatArray
-    """Measured outputs, (n_outputs, n), NaN in gaps."""
-    measured: BoolArray
-    """Where they are not, (n_outputs, n)."""
-    step: FloatArray
-    """Lengths of the intervals, (n - 1,), s."""
-    start: FloatArray
-    """Guess of the initial state, (n_states,), or of the history, (n_states, n)."""
-    start_std: FloatArray
-    """Standard deviation of the initial state, (n_states,), infinite where it is free."""
-    interpolator: Interpolator
-    """Of the samples, for delays."""
-    time_varying: tuple[SampledParameter, ...] = ()
-    """Time-varying parameters at `t`."""
-    ignores: frozenset[str] = frozenset()
-    """See `Segment`."""
-    jumps: bool = False
-    """Whether inputs jump at the samples."""
+    t: FloatArray  # times of samples, midpoints and ends, in that order, (2 n - 1,) or (3 n - 2,), s
+    u: FloatArray  # inputs there, (n_inputs, times)
+    y: FloatArray  # measured outputs, (n_outputs, n), NaN in gaps
+    measured: BoolArray  # where they are not, (n_outputs, n)
+    step: FloatArray  # lengths of the intervals, (n - 1,), s
+    start: FloatArray  # guess of the initial state, (n_states,), or of the history, (n_states, n)
+    start_std: FloatArray  # standard deviation of the initial state, (n_states,), infinite where it is free
+    interpolator: Interpolator  # of the samples, for delays
+    time_varying: tuple[SampledParameter, ...] = ()  # time-varying parameters at `t`
+    ignores: frozenset[str] = frozenset()  # see `Segment`
+    jumps: bool = False  # whether inputs jump at the samples
 
     @property
     def n(self) -> int:
@@ -377,20 +365,13 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
 class Parameters:
     """The free parameters as one vector, (p,), in the order of `names`."""
 
-    names: tuple[str, ...]
-    """Names of the free parameters."""
-    start: FloatArray
-    """Start values, (p,)."""
-    lower: FloatArray
-    """Lower bounds, (p,), -infinity where there is none."""
-    upper: FloatArray
-    """Upper bounds, (p,)."""
-    prior_mean: FloatArray
-    """Means of the priors, (p,)."""
-    prior_std: FloatArray
-    """Standard deviations of the priors, (p,), infinity where there is none."""
-    held: Mapping[str, float]
-    """Values of the parameters that are held, by name."""
+    names: tuple[str, ...]  # names of the free parameters
+    start: FloatArray  # start values, (p,)
+    lower: FloatArray  # lower bounds, (p,), -infinity where there is none
+    upper: FloatArray  # upper bounds, (p,)
+    prior_mean: FloatArray  # means of the priors, (p,)
+    prior_std: FloatArray  # standard deviations of the priors, (p,), infinity where there is none
+    held: Mapping[str, float]  # values of the parameters that are held, by name
 
     def as_mapping(self, vector: FloatArray) -> dict[str, float]:
         """Name to value, held ones last, as the user's functions see them."""

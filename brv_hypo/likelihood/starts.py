@@ -38,14 +38,10 @@ from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_
 
 _SMOOTHING_STEPS = 2
 _TIGHTENING = (1.0, 0.3, 0.1)
-_WAITING = 1e-9
-"""Reach of a delay while it waits, s."""
-_LEAST_LOOSENESS = 1e-2
-"""Least change of a state between samples that smoothing grants it, as a fraction of its size."""
-_POOR = 3.0
-"""Mean square of whitened residuals above which a starting point fits so poorly that another is tried."""
-_FAR_LESS = 0.5
-"""Violation of the dynamics, against that of the start values, at which 0 is the better start."""
+_WAITING = 1e-9  # reach of a delay while it waits, s
+_LEAST_LOOSENESS = 1e-2  # least change of a state between samples that smoothing grants it, as a fraction of its size
+_POOR = 3.0  # mean square of whitened residuals above which a starting point fits so poorly that another is tried
+_FAR_LESS = 0.5  # violation of the dynamics, against that of the start values, at which 0 is the better start
 
 
 def begin(problem: Problem, iterate: Iterate, near: bool) -> tuple[Problem, Iterate]:
@@ -194,12 +190,9 @@ def _without_gaps(grid: Grid) -> FloatArray:
 # ---- Long gaps, in which nothing was measured: fitted around first, then bridged by the model ----
 
 
-_LONG = 8
-"""Times the usual distance of measured samples from which a gap is bridged."""
-_LEAST = 2 * WIDTH
-"""Samples of a stretch at least."""
-_TOO_FAR = 10.0
-"""Times the largest measured state above which the motion across a gap is discarded."""
+_LONG = 8  # times the usual distance of measured samples from which a gap is bridged
+_LEAST = 2 * WIDTH  # samples of a stretch at least
+_TOO_FAR = 10.0  # times the largest measured state above which the motion across a gap is discarded
 
 
 @dataclass(frozen=True)
@@ -301,14 +294,11 @@ def _carried(model: Model, grid: Grid, x: FloatArray, first: int, stop: int, the
 # ---- Several starting points of one fit: a model that is not quite right has more than one optimum ----
 
 
-_SUSPECT = 1e-3
-"""p-value of an output's whiteness below which a second starting point is worth its time."""
-_APART = 1.0
-"""Difference of log-likelihoods from which two ends are different optima."""
+_SUSPECT = 1e-3  # p-value of an output's whiteness below which a second starting point is worth its time
+_APART = 1.0  # difference of log-likelihoods from which two ends are different optima
 _POOR_LIKELIHOOD = 3.0
 """Mean square of residuals over that of the known noise above which a second starting point is worth its time."""
-_WINDOW = 9
-"""Samples of the running mean whose residual is the third guess of the noise."""
+_WINDOW = 9  # samples of the running mean whose residual is the third guess of the noise
 
 
 def first_noises(y: FloatArray) -> dict[str, FloatArray]:
@@ -382,12 +372,9 @@ def _unsmooth(y: FloatArray) -> FloatArray:
 # ---- Finer meshes: more steps between samples ----
 
 
-TOLERATED = 0.1
-"""Shift by the mesh, in standard errors, at which it is fine enough."""
-MOST_STEPS = 32
-"""Steps between samples at most."""
-_ORDER = 4.0
-"""Order of the collocation: how the error falls with the step."""
+TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
+MOST_STEPS = 32  # steps between samples at most
+_ORDER = 4.0  # order of the collocation: how the error falls with the step
 _NEAR = 1.0
 """Shift by the mesh, in standard errors, up to which a fit on a finer one begins where that on the coarser ended."""
 _LARGEST_RAISE = 8

@@ -22,14 +22,10 @@ from brv_hypo.arrays import FloatArray, IntArray
 # ---- How well the parameters are known: covariance, near-null directions, whiteness ----
 
 
-_NEAR_NULL = 1e-3
-"""Singular value of column-scaled sensitivities, against the largest, of a near-null direction."""
-_NULL = 1e-13
-"""The same of a direction that is not seen at all: what is left is rounding."""
-_TOUCHED = 1e-8
-"""Square of a parameter's weight in such directions from which it is not determined."""
-_NAMED = 0.1
-"""Least weight with which a parameter is named in a near-null direction."""
+_NEAR_NULL = 1e-3  # singular value of column-scaled sensitivities, against the largest, of a near-null direction
+_NULL = 1e-13  # the same of a direction that is not seen at all: what is left is rounding
+_TOUCHED = 1e-8  # square of a parameter's weight in such directions from which it is not determined
+_NAMED = 0.1  # least weight with which a parameter is named in a near-null direction
 
 
 @dataclass(frozen=True)
@@ -62,16 +58,11 @@ class Identifiability:
 class Whiteness:
     """Ljung-Box test of one output's innovations."""
 
-    statistic: float
-    """Q, chi-square of `lags` degrees of freedom where they are white."""
-    p_value: float
-    """Its p-value."""
-    lags: int
-    """Lags that it is of."""
-    largest: float
-    """Largest autocorrelation."""
-    largest_lag: int
-    """Lag of that."""
+    statistic: float  # Q, chi-square of `lags` degrees of freedom where they are white
+    p_value: float  # its p-value
+    lags: int  # lags that it is of
+    largest: float  # largest autocorrelation
+    largest_lag: int  # lag of that
 
     @property
     def white(self) -> bool:
@@ -143,10 +134,8 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
 _HIGHEST_ORDER = 20
 _LEAST_SAMPLES_PER_ORDER = 10
 _LEAST_POLYNOMIAL = 1e-6
-_BLOCK = 32768
-"""Samples transformed at a time. What is correlated across the edges of blocks this long is left out."""
-_LARGEST_REFLECTION = 0.999
-"""Keeps an autoregression stable where gaps make its autocorrelations inconsistent."""
+_BLOCK = 32768  # samples transformed at a time. What is correlated across the edges of blocks this long is left out.
+_LARGEST_REFLECTION = 0.999  # keeps an autoregression stable where gaps make its autocorrelations inconsistent
 
 
 def coloured_covariance(
@@ -245,12 +234,9 @@ class Linearised:
 
     by_parameter: tuple[FloatArray, ...]
     """Derivatives of the whitened residuals, the states following, by segment: (n, n_outputs, p)."""
-    triangle: FloatArray
-    """Factor of the information matrix, priors left out, (p, p)."""
-    precision: FloatArray
-    """Inverse variance of the priors, (p,)."""
-    estimated: IntArray
-    """The parameters that are free and not at a bound."""
+    triangle: FloatArray  # factor of the information matrix, priors left out, (p, p)
+    precision: FloatArray  # inverse variance of the priors, (p,)
+    estimated: IntArray  # the parameters that are free and not at a bound
 
     def change_by(self, gained: Sequence[FloatArray]) -> FloatArray:
         """Change of the parameters (p,) where the whitened residual gains so much, (n, n_outputs) a segment."""

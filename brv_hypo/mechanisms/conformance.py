@@ -32,8 +32,7 @@ from brv_hypo.motion.motion import Motion
 
 # ---- The motion and the record that plugins are checked on: closed-form, so that the past is exact ----
 
-DURATION = 6.0
-"""Seconds of the sample motion and of the sample record."""
+DURATION = 6.0  # seconds of the sample motion and of the sample record
 
 # Crossflow amplitudes of the two epicyclic arms; unequal, so alpha stays above zero.
 _SLOW, _FAST = 0.05, 0.012

@@ -192,8 +192,7 @@ def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:
     return tuple(item for item in items if isinstance(item, Mechanism) and item.kind == kind)
 
 
-ALL_INSTALLED = "installed"
-"""What stands among names of mechanisms for every one that is installed."""
+ALL_INSTALLED = "installed"  # what stands among names of mechanisms for every one that is installed
 
 
 def compared(names: Sequence[str]) -> list[str]:

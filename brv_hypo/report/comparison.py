@@ -19,12 +19,9 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Role, Texts, Values
 from brv_hypo.report.motion_charts import PLAIN, Drawn, Scale, Setting, caption, cut_text, framed
 
-LEADING = 2
-"""Hypotheses that are drawn besides the baseline only; more lines than this hide each other."""
-CLOSE = 0.1
-"""Share of the axis within which two dots are so close that their names would hide each other."""
-ROUNDING = 1e-9
-"""A coefficient that stays below this, its error included, is none of the model's and is not drawn."""
+LEADING = 2  # hypotheses that are drawn besides the baseline only; more lines than this hide each other
+CLOSE = 0.1  # share of the axis within which two dots are so close that their names would hide each other
+ROUNDING = 1e-9  # a coefficient that stays below this, its error included, is none of the model's and is not drawn
 COEFFICIENTS = {
     "C_N'": "C<sub>m,in</sub>",
     "C_Z'": "C<sub>n,side</sub>",
@@ -33,10 +30,8 @@ COEFFICIENTS = {
     "C_Nalpha_force": "force C<sub>Nα</sub>, 1/rad",
 }
 """By name, the title of a coefficient's axis."""
-MOMENTS = ("C_N'", "C_Z'")
-"""Coefficients that may be drawn in thousandths."""
-BY_MACH = ("C_N' by alpha", "C_Nalpha_force")
-"""Coefficients that are drawn over Mach number too."""
+MOMENTS = ("C_N'", "C_Z'")  # coefficients that may be drawn in thousandths
+BY_MACH = ("C_N' by alpha", "C_Nalpha_force")  # coefficients that are drawn over Mach number too
 
 
 def comparison_charts(comparison: Comparison) -> list[Chart]:

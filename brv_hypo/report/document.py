@@ -21,10 +21,8 @@ from brv_hypo.arrays import FloatArray
 Role = Literal["measured", "first", "second", "third", "none", "guide"]
 Values = Sequence[float] | FloatArray
 
-MOST_POINTS = 2500
-"""Points drawn of a history; a longer one is thinned evenly, which no screen shows."""
-MOST_OF_A_PATH = 6000
-"""The same of a path, whose intervals stand side by side."""
+MOST_POINTS = 2500  # points drawn of a history; a longer one is thinned evenly, which no screen shows
+MOST_OF_A_PATH = 6000  # the same of a path, whose intervals stand side by side
 
 
 @dataclass(frozen=True)
@@ -34,16 +32,12 @@ class Line:
     x: Values
     y: Values
     role: Role
-    name: str = ""
-    """In the legend; "" for none."""
+    name: str = ""  # in the legend; "" for none
     dots: bool = False
     dashed: bool = False
-    large: bool = False
-    """Of dots that are few."""
-    labels: Sequence[str] = ()
-    """To the right of each dot, of a line or more."""
-    error: tuple[Values, Values] | None = None
-    """How far y may lie below and above."""
+    large: bool = False  # of dots that are few
+    labels: Sequence[str] = ()  # to the right of each dot, of a line or more
+    error: tuple[Values, Values] | None = None  # how far y may lie below and above
 
 
 @dataclass(frozen=True)
@@ -91,13 +85,11 @@ class Span:
 class Panel:
     """Layers over one pair of axes."""
 
-    title: str
-    """Of the vertical axis."""
+    title: str  # of the vertical axis
     layers: Sequence[Layer]
     log: bool = False
     range: tuple[float, float] | None = None
-    categories: Sequence[str] = ()
-    """Texts at the ticks 0, 1, ... of the vertical axis."""
+    categories: Sequence[str] = ()  # texts at the ticks 0, 1, ... of the vertical axis
 
 
 @dataclass(frozen=True)
@@ -108,14 +100,11 @@ class PlanePath:
     x: Values
     y: Values
     y_title: str
-    cycle: float
-    """Time in which it goes round once, s."""
+    cycle: float  # time in which it goes round once, s
 
-    cycles: ClassVar[int] = 4
-    """Of an interval: few enough to follow the line, enough to see it turn and grow."""
+    cycles: ClassVar[int] = 4  # of an interval: few enough to follow the line, enough to see it turn and grow
     columns: ClassVar[int] = 4
-    most: ClassVar[int] = 16
-    """Intervals at most, which is what a column of a page holds legibly."""
+    most: ClassVar[int] = 16  # intervals at most, which is what a column of a page holds legibly
 
     @property
     def intervals(self) -> int:
@@ -128,23 +117,18 @@ class PlanePath:
 class Chart:
     """Panels, one below the other, over a common horizontal axis."""
 
-    name: str
-    """Stem of picture files."""
+    name: str  # stem of picture files
     heading: str
-    x: str
-    """Title of the horizontal axis."""
-    panels: Sequence[Panel]
-    """Of a `path` its intervals, with their titles above them."""
-    over_time: bool = False
-    """Charts over time share their axis with each other."""
+    x: str  # title of the horizontal axis
+    panels: Sequence[Panel]  # of a `path` its intervals, with their titles above them
+    over_time: bool = False  # charts over time share their axis with each other
     path: PlanePath | None = None
     log: bool = False
     range: tuple[float, float] | None = None
     marks: Sequence[Mark] = ()
     spans: Sequence[Span] = ()
     caption: str = ""
-    counted: bool = False
-    """Whether the horizontal axis has whole numbers alone."""
+    counted: bool = False  # whether the horizontal axis has whole numbers alone
 
     @property
     def columns(self) -> int:
@@ -197,14 +181,10 @@ class Table:
 
     rows: Sequence[Mapping[str, str]]
     heading: str = ""
-    words: Collection[str] = ()
-    """Columns that hold words; all others hold numbers, which stand to the right."""
-    marked: Collection[int] = ()
-    """Rows that stand out."""
-    most: int | None = None
-    """Rows that the terminal shows; all of them with -v."""
-    shades: Sequence[Mapping[str, float]] = ()
-    """How dark (0 to 1) a page shades cells, by row and heading."""
+    words: Collection[str] = ()  # columns that hold words; all others hold numbers, which stand to the right
+    marked: Collection[int] = ()  # rows that stand out
+    most: int | None = None  # rows that the terminal shows; all of them with -v
+    shades: Sequence[Mapping[str, float]] = ()  # how dark (0 to 1) a page shades cells, by row and heading
     shown: Shown = "always"
 
     @property
@@ -220,11 +200,9 @@ class Texts:
     texts: Sequence[str]
     heading: str = ""
     bullets: bool = True
-    warning: bool = False
-    """Warnings stand out."""
+    warning: bool = False  # warnings stand out
     strong: bool = False
-    most: int | None = None
-    """Bullets that the terminal shows; all of them with -v."""
+    most: int | None = None  # bullets that the terminal shows; all of them with -v
     shown: Shown = "always"
 
 
@@ -255,16 +233,12 @@ class Document:
     """What a command has to say."""
 
     title: str
-    subtitle: Sequence[str]
-    """A line or more on the record."""
+    subtitle: Sequence[str]  # a line or more on the record
     conclusion_title: str
-    conclusion: str
-    """The terminal shows it last, a page first."""
-    decided: bool
-    """Whether the conclusion names something."""
+    conclusion: str  # the terminal shows it last, a page first
+    decided: bool  # whether the conclusion names something
     blocks: Sequence[Block]
-    beside: Sequence[Block] = ()
-    """What belongs to the conclusion, and follows it."""
+    beside: Sequence[Block] = ()  # what belongs to the conclusion, and follows it
 
     @property
     def charts(self) -> tuple[Chart, ...]:

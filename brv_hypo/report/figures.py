@@ -17,8 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from brv_hypo.report.document import Band, Bars, Chart, Line, Panel, PlanePath, named
 
-WIDTH = 6.5
-"""Inches: the text of a page."""
+WIDTH = 6.5  # inches: the text of a page
 PANEL, BAR, FRAME = 1.9, 0.24, 0.9
 COLOURS = {
     "measured": "#1a1a1a",
@@ -29,10 +28,8 @@ COLOURS = {
     "guide": "#8c8c8c",
 }
 """By role; the palette of Okabe and Ito (2008), for colour-blind readers too."""
-_NAME = 8
-"""Points of the height of a mark's name."""
-SMALLEST_DOT = 3.0
-"""Points of a dot in a legend, at least: those of histories are smaller."""
+_NAME = 8  # points of the height of a mark's name
+SMALLEST_DOT = 3.0  # points of a dot in a legend, at least: those of histories are smaller
 STYLE: Any = {
     "font.size": 9.0,
     "axes.spines.top": False,
@@ -41,8 +38,7 @@ STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "brv-hypo",
 }
-SHOWN = 110
-"""Dots per inch in a notebook."""
+SHOWN = 110  # dots per inch in a notebook
 
 
 class ChartFigure(Figure):

@@ -47,8 +47,7 @@ from brv_hypo.report.document import (
     thinned,
 )
 
-_UNEVEN = 1e-3
-"""Share of a step by which times may be uneven and still be given as start and step."""
+_UNEVEN = 1e-3  # share of a step by which times may be uneven and still be given as start and step
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
 _HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "gap": 32}
@@ -69,8 +68,7 @@ _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": 
 """Of a band, which is drawn by its area."""
 _BESIDE_BARS = 1.18
 """The axis of bars without a range of its own goes so far beyond the longest, where its text stands."""
-_NAME = 13
-"""Height of a mark's name, px."""
+_NAME = 13  # height of a mark's name, px
 
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
@@ -272,8 +270,7 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
 
 # ---- The page: templates in `page/`, and what they need ----
 
-_WHOLE = 9
-"""A table of more columns takes the whole width of the page."""
+_WHOLE = 9  # a table of more columns takes the whole width of the page
 _ROW, _LINE = 380, 32
 """Heights (px) of a row of sections, and of a line of a table: a section that is several rows high has as many sections
 beside it, and no empty space."""

@@ -19,8 +19,7 @@ from brv_hypo.simulation import SimulatedFlight
 
 # ---- An inspected record ----
 
-NOTES = 5
-"""Notes on how the record was made that the terminal shows; all of them with -v."""
+NOTES = 5  # notes on how the record was made that the terminal shows; all of them with -v
 _WHAT_THEN = "compare refuses such a record without --accept-record; trace goes on, with a warning first."
 
 

@@ -15,8 +15,7 @@ from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Pictur
 from brv_hypo.study import Outcome
 from brv_hypo.study.statistics import SIGMAS, Calibration, ConfusionRow, Share, StudySummary
 
-MOST_MISTAKES = 12
-"""Mistakes that the terminal lists; -v, the page and the CSV file hold them all."""
+MOST_MISTAKES = 12  # mistakes that the terminal lists; -v, the page and the CSV file hold them all
 
 
 # ---- Tables ----

@@ -33,8 +33,7 @@ from brv_hypo.report.document import (
 )
 
 _BULK = (0.01, 0.99)  # quantiles of the values that a frame always holds
-_FAR = 3.0
-"""Times the width of the bulk that all values take, beyond which the rest of them lies outside the frame."""
+_FAR = 3.0  # times the width of the bulk that all values take, beyond which the rest of them lies outside the frame
 _BESIDE = 0.5  # widths of the bulk that are shown on both sides of it then
 _FAR_WIDER = 5.0
 """Times the width of histories that their noise's band takes, beyond which they would be a flat line before it."""
@@ -98,8 +97,7 @@ BESIDE = (
 _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
-_WHOLE = 0.99
-"""Share of the record from which on a fault is one of the record as such, and no part of it is masked."""
+_WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
 _NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 

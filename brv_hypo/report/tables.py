@@ -14,10 +14,8 @@ from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, 
 from brv_hypo.report.document import Block, Shown, Table, Texts
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
-_LONG = re.compile(r"\d+\.\d{5,}")
-"""A number at more digits than a reader needs, in the name of what was discovered."""
-_DIFFERENCES = ("aic", "bic")
-"""Criteria of which differences alone count."""
+_LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
+_DIFFERENCES = ("aic", "bic")  # criteria of which differences alone count
 _OF_WHITENED_RATES = {
     "r2": "R² of whitened rates",
     "adjusted_r2": "adjusted R² of whitened rates",
@@ -31,8 +29,7 @@ _PROCESSES = (
     "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
 )
 
-IN_DOUBT = "Record in doubt"
-"""The title of a conclusion on a record that contradicts itself."""
+IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
 

@@ -16,10 +16,8 @@ from rich.text import Text
 from brv_hypo.io.text import printable
 from brv_hypo.report.document import Block, Document, Picture, Table, Texts, shown_of
 
-_BETWEEN = 2
-"""Characters between columns."""
-_LEAST_TEXT = 12
-"""Characters below which a column of words is not folded further."""
+_BETWEEN = 2  # characters between columns
+_LEAST_TEXT = 12  # characters below which a column of words is not folded further
 
 
 def terminal_view(document: Document, *, verbose: bool = False) -> RenderableType:

@@ -106,8 +106,7 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
 # ---- A trace as a document ----
 
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
-CANDIDATES_AT_FIRST = 4
-"""Candidates that the terminal shows for each step; all of them with -v and on the page."""
+CANDIDATES_AT_FIRST = 4  # candidates that the terminal shows for each step; all of them with -v and on the page
 _STOPPED = {
     "white": "The residual is noise.",
     "nothing significant": "No effect explains more.",
@@ -234,10 +233,8 @@ def outcome_text(step: Step) -> str:
 # ---- A prediction as a document ----
 
 
-COEFFICIENTS_AT_FIRST = 16
-"""Coefficients that the terminal shows; all of them with -v and on the page."""
-HOLDS_BELOW = 0.5
-"""Ratio of mean squares below which the frozen model is said to hold on the flight."""
+COEFFICIENTS_AT_FIRST = 16  # coefficients that the terminal shows; all of them with -v and on the page
+HOLDS_BELOW = 0.5  # ratio of mean squares below which the frozen model is said to hold on the flight
 WHERE_IT_DIFFERS = "Where this flight differs from the frozen model"
 
 

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-RESOLUTION = 200
-"""Dots per inch of PNG files."""
+RESOLUTION = 200  # dots per inch of PNG files
 
 
 def require_matplotlib(what: str = "--figures") -> None:

@@ -100,22 +100,17 @@ _MOST_PARTS = 64
 class Grid:
     """When the motion is integrated."""
 
-    nodes: FloatArray
-    """(n,) s."""
-    breaks: BoolArray
-    """Nodes where the moments may jump or kink (n,)."""
-    samples: IntArray
-    """Nodes that are samples of the record (m,)."""
+    nodes: FloatArray  # (n,) s
+    breaks: BoolArray  # nodes where the moments may jump or kink (n,)
+    samples: IntArray  # nodes that are samples of the record (m,)
 
 
 @dataclass(frozen=True)
 class Trajectory(Grid):
     """An integrated flight on its grid."""
 
-    states: FloatArray
-    """(n, 13, 1)."""
-    rates: FloatArray
-    """Their changes per s, after a break."""
+    states: FloatArray  # (n, 13, 1)
+    rates: FloatArray  # their changes per s, after a break
 
 
 def grid(start: float, step: float, samples: int, steps_per_sample: int, breaks: FloatArray) -> Grid:

@@ -194,28 +194,17 @@ Past = Callable[[FloatArray], Motion]
 class AirData:
     """Velocity relative to the air and what follows from it; vectors (3, ...)."""
 
-    rotation: FloatArray
-    """Body to frame (3, 3, ...)."""
-    velocity: FloatArray
-    """Relative to the air, in body axes, m/s."""
-    velocity_rate: FloatArray
-    """Its change in body axes, m/s^2."""
-    speed: FloatArray
-    """Relative to the air, m/s."""
-    altitude: FloatArray
-    """Above sea level, m."""
-    dynamic_pressure: FloatArray
-    """Pa."""
-    mach: FloatArray
-    """Mach number."""
-    reynolds: FloatArray
-    """Reynolds number by the reference length."""
-    crossflow: ComplexArray
-    """(v + i w) / V."""
-    specific_force: FloatArray
-    """Aerodynamic force per mass in body axes, m/s^2."""
-    acceleration: FloatArray
-    """In the frame: gravity and aerodynamic force, m/s^2."""
+    rotation: FloatArray  # body to frame (3, 3, ...)
+    velocity: FloatArray  # relative to the air, in body axes, m/s
+    velocity_rate: FloatArray  # its change in body axes, m/s^2
+    speed: FloatArray  # relative to the air, m/s
+    altitude: FloatArray  # above sea level, m
+    dynamic_pressure: FloatArray  # Pa
+    mach: FloatArray  # Mach number
+    reynolds: FloatArray  # Reynolds number by the reference length
+    crossflow: ComplexArray  # (v + i w) / V
+    specific_force: FloatArray  # aerodynamic force per mass in body axes, m/s^2
+    acceleration: FloatArray  # in the frame: gravity and aerodynamic force, m/s^2
 
 
 @dataclass(frozen=True)
@@ -223,10 +212,8 @@ class System:
     """The equations of motion of a flight (Eq. 2.2 to 2.4)."""
 
     config: SimulationConfig
-    planted: tuple[Planted, ...]
-    """Asymmetries, then mechanisms."""
-    wind_profile: WindProfile | None = None
-    """The wind that the errors of the record leave unaccounted for."""
+    planted: tuple[Planted, ...]  # asymmetries, then mechanisms
+    wind_profile: WindProfile | None = None  # the wind that the errors of the record leave unaccounted for
 
     @cached_property
     def inertia(self) -> FloatArray:

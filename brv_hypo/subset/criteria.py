@@ -26,16 +26,11 @@ REFINE_VARIANCES_FROM = 1e6
 class LeastSquares:
     """A least-squares fit of k columns to n rows."""
 
-    coefficients: FloatArray
-    """(k,)."""
-    rss: float
-    """Residual sum of squares."""
-    residuals: FloatArray
-    """(n,)."""
-    basis: FloatArray
-    """Orthonormal basis of the columns (n, k)."""
-    inverse_diagonal: FloatArray
-    """Diagonal of (X'X)^-1 (k,)."""
+    coefficients: FloatArray  # (k,)
+    rss: float  # residual sum of squares
+    residuals: FloatArray  # (n,)
+    basis: FloatArray  # orthonormal basis of the columns (n, k)
+    inverse_diagonal: FloatArray  # diagonal of (X'X)^-1 (k,)
 
 
 def least_squares(X: FloatArray, y: FloatArray, *, variances: bool = True) -> LeastSquares:

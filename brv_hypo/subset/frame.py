@@ -207,8 +207,7 @@ class Frame:
     powers: IntArray  # (p,), zero but where squares of the column as given would be beyond double precision
     y: FloatArray  # the weighted response (n,)
     forced: tuple[int, ...]  # columns in every subset, independent of each other
-    candidates: IntArray
-    """Columns of X to choose from (m,); everywhere else candidates go by their positions in it."""
+    candidates: IntArray  # columns of X to choose from (m,); everywhere else candidates go by their positions in it
     R: FloatArray
     """Triangular factor (m, m) of the candidates, the forced columns projected out, scaled to unit length."""
     z: FloatArray  # the response on the same axes (m,)

@@ -44,18 +44,12 @@ class OpenSubtree:
 class Node:
     """All subsets that hold ``included`` and otherwise draw on ``undecided``."""
 
-    included: tuple[int, ...]
-    """Candidates already in."""
-    undecided: IntArray
-    """Candidates to decide on (u,)."""
-    R: FloatArray
-    """What the included leave of the undecided columns (u, u), triangular; in a leaf as it is (m, u)."""
-    z: FloatArray
-    """What they leave of the response, on the same rows."""
-    bound: float
-    """Residual sum of squares of nothing but what these rows do not hold: no subset has less."""
-    dependency: tuple[int, ...] = ()
-    """Undecided columns in a linear dependency, where there is one."""
+    included: tuple[int, ...]  # candidates already in
+    undecided: IntArray  # candidates to decide on (u,)
+    R: FloatArray  # what the included leave of the undecided columns (u, u), triangular; in a leaf as it is (m, u)
+    z: FloatArray  # what they leave of the response, on the same rows
+    bound: float  # residual sum of squares of nothing but what these rows do not hold: no subset has less
+    dependency: tuple[int, ...] = ()  # undecided columns in a linear dependency, where there is one
 
     @property
     def rss(self) -> float:
