@@ -1,7 +1,6 @@
 """From flight records to the segments of the likelihood: block means as measurements, smooth inputs.
 
-Nodes are as far apart as the motion allows: `block_size` is the most samples at which Simpson's rule integrates
-the model's moment to a fraction of the gyros' noise. Near alpha = 0 the windward meridian turns by most of pi
+Nodes are as far apart as the motion allows (`block_size`). Near alpha = 0 the windward meridian turns by most of pi
 between two samples; there `Meridian` puts more nodes in between, which measure nothing.
 
 The measurement at the node in the middle of a block is the mean of its samples, in de-rolled axes, less the

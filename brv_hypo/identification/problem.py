@@ -1,8 +1,4 @@
-"""The estimation problem of an identification: options, node records, equations, start values, priors, bounds.
-
-`build_problem` lays it out from a regression model; `Problem.solve` is the maximum-likelihood fit,
-`Problem.refreshed` the same problem with nodes and block means laid out by another estimate of the motion.
-"""
+"""The estimation problem of an identification: options, node records, equations, start values, priors, bounds."""
 
 from __future__ import annotations
 

@@ -96,10 +96,6 @@ class BlockRows:
             couplings=tuple(replace(c, blocks=turn(c.blocks, left)) for c in self.couplings),
         )
 
-    def without_couplings(self) -> BlockRows:
-        """The neighbours in time alone."""
-        return replace(self, couplings=())
-
     def dot(self, x: FloatArray) -> FloatArray:
         """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
         n = x.shape[0]

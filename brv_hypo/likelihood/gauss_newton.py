@@ -152,8 +152,8 @@ def _eliminated(problem: Problem, iterate: Iterate, s: int, anchored: bool, held
     if not quadratic.exact:  # delays meet noise on the way to a start only, whose states are near: they are held
         quadratic = replace(
             quadratic,
-            by_state=quadratic.by_state.without_couplings(),
-            defect_by_state=quadratic.defect_by_state.without_couplings(),
+            by_state=replace(quadratic.by_state, couplings=()),
+            defect_by_state=replace(quadratic.defect_by_state, couplings=()),
         )
     if anchored:
         free = np.isinf(quadratic.variance)

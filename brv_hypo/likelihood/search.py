@@ -1,7 +1,6 @@
 """The search: Gauss-Newton steps until they are negligible against the standard errors, and B by Eq. 3.11 beside them.
 
-A merit function weighs the fit against violated dynamics. How a search ended is a `Status`, which knows its cause and
-its remedy; `Iteration` is one step, `Options` how to search, `Outcome` where it ended. `search` is the entrance.
+A merit function weighs the fit against violated dynamics. `search` is the entrance.
 """
 
 from __future__ import annotations

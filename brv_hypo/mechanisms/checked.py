@@ -1,8 +1,7 @@
 """Calls of plugins with checked answers: each ends in its answer or in a MechanismError that names the plugin.
 
-`answer` calls foreign code within a limit of time; `checked` wraps a mechanism or record effect so that all its
-answers are checked; `without_faulty` repeats an analysis without the plugins that broke the contract, so that the
-results of the others are those of a run in which these were never installed.
+Entrances: `answer`, `checked`, and `without_faulty`, whose results are those of a run in which the plugins that broke
+the contract were never installed.
 """
 
 from __future__ import annotations

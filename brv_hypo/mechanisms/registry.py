@@ -2,8 +2,7 @@
 
 A plugin is a module (entry point or .py file) with the hooks of hookspecs.py, or one mechanism in a .yaml file.
 Each is loaded and checked on its own: one that breaks the contract is left out with a reason that names its
-package, file and line, and changes nothing else. `installed` has all that were found; `find`, `find_installed`
-and `parse_hypothesis` look them up.
+package, file and line, and changes nothing else.
 
 Nuisances, record effects and mechanisms with a tolerance, and processes are in every hypothesis: those of this
 distribution, and of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`).

@@ -1,7 +1,6 @@
 """A comparison as a document: ranking, verdict, terms and criteria, and the charts of each flight.
 
-`comparison_charts` draws probabilities, limits and C_p, then for each flight the moments with the leading hypotheses,
-residuals, motion, spectra and coefficients over time and Mach number. `comparison_document` is the entrance.
+`comparison_document` is the entrance.
 """
 
 from __future__ import annotations

@@ -2,9 +2,7 @@
 
 Charts are drawn in the browser by plotly.js (basic, MIT licence), which is in the page once, packed
 (`page/plotly-basic.min.js.gz`, as its distribution has it). `plotly_chart` gives the traces and the layout of
-a chart; colours are names of CSS variables; histories are single precision, thinned. At the foot stands where
-the page came from (`Provenance`): version, settings, records with their SHA-256, and the command that makes
-it again. `page` is the entrance.
+a chart; colours are names of CSS variables; histories are single precision, thinned. `page` is the entrance.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Charts of a motion and of moments over time, angle of attack and frequency, for whatever result has them.
-
-The vertical range of a panel is that of the bulk of its values (`framed`): a few outliers, or a wide noise
-band, must not flatten a history. What lies beyond the frame is said in the caption.
-"""
+"""Charts of a motion and of moments over time, angle of attack and frequency, for whatever result has them."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """A trace, and a prediction by its model, as documents.
 
-Of a trace the steps with their candidates and errors, the model, and its residual; `trace_charts` draws the moments
-with the model, the residual before and after, the static slope by Mach number and the motion. Of a prediction the
-errors with the model frozen, over all and by region. `trace_document` and `prediction_document` are the entrances.
+`trace_document` and `prediction_document` are the entrances.
 """
 
 from __future__ import annotations

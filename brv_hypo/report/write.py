@@ -1,7 +1,6 @@
 """From Python: any result as a page, its charts as PNG and SVG files, or one of them as a figure.
 
-`document_of` holds the document of every type of result that has one. Picture files need matplotlib (the
-extra `figures`), which is imported when a picture is drawn; the same chart gives the same bytes.
+Picture files need matplotlib (the extra `figures`), which is imported when a picture is drawn.
 """
 
 from __future__ import annotations

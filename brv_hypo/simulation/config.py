@@ -1,8 +1,4 @@
-"""Configuration of a simulation: the schema of configs/*.yaml, its files and mappings.
-
-`SimulationConfig` holds all that is flown, in SI and rad. `load_config` reads one from a file, a name or a mapping, and
-refuses with what to write instead.
-"""
+"""Configuration of a simulation: the schema of configs/*.yaml (`SimulationConfig`), its files and mappings."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE
 from brv_hypo.flight.format import Quantity, assemble, save_flight
 from brv_hypo.flight.record import Flight, Record
+from brv_hypo.motion.signals import rms
 from brv_hypo.progress import Progress, Report, report_to, silent
 from brv_hypo.results import Histories
 from brv_hypo.settings import takes_settings
@@ -65,10 +66,7 @@ class Truth:
     def planted_share(self) -> tuple[float, float]:
         """Rms of what is planted in and out of plane, each over the rms of the whole moment vector."""
         whole = float(np.sqrt(np.mean(self.C_N**2 + self.C_Z**2)))
-        return (
-            float(np.sqrt(np.mean(self.planted_in_plane**2))) / whole,
-            float(np.sqrt(np.mean(self.planted_out_of_plane**2))) / whole,
-        )
+        return rms(self.planted_in_plane) / whole, rms(self.planted_out_of_plane) / whole
 
     def tree(self) -> dict[str, Any]:
         """The content of the group `truth` of format 1."""

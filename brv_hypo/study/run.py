@@ -1,9 +1,7 @@
 """`run_study`: every flight of a study, in parallel, each outcome stored at once.
 
-`Store` holds the outcomes of one study for one process, in an SQLite database: every flight is committed as soon as it
-is known, and an interrupted study goes on with the flights that its folder does not hold. `spread` calls a function on
-every item: in processes of this machine (joblib with loky), or on the workers of a Dask scheduler. `results_csv` is
-the table of the flights for other programs.
+`Store` keeps outcomes in an SQLite database for one process: every flight is committed as soon as it is known, and an
+interrupted study goes on with the others. `spread` calls a function on every item, with joblib (loky) or Dask.
 """
 
 from __future__ import annotations

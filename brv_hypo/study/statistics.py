@@ -1,9 +1,8 @@
 """The statistics of a study, from the outcomes of its flights; `summarise` gathers them.
 
 Shares with exact intervals (Clopper and Pearson 1934); the confusion matrix and false alarms; calibration of the
-probabilities (Brier 1950; log loss); detection
-limits, a logistic curve of "won" over the logarithm of the effect by Firth's (1993) penalised likelihood; coverage of
-the planted parameters by two standard errors; and verdicts on records with an injected fault.
+probabilities (Brier 1950; log loss); detection limits, a logistic curve of "won" over the logarithm of the effect
+(Firth 1993); coverage of the planted parameters by two standard errors; verdicts on records with an injected fault.
 """
 
 from __future__ import annotations

@@ -1,9 +1,6 @@
 """One flight of a study: simulated with a planted mechanism, compared, and kept as an `Outcome`.
 
-The size of a planted mechanism is the rms of the moment that it adds, while it lasts, over the rms of the
-whole moment in that time (`effect_size`). Each planted parameter (delay, onset, coefficient, phi_b) is set
-beside its estimate in the fit of the planted mechanism (`estimates`). `fly` is the entrance; a flight that
-fails is an outcome with its reason.
+`fly` is the entrance; a flight that fails is an outcome with its reason.
 """
 
 from __future__ import annotations
@@ -15,10 +12,10 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import BrvHypoError
 from brv_hypo.flight.format import assemble
 from brv_hypo.mechanisms import find
+from brv_hypo.motion.signals import rms
 from brv_hypo.ranking import compare
 from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth, simulate
@@ -122,12 +119,8 @@ def effect_size(truth: Truth) -> tuple[float, float]:
     if not truth.planted or not np.any(planted):
         return 0.0, 0.0
     lasts = planted > ABSENT * planted.max()
-    whole = _rms(np.hypot(truth.C_N, truth.C_Z)[lasts])
-    return _rms(truth.planted_in_plane[lasts]) / whole, _rms(truth.planted_out_of_plane[lasts]) / whole
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    whole = rms(np.hypot(truth.C_N, truth.C_Z)[lasts])
+    return rms(truth.planted_in_plane[lasts]) / whole, rms(truth.planted_out_of_plane[lasts]) / whole
 
 
 # ---- Planted parameters and what the planted mechanism's own fit makes of them ----

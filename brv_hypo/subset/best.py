@@ -2,7 +2,6 @@
 
 Small searches are done in numpy; the compiled kernel is loaded once numpy has visited about as many nodes as compiling
 it costs. Columns that are too ill-conditioned for its Schur complements stay with numpy, whose steps are orthogonal.
-`Certificate` says what was proved.
 """
 
 from __future__ import annotations

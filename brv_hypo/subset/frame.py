@@ -313,7 +313,7 @@ def triangle(columns: FloatArray) -> FloatArray:
     if count > _SMALL or not columns.size:
         return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
     factor = dgeqrf(columns)[0][: min(rows, count)]
-    return np.asarray(np.triu(factor), dtype=np.float64)
+    return np.asarray(np.where(_upper(*factor.shape), factor, 0.0), dtype=np.float64)
 
 
 def square_triangle(columns: FloatArray) -> FloatArray:
