@@ -60,49 +60,33 @@ class Tilt:
         return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
 
 
-def thrust_span(time: FloatArray, forces: FloatArray) -> tuple[int, int] | None:
-    """Samples [start, stop) of the first thrust, whatever the axes of the forces (3, n) m/s^2; None without.
+def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray, tuple[int, int, int]] | None:
+    """Mean direction (3,) of the first thrust in forces (3, n) m/s^2, the speed (n,) m/s it makes, and three samples.
 
-    Thrust comes after a rest, which senses gravity, or before a drag the other way: an entry's force does neither.
+    Those of ignition, highest speed, and where drag has brought it down to a part of that. None without thrust, which
+    comes after a rest, that senses gravity, or before a drag the other way: an entry's force does neither.
     """
     from scipy.ndimage import uniform_filter1d
 
-    known = np.stack([joined(each) for each in forces])
-    step = float(np.median(np.diff(time)))
+    known, step = np.stack([joined(each) for each in forces]), float(np.median(np.diff(time)))
     size = uniform_filter1d(np.linalg.norm(known, axis=0), max(1, round(THRUST_SMOOTHED / step)), mode="nearest")
     least = max(2, round(THRUST_SHORTEST / step))
     for start, stop in (run for run in runs(size > THRUST) if run[1] - run[0] >= least):
         axis = known[:, start:stop].sum(axis=1)
-        after = axis @ known[:, stop:] / max(float(np.linalg.norm(axis)), 1e-300)
-        dragged = after.size > 0 and float(np.mean(after < -DRAGGED)) > DRAGGED_SHARE
-        low, middle, high = np.percentile(size[: start - least], (10, 50, 90)) if start > 2 * least else (0.0, 0.0, 1e9)
-        if (abs(middle - GRAVITY) < REST_OFF and high - low < REST_OFF) or dragged:
-            return start, stop
+        axis /= np.linalg.norm(axis)
+        along = axis @ known
+        rest = np.percentile(size[: start - least], (10, 50, 90)) if start > 2 * least else np.array([0.0, 0.0, 1e9])
+        rested = abs(rest[1] - GRAVITY) < REST_OFF and rest[2] - rest[0] < REST_OFF
+        if rested or float(np.mean(np.append(along[stop:], 0.0) < -DRAGGED)) > DRAGGED_SHARE:
+            speed = integral(time, np.where(np.arange(time.size) < start, 0.0, along - GRAVITY))
+            top = int(np.argmax(speed))
+            slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
+            return axis, speed, (start, top, top + int(slow[0]) if slow.size else time.size)
     return None
 
 
-def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray, tuple[int, int, int]] | None:
-    """Mean direction of the thrust (3,), the speed (n,) m/s that forces along it make, and three samples.
-
-    Those of ignition, highest speed, and where drag has brought it down to a part of that. None without thrust.
-    """
-    thrust = thrust_span(time, forces)
-    if thrust is None:
-        return None
-    known = np.stack([joined(each) for each in forces])
-    first = known[:, thrust[0] : thrust[1]].sum(axis=1)
-    first /= np.linalg.norm(first)
-    speed = integral(time, np.where(np.arange(time.size) < thrust[0], 0.0, first @ known - GRAVITY))
-    top = int(np.argmax(speed))
-    slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
-    return first, speed, (thrust[0], top, top + int(slow[0]) if slow.size else time.size)
-
-
 def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt | None:
-    """The nose by thrust, drag and, if it turns enough, spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2.
-
-    None without thrust.
-    """
+    """The nose by thrust, drag and much spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2. None without thrust."""
     flown = powered_flight(time, forces)
     if flown is None:
         return None
@@ -120,11 +104,10 @@ def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt |
 
 
 def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias: float, ratio: float) -> Tilt | None:
-    """The nose of a coast by its axes of spin and drag, near x; None where it hardly spins.
+    """The nose of a coast, near x, by spin and drag; `bias` rad/s is the gyros' 1-sigma. None where it hardly spins.
 
-    A body trimmed to an angle spins about its path, that angle off the nose, and its force lies `ratio` times that
-    angle off: the slope of its normal force over the axial one. A turned unit shows one and the same angle in both.
-    `bias` rad/s is the 1-sigma of the gyros'.
+    A trimmed body spins about its path, off the nose, and its force lies `ratio` (slope of the normal over the axial
+    force) times that angle off. A turned unit shows one and the same angle in both.
     """
     first = np.array([1.0, 0.0, 0.0])
     spun = _spun(time, rates, first)

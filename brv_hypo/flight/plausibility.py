@@ -15,7 +15,7 @@ import numpy as np
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import joined
-from brv_hypo.flight.mounting import GRAVITY, Tilt, integral, relative_axes, thrust_span
+from brv_hypo.flight.mounting import Tilt, integral, powered_flight, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, RecordFault, Vehicle
 
 CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least, over which a climb is averaged
@@ -80,19 +80,15 @@ def _climb(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault 
 def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, tuple[float, float]]:
     """Speed (m/s) and height (m) gained in the first thrust, by channel: recorded, and as the forces (3, n) make them.
 
-    Vertical and along the forces: a leaning path gains the more speed and the less height. Empty without thrust, or
-    where too little is gained.
+    As if vertical: a leaning path gains the more speed and the less height. Empty where too little is gained.
     """
-    thrust = thrust_span(time, forces)
-    if thrust is None:
+    flown = powered_flight(time, forces)
+    if flown is None:
         return {}
-    push = np.linalg.norm([joined(each) for each in forces], axis=0) - GRAVITY
-    speed = integral(
-        time, np.where((np.arange(time.size) >= thrust[0]) & (np.arange(time.size) < thrust[1]), push, 0.0)
-    )
-    stop = min(thrust[1], int(np.argmax(speed > GAIN_FASTEST)) or time.size) - 1
+    _, speed, (ignition, top, _) = flown
+    stop = min(top, int(np.argmax(speed > GAIN_FASTEST)) or time.size)
     made = {"velocity": float(speed[stop]), "altitude": float(integral(time, speed)[stop])}
-    ends = {name: joined(channels[name])[[thrust[0], stop]] for name in made if name in channels}
+    ends = {name: joined(channels[name])[[ignition, stop]] for name in made if name in channels}
     least = dict(zip(made, GAIN_LEAST, strict=True))
     return {name: (float(np.diff(each)[0]), made[name]) for name, each in ends.items() if made[name] > least[name]}
 

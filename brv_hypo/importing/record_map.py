@@ -66,17 +66,9 @@ from brv_hypo.flight.record import (
 )
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
+from brv_hypo.importing import rocket_log
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
-from brv_hypo.importing.rocket_log import (
-    PAD_MOUNTED,
-    ascent,
-    clock_offset,
-    decimated,
-    filter_reach,
-    needed_rate,
-    take_out_biases,
-)
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.text import naming, one_line
 
@@ -104,15 +96,13 @@ def _rotation(entry: str | Rows | None) -> Any:
     if entry is None or entry == "auto":
         return entry
     matrix = np.eye(3)
-    if isinstance(entry, str):
-        for turn in entry.split(","):
-            try:
-                axis, angle = turn.split()
-                matrix = matrix @ Rotation.from_euler(axis, float(angle), degrees=True).as_matrix()
-            except ValueError:
-                raise ValueError('auto, three rows, or turns in degrees such as "x 45, z -3"') from None
-    else:
-        matrix = np.array(entry)
+    try:
+        for turn in entry.split(",") if isinstance(entry, str) else ():
+            axis, angle = turn.split()
+            matrix = matrix @ Rotation.from_euler(axis, float(angle), degrees=True).as_matrix()
+    except ValueError:
+        raise ValueError('auto, three rows, or turns in degrees such as "x 45, z -3"') from None
+    matrix = matrix if isinstance(entry, str) else np.array(entry)
     if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-3) or np.linalg.det(matrix) < 0.0:
         raise ValueError("a rotation: rows of length 1, perpendicular and right-handed (a scale of -1 mirrors)")
     return tuple(map(tuple, matrix.tolist()))
@@ -403,18 +393,18 @@ def _record(
         contradicted += gyro_fault(time, *_triads(channels))
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
-        missing = [name for name in INERTIAL_CHANNELS if name not in channels]
-        if missing:
+        if missing := [name for name in INERTIAL_CHANNELS if name not in channels]:
             raise UsageError(f"pad: biases need all gyros and accelerometers, and the map has no {missing[0]}. Map it.")
-        sigma_known = tolerances.get("accel_misalignment", PAD_MOUNTED)
-        channels, rest, biases, pad_notes = take_out_biases(time, channels, mapping.pad, sigma_known)
+        sigma_known = tolerances.get("accel_misalignment", rocket_log.PAD_MOUNTED)
+        channels, rest, biases, pad_notes = rocket_log.take_out_biases(time, channels, mapping.pad, sigma_known)
         tolerances |= biases
         notes += pad_notes
     if mapping.derive is not None:
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        speed, channels["altitude"], sigma, climb_notes = ascent(time, channels["ax"], channels["altitude"], rest)
+        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest)
+        speed, channels["altitude"], sigma, climb_notes = derived
         # unknown where it is as good as rest
         channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
         notes += climb_notes
@@ -427,8 +417,8 @@ def _record(
     flown = np.flatnonzero(inside & np.isfinite(channels.get("velocity", time)))
     if mapping.rate == "auto" and flown.size and {"q", "r"} <= set(channels):
         motion = {name: channels[name][flown[0] : flown[-1] + 1] for name in ("q", "r")}
-        rate = needed_rate(time[flown[0] : flown[-1] + 1], motion)
-    reach = 0.0 if rate is None else filter_reach(rate)  # the filter runs in from beyond the window
+        rate = rocket_log.needed_rate(time[flown[0] : flown[-1] + 1], motion)
+    reach = 0.0 if rate is None else rocket_log.DECIMATED_REACH / rate  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
     vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window, zero)
     notes += vehicle_notes
@@ -452,7 +442,7 @@ def _record(
     )
     faults: tuple[RecordFault, ...] = ()
     if rate is not None:
-        record, faults = decimated(record, rate)
+        record, faults = rocket_log.decimated(record, rate)
         within = (record.time >= window[0]) & (record.time <= window[1])
         cut = {name: values[within] for name, values in record.channels.items()}
         record = record.model_copy(update={"time": record.time[within], "channels": cut})
@@ -514,7 +504,7 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
                 )
             dimension = CHANNEL_DIMENSIONS[align.to]
             other = to_si(columns[align.column], align.units, dimension, f"recorders/{name}/align")
-            moved, likeness = clock_offset(time, channels[align.to], clock, other)
+            moved, likeness = rocket_log.clock_offset(time, channels[align.to], clock, other)
             clock = clock + moved
             notes.append(
                 f"clock of {one_line(name)}: {moved:+.4g} s to that of the main table, by its "

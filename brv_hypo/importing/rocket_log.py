@@ -39,29 +39,23 @@ PAD_MOUNTED = math.radians(1.0)  # rad, 1-sigma between the unit's x axis and th
 PAD_OFF_GRAVITY = 0.05  # of gravity that a reading at rest may be off: bias and scale of any accelerometer
 PAD_UPRIGHT = 0.7  # cosine of the lean, up to 45 deg, that a rail has
 PAD_MOVING = math.radians(2.0)  # rad/s of standard deviation: beyond any wind on a rail
-ASCENT_RATE = 20.0  # Hz at which the climb is computed: the speed has no faster content that a barometer could tell
+ASCENT_RATE, ASCENT_KNOTS = 20.0, 2.0  # Hz at which the climb is computed; s between the knots of lean and bias
 ASCENT_LEAN, ASCENT_LEAN_SIGMA = math.radians(12.0), math.radians(8.0)  # rad: of a path of which no pad tells
-ASCENT_KNOTS = 2.0  # s between the knots of the lean
-ASCENT_DRIFT = math.radians(0.7)  # rad per root second by which nose and path part, and gyros err
-ASCENT_TURNING = math.radians(5.0)  # rad per root second by which a path bends where no pad starts the gyros
-ASCENT_SWING = 1.0  # s over which the nose swings about the path
-ASCENT_HEIGHT = 100.0  # m, 1-sigma at first
-ASCENT_AT_REST = 0.3  # m/s, 1-sigma of the speed at the end of the pad
+# rad per root second by which nose and path part, and gyros err; by which a path bends that no gyros follow
+ASCENT_DRIFT, ASCENT_TURNING = math.radians(0.7), math.radians(5.0)
+ASCENT_SWING, ASCENT_TOP = 1.0, 1.0  # s over which the nose swings about the path; over which the top is found
+ASCENT_HEIGHT, ASCENT_AT_REST = 100.0, 0.3  # m and m/s, 1-sigma at the end of the pad
 ASCENT_UNKNOWN_SPEED = 0.3  # of the climb, 1-sigma of the speed with which a record without pad begins
-ASCENT_BIAS, ASCENT_SCALE = 0.1, 0.005  # m/s^2 and 1, 1-sigma of the axial accelerometer once its rest is known
-ASCENT_BIAS_WALK = 0.1  # m/s^2 per root second by which it drifts, and by which side forces take speed
-ASCENT_SLANT = 0.18  # of the highest speed, 1-sigma of that along the ground where no pad tells the lean
-ASCENT_WIND = 5.5  # m/s, 1-sigma of the wind along the ground
-ASCENT_WIND_ALONG = 0.3  # of it, at most, lies along the path for long: a lean of 17 deg
+ASCENT_BIAS, ASCENT_BIAS_WALK = 0.1, 0.1  # m/s^2 (and per root second), 1-sigma of the axial accelerometer
+ASCENT_SCALE = 0.005  # 1-sigma of its scale
+ASCENT_SLANT = 0.18  # of the highest speed, 1-sigma of that along the ground where no gyros show the lean
+ASCENT_WIND, ASCENT_WIND_ALONG = 5.5, 0.3  # m/s, 1-sigma; the part of it, at most, along the path (17 deg of lean)
 ASCENT_LEAST_SIGMA = 1.0  # m: no barometer is better
 ASCENT_HELD = 0.5  # share of altitudes that change, below which the others are taken for held
 ASCENT_TRANSONIC = (0.85, 1.25)  # Mach numbers at which a shock stands on the barometer's port
 ASCENT_MOST_TRANSONIC = 0.7  # of the climb, beyond which such altitudes are all there is
-ASCENT_STEEP = 0.5  # cosine of the lean: a slow path that leans by more is near its top, where speed is all wind
-ASCENT_TOP = 1.0  # s over which altitudes are averaged to find the highest
-ASCENT_END = 0.25  # s before the last altitude, which no later one corrects
-ASCENT_REPEATS = 8  # rounds of weights and linearisation
-ASCENT_DEGREES_OF_FREEDOM = 4.0  # of Student's t, by which altitudes off the climb count less
+ASCENT_STEEP, ASCENT_END = 0.5, 0.25  # cosine of the lean near the top, left out; s before the last altitude
+ASCENT_REPEATS, ASCENT_DEGREES_OF_FREEDOM = (8, 4.0)  # rounds; of Student's t: altitudes off the climb count less
 ASCENT_GYROS_OFF = 3.0  # times the altitudes are missed by more with the lean of the gyros, which are then in doubt
 ASCENT_FEWEST = 20  # samples with force and altitude
 # Samples that a cycle of the transverse oscillation keeps: a moment is differentiated from its rates, and delays are
@@ -151,14 +145,10 @@ class Rest:
 def lean_by_gyros(time: FloatArray, rates: FloatArray, up: FloatArray) -> FloatArray:
     """Lean of the nose (n,) rad from `rates` (3, n) rad/s without biases, `up` (3,) being up in body axes at first."""
     known = np.stack([joined(each) for each in rates])
-    means = 0.5 * (known[:, 1:] + known[:, :-1]) * np.diff(time)
-    turns = Rotation.from_rotvec(-means.T).as_matrix()
-    nose = np.empty(time.size)
-    nose[0] = up[0]
-    for k, turn in enumerate(turns):
-        up = turn @ up
-        nose[k + 1] = up[0]
-    return np.asarray(np.arccos(np.clip(nose, -1.0, 1.0)))
+    turns = Rotation.from_rotvec((-0.5 * (known[:, 1:] + known[:, :-1]) * np.diff(time)).T).as_matrix()
+    ups = [up]
+    ups += [up := turn @ up for turn in turns]
+    return np.asarray(np.arccos(np.clip([each[0] for each in ups], -1.0, 1.0)))
 
 
 def take_out_biases(
@@ -373,11 +363,6 @@ def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, .
     ]
     update = {"time": grid, "channels": channels, "notes": (*record.notes, *notes)}
     return record.model_copy(update=update), faults
-
-
-def filter_reach(rate: float) -> float:
-    """Seconds before and after a sample that the low-pass to `rate` Hz takes in, or a little more."""
-    return DECIMATED_REACH / rate
 
 
 def low_pass(before: float, after: float) -> FloatArray:

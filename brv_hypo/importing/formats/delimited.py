@@ -207,6 +207,7 @@ def read_text(path: Path, names: tuple[str, ...], layout: Layout, dialect: Diale
         return table
     how: dict[str, Any] = {"header": None, "names": range(len(found.names)), "na_values": [*MISSING]}
     how |= {"decimal": found.decimal, "thousands": found.thousands}
+    exact: dict[str, Any] = {"low_memory": False, "skipinitialspace": True, "float_precision": "round_trip"}
     blanks = found.delimiter == " "
     text = io.StringIO("\n".join(lines[k] if blanks else BLANKS.sub("", lines[k]) for k in numbers))
     cause, remedy = "a damaged line, a remark or another record in the table", "remove the line, or give `delimiter`"
@@ -216,7 +217,7 @@ def read_text(path: Path, names: tuple[str, ...], layout: Layout, dialect: Diale
                 frame = pd.read_fwf(text, colspecs=[*found.spans], **how)
             else:
                 separator = r"\s+" if blanks else found.delimiter
-                frame = pd.read_csv(text, sep=separator, low_memory=False, skipinitialspace=True, **how)
+                frame = pd.read_csv(text, sep=separator, **exact, **how)
         except (ValueError, OverflowError) as error:  # of the parser
             at = re.search(r"line (\d+), saw (\d+)", str(error))
             place = f"{path}: line {numbers[int(at[1]) - 1] + 1}, cell {at[2]}" if at else str(path)
