@@ -27,8 +27,6 @@ DRAGGED, DRAGGED_SHARE = 0.5, 0.3  # m/s^2 of drag, and the part of what follows
 BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks further apart are independent
 THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the crosswind at the rail, and the nose
 SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose: trim, principal axis
-COAST_LEAST_RATIO = 3.0  # of the slopes of normal and axial force, to which a trim can be told from a turned unit
-COAST_RATIO = 0.4  # 1-sigma, relative, of that ratio
 LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
 SLOW = 0.35  # of the highest speed, below which a coast shows little
 FADED = 0.05  # s after the highest speed, until which thrust fades
@@ -101,25 +99,6 @@ def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt |
     nose = weights @ np.stack([pushed.nose, spun.nose]) / np.sum(weights)
     apart = 0.5 * float(np.linalg.norm(pushed.nose - spun.nose))  # where the two disagree, their error is of that size
     return Tilt(nose / np.linalg.norm(nose), max(float(np.sum(weights)) ** -0.5, apart), "thrust, drag and spin")
-
-
-def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, bias: float, ratio: float) -> Tilt | None:
-    """The nose of a coast, near x, by spin and drag; `bias` rad/s is the gyros' 1-sigma. None where it hardly spins.
-
-    A trimmed body spins about its path, off the nose, and its force lies `ratio` (slope of the normal over the axial
-    force) times that angle off. A turned unit shows one and the same angle in both.
-    """
-    first = np.array([1.0, 0.0, 0.0])
-    spun = _spun(time, rates, first)
-    if spun is None or abs(ratio - 1.0) < COAST_LEAST_RATIO:
-        return None
-    dragged = _tilted(time, first, forces, (), THRUST_OFF)
-    spin, drag = spun.nose / spun.nose[0], dragged.nose / dragged.nose[0]
-    nose = (ratio * spin - drag) / (ratio - 1.0)
-    off = bias / abs(float(np.median(joined(rates[0]))))
-    unknown = COAST_RATIO * ratio / (ratio - 1.0) * float(np.linalg.norm(drag - spin))
-    sigma = float(np.linalg.norm([ratio * spun.sigma, ratio * off, dragged.sigma, unknown])) / abs(ratio - 1.0)
-    return Tilt(nose / np.linalg.norm(nose), sigma, "drag and spin")
 
 
 def _spun(time: FloatArray, rates: FloatArray, first: FloatArray) -> Tilt | None:

@@ -33,8 +33,8 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.mounting import coasting_axis, fitted_slopes, integral, nose_axis, path_into_force
-from brv_hypo.flight.plausibility import axial_coefficient, contradictions, mounting_fault
+from brv_hypo.flight.mounting import fitted_slopes, integral, nose_axis, path_into_force
+from brv_hypo.flight.plausibility import contradictions, mounting_fault
 from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import gravity_magnitude
 from brv_hypo.motion.signals import differentiate, white_noise_level
@@ -505,12 +505,12 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         record = prepared(averaged(masked))
-        found = (*faults, *_physics(masked, record), *_contradictions(record))
+        found = (*faults, *_physics(masked), *_contradictions(record))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 
 
-def _physics(flight: Flight, record: PreparedRecord) -> tuple[RecordFault, ...]:
+def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     """What contradicts the physics of any vehicle, within the segments, or a nose along x."""
     inside = np.zeros(flight.samples, dtype=np.bool_)
     for start, stop in flight.segments:
@@ -518,10 +518,6 @@ def _physics(flight: Flight, record: PreparedRecord) -> tuple[RecordFault, ...]:
     known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
     rates, forces = (np.stack([known[name] for name in triad]) for triad in _TRIADS.values())
     tilt = nose_axis(flight.time, rates, forces)
-    slope = compatibility_of(record, AS_IT_IS).normal_slope if record.segments and tilt is None else None
-    drag = axial_coefficient(known, flight.vehicle)
-    if slope is not None and drag is not None:
-        tilt = coasting_axis(flight.time, rates, forces, max(flight.instruments.gyro_bias), slope / drag[2])
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
     turned = mounting_fault(flight.time, tilt, tolerance)
     return (*contradictions(flight.time, known, flight.vehicle), *turned)

@@ -61,10 +61,12 @@ class Judged:
     fits: tuple[HypothesisFit, ...]
     evidences: tuple[Evidence, ...]
     weight: float
-    """What a nat counts: the share of the likeliest mechanism in the squares that it and processes make of the record.
+    """What a nat counts: the share of the likeliest mechanism in the squares that it and processes make of the record,
+    times that of its rows that are independent.
 
-    A likelihood that knows processes as smooth alone is sharper than what they are, which it may describe by a
-    mechanism (Gruenwald and van Ommen, Bayesian Analysis 12, 2017; Miller and Dunson, J. Am. Stat. Assoc. 114, 2019).
+    A likelihood that knows noise as white and processes as smooth alone is sharper than these are, and may describe
+    them by a mechanism (Gruenwald and van Ommen, Bayesian Analysis 12, 2017; Miller and Dunson, J. Am. Stat. Assoc.
+    114, 2019).
     """
 
     @property
@@ -135,7 +137,8 @@ def judged(
         place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
         pairs[place] = moved(problem, pairs[place], closely=True)
         evidences = [own for _, own in pairs]
-        scale, weight = scale_variance(whole), evidences[place].share_of_terms if pairs[place][0].selected else 1.0
+        scale, weight = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
+        weight *= evidences[place].share_of_terms if pairs[place][0].selected else 1.0
         gains = [weighed(own.level - null.level, weight, acting_in(fit)) for fit, own in pairs]
         fits = [with_design(problem, _estimated(*each, gain, scale)) for each, gain in zip(pairs, gains, strict=True)]
         there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)

@@ -148,7 +148,7 @@ def test_the_loop_on_the_measured_entry_goes_as_told(brv_hypo, tmp_path):
             "opportunity_entry.map.yaml",
             (0, ["Verdict: inplane", "Processes beside inplane"]),
         ),
-        ("rocket", "launch12", "imu.map.yaml", (1, ["degraded", "record fault"])),
+        ("rocket", "launch12", "imu.map.yaml", (1, ["Degraded", "record fault"])),
     ],
 )
 def test_measured_flights_go_from_tables_to_an_answer_as_told(brv_hypo, tmp_path, name, folder, guessed, told):

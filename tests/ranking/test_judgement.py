@@ -28,8 +28,8 @@ from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL
 from tests.chains import judged_cone
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, flown
 
-WEAK = 0.01
-"""Of the research cone's own planted moment: about a third of what the baseline does not explain is noise."""
+WEAK = 0.015
+"""Of the research cone's own planted moment: about a fifth of what the baseline does not explain is noise."""
 
 
 def with_pulse(scale: float, seed: int) -> SimulatedFlight:
@@ -193,7 +193,7 @@ def test_a_large_mechanism_explains_nearly_all() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_of_a_weak_one_the_share_is_what_was_planted(seed: int) -> None:
     check_share(*weak(seed))
-    assert 0.5 < explained(weak(seed)[1]).share < 0.8
+    assert 0.65 < explained(weak(seed)[1]).share < 0.9
 
 
 def test_squares_are_those_of_the_baselines_own_fit() -> None:

@@ -44,4 +44,4 @@ def test_errors_of_many_tolerances_are_not_asked_of_the_record(seed: int, share:
 )
 def test_the_walk_that_such_noise_makes_is_no_mechanism(seed: int, truth: str) -> None:
     verdict = compare(flight(seed, truth).flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
-    assert verdict.winner in (None, truth)
+    assert verdict.winner in (None, "none", truth)
