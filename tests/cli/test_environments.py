@@ -27,11 +27,14 @@ STREAMS = [
 ]
 LINES = [*(f"env {variables} {{}}" for variables in VARIABLES), *STREAMS]
 QUICKLY = {*STREAMS[:2], "env PYTHONIOENCODING=ascii {}", "env PYTHONWARNINGS=error {}"}
+THOROUGH = {*STREAMS, *LINES[::3]}  # of the others the slow tests have all: each takes 3 s
 
 
-@pytest.mark.parametrize(
-    "line", [pytest.param(line, marks=() if line in QUICKLY else pytest.mark.thorough, id=line) for line in LINES]
-)
+def _when(line: str) -> pytest.MarkDecorator | tuple[()]:
+    return () if line in QUICKLY else pytest.mark.thorough if line in THOROUGH else pytest.mark.slow
+
+
+@pytest.mark.parametrize("line", [pytest.param(line, marks=_when(line), id=line) for line in LINES])
 def test_no_shell_is_a_fault_of_the_program(flight_file, tmp_path, line):
     paths = os.pathsep.join(path for path in sys.path if path)
     for arguments in (f"inspect {flight_file}", f"reconstruct {flight_file} --json -", "docs verdict"):
