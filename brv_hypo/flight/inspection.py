@@ -20,13 +20,12 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.cleaning import find_spikes, without_spikes
 from brv_hypo.flight.clock import joined, runs, sigma_of_differences, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
-from brv_hypo.flight.mounting import GRAVITY, THRUST
+from brv_hypo.flight.mounting import GRAVITY, REST_OFF, THRUST
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS, CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import SI
 
 PHASE_SMOOTHED = 0.1  # s: a median over this takes vibration and spikes out
 PHASE_SHORTEST = 0.3  # s of a phase
-PHASE_AT_REST = 0.15  # gravities by which a reading along the axis may be off gravity at rest
 PHASE_RESTING = 0.9  # share of the samples before ignition that have to read so for a pad
 PHASE_BURNT_OUT = 0.0  # m/s^2 along the axis: drag alone is left
 # A parachute pulls with so many times what was sensed in the seconds before it, and with so many gravities.
@@ -42,8 +41,6 @@ INSPECTED_PER_CYCLE = 10.0  # samples
 
 
 PhaseName = Literal["pad", "burn", "coast", "parachute"]
-
-AT_REST = PHASE_AT_REST * GRAVITY  # m/s^2 about gravity along the axis
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ def find_phases(time: FloatArray, ax: FloatArray, ay: FloatArray, az: FloatArray
     width = max(1, 2 * round(0.5 * PHASE_SMOOTHED / step) + 1)
     axial = median_filter(joined(ax), width, mode="nearest")
     force = median_filter(np.sqrt(sum(joined(each) ** 2 for each in (ax, ay, az))), width, mode="nearest")
-    resting = np.abs(axial - GRAVITY) < AT_REST
+    resting = np.abs(axial - GRAVITY) < REST_OFF
     least = max(2, round(PHASE_SHORTEST / step))
     ignition, burnout = _burn(axial, least)
     jerk = _jerk(force, burnout, max(2, round(PARACHUTE_BEFORE / step)))
@@ -86,7 +83,7 @@ def _burn(axial: FloatArray, least: int) -> tuple[int, int]:
     thrust = next((run for run in runs(axial > THRUST) if run[1] - run[0] >= least), None)
     if thrust is None:
         return 0, 0
-    before = np.flatnonzero(np.abs(axial[: thrust[0]] - GRAVITY) < AT_REST)
+    before = np.flatnonzero(np.abs(axial[: thrust[0]] - GRAVITY) < REST_OFF)
     ignition = int(before[-1]) + 1 if before.size else thrust[0]
     dragged = [run for run in runs(axial < PHASE_BURNT_OUT) if run[0] > ignition and run[1] - run[0] >= least]
     return ignition, dragged[0][0] if dragged else axial.size

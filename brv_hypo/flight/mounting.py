@@ -19,7 +19,7 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray, Values
 from brv_hypo.flight.clock import joined, runs
 
-GRAVITY = 9.80665  # m/s^2
+GRAVITY = 9.80665  # m/s^2, standard gravity (CGPM 1901)
 THRUST = 1.5 * GRAVITY  # m/s^2 sensed, beyond what any instrument's bias makes of gravity
 THRUST_SHORTEST, THRUST_SMOOTHED = 0.2, 0.05  # s
 REST_OFF = 0.15 * GRAVITY  # m/s^2 by which a reading at rest may be off, or spread

@@ -39,7 +39,7 @@ def contradictions(
                     f"units of {name} or of the accelerometers; correct the map"
                 )
                 found.append(_fault(f"{name}, ax", "units", time, words))
-    drag = axial_coefficient(channels, vehicle) if vehicle and "dynamic_pressure" in channels else None
+    drag = _axial_coefficient(channels, vehicle) if vehicle and "dynamic_pressure" in channels else None
     if drag is not None and not limits.DRAG_WITHIN[0] < drag[2] < limits.DRAG_WITHIN[1]:
         words = (
             f"drag of {drag[0]:.3g} N at a dynamic pressure of {drag[1]:.3g} Pa makes an axial coefficient of "
@@ -93,7 +93,7 @@ def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArra
     return {name: (float(np.diff(each)[0]), made[name]) for name, each in ends.items() if made[name] > least[name]}
 
 
-def axial_coefficient(channels: Mapping[str, FloatArray], vehicle: Vehicle) -> tuple[float, float, float] | None:
+def _axial_coefficient(channels: Mapping[str, FloatArray], vehicle: Vehicle) -> tuple[float, float, float] | None:
     """Median drag (N), dynamic pressure (Pa) and axial coefficient where drag acts; None where it seldom does."""
     axial, pressure = channels["ax"], channels["dynamic_pressure"]
     dragged = (axial < -DRAG_LEAST) & (pressure > 0.0)

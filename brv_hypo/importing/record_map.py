@@ -388,8 +388,9 @@ def _record(
     if mapping.rotation is not None:
         _turn(mapping.rotation, tilt, channels, tolerances, notes)
         tilt = _nose(time, channels)
-    contradicted = (*mounting_fault(time, tilt), *contradictions(time, channels))
-    if tilt is not None and not mounting_fault(time, tilt):
+    turned = mounting_fault(time, tilt)
+    contradicted = (*turned, *contradictions(time, channels))
+    if tilt is not None and not turned:
         contradicted += gyro_fault(time, *_triads(channels))
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:

@@ -283,9 +283,10 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         start, stop = float(motion.time[0]), float(motion.time[-1])
         mine = [each.model_copy(update={"start": start, "stop": stop}) for each in moments]
         acting = frame.with_mechanisms(mine)
-        for process in mine:
-            unit = np.sqrt(np.mean(np.abs(np.array(process.shapes(motion))) ** 2))
-            parts.append(moment / max(unit, 1e-300) * _of_process(problem, acting, process, flight)[:top])
+        parts += [
+            moment / max(process.rms(motion), 1e-300) * _of_process(problem, acting, process, flight)[:top]
+            for process in mine
+        ]
         ends = np.cumsum([part.shape[1] for part in parts])
         columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
         raw = np.concatenate(parts, axis=1)

@@ -238,6 +238,10 @@ class MomentProcess(Mechanism):
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """C_m,in + i C_n,side of each shape, on the motion's own."""
 
+    def rms(self, motion: Motion) -> float:
+        """Of all shapes together over a motion: what a coefficient of 1 makes."""
+        return float(np.sqrt(np.mean(np.abs(np.array(self.shapes(motion))) ** 2)))
+
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One for each shape and spline."""
         histories = time_splines(motion.time, self.start, self.stop, self.splines)

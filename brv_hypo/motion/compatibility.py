@@ -33,7 +33,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.mounting import fitted_slopes, integral, nose_axis, path_into_force
+from brv_hypo.flight.mounting import GRAVITY, fitted_slopes, integral, nose_axis, path_into_force
 from brv_hypo.flight.plausibility import contradictions, mounting_fault
 from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import gravity_magnitude
@@ -59,14 +59,13 @@ COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
 
 
 _DEGREES = 180.0 / np.pi  # deg in a rad
-_G = 9.80665  # m/s^2, standard gravity (CGPM 1901)
 _FEET = 0.3048  # m in a foot (international, 1959)
 _PSF = 47.88026  # Pa in a lbf/ft^2
 
 _TRIADS = {"gyros": ("p", "q", "r"), "accelerometers": ("ax", "ay", "az")}
 _TRIAD_UNITS = (
     ("gyros", _DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
-    ("accelerometers", _G, "g tagged m/s^2", "m/s^2 tagged g"),
+    ("accelerometers", GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
     ("accelerometers", 1.0 / _FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
 )
 _AIR = ("velocity", "dynamic_pressure", "altitude")

@@ -33,8 +33,7 @@ from brv_hypo.ranking.adequacy import outside
 from brv_hypo.ranking.config import CompareConfig, CompareSettings
 from brv_hypo.ranking.histories import coefficient_series, size_series
 from brv_hypo.ranking.intervals import out_of_bounds
-from brv_hypo.ranking.judgement import Hypotheses, Judged, acting_in, explained, judged, processes, weighed
-from brv_hypo.ranking.judgement import Progress as Say
+from brv_hypo.ranking.judgement import Hypotheses, Judged, Say, acting_in, explained, judged, processes, weighed
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_credible, tolerance_warnings
 from brv_hypo.ranking.preparation import sharing_warnings

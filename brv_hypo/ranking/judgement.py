@@ -46,7 +46,7 @@ WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis m
 NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
 
 
-Progress = Callable[[str], None]
+Say = Callable[[str], None]
 Hypotheses = Mapping[str, tuple[Mechanism, ...]]
 
 
@@ -96,7 +96,7 @@ class Judged:
 
 
 def judged(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Progress
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Say
 ) -> Judged:
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
@@ -161,7 +161,7 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
     return [renewed(problem, fit, FINAL if fit is first else ROUGH) if _in_reach(fit, first) else fit for fit in there]
 
 
-def _searched(problem: Problem, hypotheses: Hypotheses, say: Progress) -> list[HypothesisFit]:
+def _searched(problem: Problem, hypotheses: Hypotheses, say: Say) -> list[HypothesisFit]:
     """Every hypothesis searched on the grid of knots and delays, and refined."""
     fits: list[HypothesisFit] = []
     for name, mechanisms in hypotheses.items():

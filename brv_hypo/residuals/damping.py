@@ -58,7 +58,7 @@ def _damping(
             values[:, j] = rise(slow.in_plane, fast.in_plane) * basis
     groups, splines = {group.name: k for k, group in enumerate(own.rows.groups)}, dict[int, FloatArray]()
     for process in moment_processes():
-        scale = np.sqrt(np.mean(np.abs(np.array(process.shapes(motion))) ** 2))
+        scale = process.rms(motion)
         histories = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), process.splines)
         pairs = zip(process.shapes(slower), process.shapes(faster), strict=True)
         splines[groups[process.name]] = np.concatenate(

@@ -296,11 +296,11 @@ def _share(family: str, falls: FloatArray, squares: FloatArray, history: Process
 
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
     """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
-    count, unit = process.splines, 1.0
-    shapes = process.shapes(motion) if isinstance(process, MomentProcess) else process.channels
+    count = process.splines
     if isinstance(process, MomentProcess):
-        unit = float(np.sqrt(np.mean(np.abs(np.array(shapes)) ** 2)))
-    kinds = len(shapes)
+        unit, kinds = process.rms(motion), len(process.shapes(motion))
+    else:
+        unit, kinds = 1.0, len(process.channels)
     own_values, own_errors = (
         each[: count * kinds].reshape(kinds, count) / unit for each in own.spline_coefficients(number)
     )
