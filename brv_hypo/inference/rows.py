@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
-from brv_hypo.mechanisms.contract import MomentProcess
+from brv_hypo.mechanisms.contract import MomentProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import HypothesisFit
@@ -284,7 +284,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         mine = [each.model_copy(update={"start": start, "stop": stop}) for each in moments]
         acting = frame.with_mechanisms(mine)
         parts += [
-            moment / max(process.rms(motion), 1e-300) * _of_process(problem, acting, process, flight)[:top]
+            moment / max(rms_of_shapes(process, motion), 1e-300) * _of_process(problem, acting, process, flight)[:top]
             for process in mine
         ]
         ends = np.cumsum([part.shape[1] for part in parts])

@@ -238,10 +238,6 @@ class MomentProcess(Mechanism):
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """C_m,in + i C_n,side of each shape, on the motion's own."""
 
-    def rms(self, motion: Motion) -> float:
-        """Of all shapes together over a motion: what a coefficient of 1 makes."""
-        return float(np.sqrt(np.mean(np.abs(np.array(self.shapes(motion))) ** 2)))
-
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One for each shape and spline."""
         histories = time_splines(motion.time, self.start, self.stop, self.splines)
@@ -251,6 +247,11 @@ class MomentProcess(Mechanism):
             for k in range(self.splines)
         ]
         return tuple(Term(name, product.real.copy(), product.imag.copy()) for name, product in products)
+
+
+def rms_of_shapes(process: MomentProcess, motion: Motion) -> float:
+    """Of all shapes of a process together over a motion: what a coefficient of 1 makes."""
+    return float(np.sqrt(np.mean(np.abs(np.array(process.shapes(motion))) ** 2)))
 
 
 class RecordProcess(RecordEffect):

@@ -13,6 +13,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.inference.evidence import Evidence
+from brv_hypo.mechanisms.contract import rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
@@ -58,7 +59,7 @@ def _damping(
             values[:, j] = rise(slow.in_plane, fast.in_plane) * basis
     groups, splines = {group.name: k for k, group in enumerate(own.rows.groups)}, dict[int, FloatArray]()
     for process in moment_processes():
-        scale = process.rms(motion)
+        scale = rms_of_shapes(process, motion)
         histories = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), process.splines)
         pairs = zip(process.shapes(slower), process.shapes(faster), strict=True)
         splines[groups[process.name]] = np.concatenate(

@@ -23,7 +23,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.rows import Rows, Terms, rows_of
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
@@ -298,7 +298,7 @@ def _history(process: Process, motion: Motion, own: Evidence, number: int) -> Pr
     """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
     count = process.splines
     if isinstance(process, MomentProcess):
-        unit, kinds = process.rms(motion), len(process.shapes(motion))
+        unit, kinds = rms_of_shapes(process, motion), len(process.shapes(motion))
     else:
         unit, kinds = 1.0, len(process.channels)
     own_values, own_errors = (
