@@ -305,23 +305,47 @@ def best_subsets(
 ) -> SubsetResult:
     """The ``n_best`` subsets of least residual sum of squares, of every size 1..max_terms, proved best.
 
-    X (n, p) and y (n,) in any units; several channels go in as one frame, stacked and whitened. Column
-    indices everywhere are those of X.
+    Branch and bound over includes and drops after Furnival and Wilson, Technometrics 16 (1974) 499, branching at every
+    drop on the largest rise of the bound. Subsets whose columns are linearly dependent, or so nearly that rounding
+    would decide their coefficients, are not returned; ``aliases`` and ``refused`` name them.
 
-    forced: columns in every subset (column 0, the constant, by default; ``()`` for none), not counted in
-        the size. A column that is a combination of forced ones is set aside and listed in ``aliases``.
-    groups: ``together(...)`` and ``at_most_one(...)``; a plain sequence of columns means together. The size
-        of a subset counts columns, so a group of two enters from size 2 on.
-    parents: column to the column or columns that must be in whenever it is.
-    weights (n,): row weights >= 0 of the squares; residuals and criteria are those of the weighted rows.
-    time_limit_s: seconds after which the best found so far is returned with the gap proved; None: no limit.
-    threads: worker threads of the compiled kernel; small searches stay serial.
+    Parameters
+    ----------
+    X, y : array_like
+        (n, p) and (n,) in any units; several channels go in as one frame, stacked and whitened.
+    max_terms : int
+        Largest size; it counts columns, those of a group too.
+    forced : sequence of int
+        Columns of X in every subset, not counted in its size; ``()`` for none. A combination of these is set aside.
+    n_best : int
+        Subsets of each size.
+    groups : sequence, optional
+        ``together(...)`` and ``at_most_one(...)``; a plain sequence of columns means together.
+    parents : mapping, optional
+        Column to the column or columns that must be in whenever it is.
+    weights : array_like, optional
+        (n,), >= 0, of the rows' squares; residuals and criteria are those of the weighted rows.
+    time_limit_s : float, optional
+        Seconds after which the best found so far is returned with the gap proved.
+    threads : int
+        Of the compiled kernel; small searches stay serial.
 
-    Subsets whose columns are linearly dependent, or so nearly that rounding would decide their coefficients, are not
-    returned; ``aliases`` and ``refused`` name them. Raises UsageError on unfit input.
+    Returns
+    -------
+    SubsetResult
+        Subsets by size, with criteria, and the certificate of the search.
 
-    Method: branch and bound over includes and drops after Furnival and Wilson, Technometrics 16 (1974) 499,
-    branching at every drop on the largest rise of the bound.
+    Raises
+    ------
+    UsageError
+        The input is unfit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.column_stack([np.ones(50), np.random.default_rng(0).standard_normal((50, 9))])
+    >>> best_subsets(X, X[:, 4] - X[:, 7], max_terms=2).best(2).columns
+    (4, 7)
     """
     effort = Effort(threads=threads, time_limit_s=time_limit_s)
     board = _seeded(build_frame(X, y, forced, weights, groups, parents), max_terms, n_best)
