@@ -164,6 +164,13 @@ class HasCharts:
         return figure
 
 
+_STYLE = (
+    "<style>.brv-hypo table {border-collapse: collapse; font-variant-numeric: tabular-nums} "
+    ".brv-hypo :is(td, th) {text-align: right; padding: .2em .7em; white-space: nowrap} "
+    ".brv-hypo th {border-bottom: 1px solid} .brv-hypo p {white-space: pre-line}</style>"
+)
+
+
 def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else ()))
     body = "".join(
@@ -172,7 +179,8 @@ def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     )
     more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
     said = f"<p>{escape(conclusion)}</p>" if conclusion else ""
-    return f"<p><b>{escape(headline)}</b></p>{said}<table><tr>{head}</tr>{body}</table>{more}"
+    table = f"<table><tr>{head}</tr>{body}</table>"
+    return f'{_STYLE}<div class="brv-hypo"><p><b>{escape(headline)}</b></p>{said}{table}{more}</div>'
 
 
 def _text(value: Any) -> str:

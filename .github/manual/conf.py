@@ -19,7 +19,6 @@ nb_execution_mode = "off"  # outputs are kept in the notebooks
 nb_ipywidgets_js = {}  # the site asks the network for nothing
 
 
-
 def linked(app: Sphinx, document: str, source: list[str]) -> None:
     """Make a link of `brv-hypo docs TOPIC` and `docs TOPIC` in a topic."""
     names = "|".join(topics())

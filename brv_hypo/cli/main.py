@@ -263,9 +263,9 @@ def _as_pages(session: Session, topic: str | None, output: Path | None, show: bo
     import webbrowser
 
     from brv_hypo.docs import text
-    from brv_hypo.docs.manual import site
+    from brv_hypo.docs.manual import FIRST, site
 
-    pages, name = site(), f"{topic or 'index'}.html"
+    pages, name = site(), f"{topic or FIRST}.html"
     if name not in pages:
         text(topic or "")  # refused, with the topics there are
     folder = Path(tempfile.mkdtemp(prefix="brv-hypo-")) if output is None else output

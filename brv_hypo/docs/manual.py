@@ -12,10 +12,8 @@ import re
 import textwrap
 from collections.abc import Sequence
 from html import escape
-from importlib import import_module
-from itertools import pairwise
-from operator import attrgetter
-from typing import ClassVar
+from pydoc import locate
+from typing import Any, ClassVar
 
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
@@ -26,7 +24,7 @@ from rich.markdown import CodeBlock, Markdown, TableElement
 from rich.table import Table
 from rich.text import Text
 
-from brv_hypo import __version__
+from brv_hypo import __all__, __version__
 from brv_hypo.docs import file_of, notebooks, text, topics
 
 
@@ -67,60 +65,48 @@ class ManualText(Markdown):
 
 # ---- The manual as pages that open offline, with search: topics, gallery, functions ----
 
-_FUNCTIONS = {
-    "brv_hypo": "load_flight reconstruct compare trace predict simulate run_study plot_compare",
-    "brv_hypo.report.write": "write_report write_figures",
-    "brv_hypo.flight": "Flight.save Flight.plot",
-    "brv_hypo.ranking": "Comparison.to_dataframe Comparison.to_json Comparison.from_json",
-    "brv_hypo.subset": "best_subsets",
-    "brv_hypo.likelihood": "fit",
-}
-"""By module; of what every result has, those of one."""
-REFERENCE = "functions"  # the page of all functions
-_HEADINGS = ("h1", "h2")  # with anchors; what is searched lies below each
-_OF_FENCE = "output"  # a fence that is HTML already
+_FUNCTIONS = (
+    *(f"brv_hypo.{name}" for name in __all__),
+    *(f"brv_hypo.report.write.{name}" for name in ("write_report", "write_figures")),
+    *(f"brv_hypo.ranking.Comparison.{name}" for name in ("to_dataframe", "to_xarray", "plot", "to_json", "from_json")),
+    *("brv_hypo.flight.Flight.save", "brv_hypo.subset.best_subsets", "brv_hypo.likelihood.fit"),
+)
+FIRST, REFERENCE = "start", "functions"
+"""The pages that open first, and of all functions."""
 
 
 def site() -> dict[str, str]:
     """Every page of the manual by the name of its file, and the style and the search that they share."""
+    from markupsafe import Markup
+
     from brv_hypo.report.html import render, resource  # NumPy with it, which the terminal does without
 
-    books = {name.removesuffix(".ipynb"): _book_text(content) for name, content in notebooks().items()}
-    sources = {**{name: text(name) for name in topics()}, **books, REFERENCE: _reference()}
-    titles = {name: source.partition("\n")[0].removeprefix("# ") for name, source in sources.items()}
-    groups = {"The manual": [*topics()], "Gallery": [*books], "Python": [REFERENCE]}
-    lists = (f"## {group}\n" + "\n".join(f"- [{titles[n]}]({n}.html)" for n in names) for group, names in groups.items())
-    sources = {"index": "# The manual\n\n" + "\n\n".join(lists), **sources}
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     markdown.add_render_rule("fence", _fence)
     markdown.add_render_rule("code_inline", _code)
+    books = {name.removesuffix(".ipynb"): json.loads(content)["cells"] for name, content in notebooks().items()}
+    articles = {name: markdown.render(text(name)) for name in topics()}
+    articles |= {name: render("book.html.j2", cells=cells, markdown=markdown.render) for name, cells in books.items()}
+    articles[REFERENCE] = markdown.render(_reference())
+    titles = {name: article.partition("<h1>")[2].partition("</h1>")[0] for name, article in articles.items()}
+    groups = {"The manual": [*topics()], "Gallery": [*books], "Python": [REFERENCE]}
     written, sections = {}, []
-    for name, source in sources.items():
-        tokens = markdown.parse(source)
-        headings: list[tuple[str, str]] = []
-        for token, following in pairwise(tokens):
-            if token.type == "heading_open" and token.tag in _HEADINGS:
-                title = following.content.replace("`", "")
-                anchor = re.sub(r"\W+", "-", title.lower()).strip("-")
-                token.attrSet("id", anchor)
-                headings.append((anchor, title))
-                sections.append({"page": name, "anchor": anchor, "title": title, "text": ""})
-            elif token.content and token.info != _OF_FENCE:
-                sections[-1]["text"] += f" {re.sub(r'[(]data:[^)]*[)]', '', token.content)}"
-        article = markdown.renderer.render(tokens, markdown.options, {})
-        about = {"name": name, "titles": titles, "groups": groups, "headings": headings[1:], "version": __version__}
-        written[f"{name}.html"] = render("manual.html.j2", article=article, **about)
+    for name, article in articles.items():
+        first, *rest = re.split("<h2>(.*?)</h2>", article)
+        parts = [
+            (re.sub(r"\W+", "-", title.lower()), title, body) for title, body in zip(rest[::2], rest[1::2], strict=True)
+        ]
+        about = {"name": name, "titles": titles, "groups": groups, "version": __version__}
+        written[f"{name}.html"] = render("manual.html.j2", first=first, parts=parts, **about)
+        sections += [(name, *part[:2], Markup(part[2]).striptags()) for part in (("", titles[name], first), *parts)]
     style = "".join(resource(name).decode() for name in ("page.css", "manual.css"))
     data = f"const titles = {json.dumps(titles)};\nconst sections = {json.dumps(sections)};\n"
     return {**written, "manual.css": style, "manual.js": data + resource("manual.js").decode()}
 
 
 def _fence(renderer: RendererHTML, tokens: Sequence[Token], index: int, options: OptionsDict, env: EnvType) -> str:
-    """Code under the name of the file that it belongs in; an output of a notebook as it is."""
-    token = tokens[index]
-    if token.info == _OF_FENCE:
-        return f'<div class="output">{token.content}</div>\n'
-    file = file_of(token.info)
+    """Code under the name of the file that it belongs in."""
+    file = file_of(tokens[index].info)
     heading = f'<p class="file">{escape(file)}</p>\n' if file else ""
     return heading + renderer.fence(tokens, index, options, env)
 
@@ -132,35 +118,19 @@ def _code(renderer: RendererHTML, tokens: Sequence[Token], index: int, options: 
     return f'<a href="{topic[1]}.html">{code}</a>' if topic else code
 
 
-def _book_text(book: str) -> str:
-    """A notebook as Markdown: each cell, and of what it gave a picture, a table or a text."""
-    parts = []
-    for cell in json.loads(book)["cells"]:
-        source = "".join(cell["source"])
-        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
-        for output in cell.get("outputs", ()):
-            data = output.get("data", {"text/plain": output.get("text", "")})
-            if "image/png" in data:
-                parts.append(f"![figure](data:image/png;base64,{''.join(data['image/png'].split())})")
-            elif "text/html" in data:
-                parts.append(f"~~~{_OF_FENCE}\n{''.join(data['text/html'])}\n~~~")
-            else:
-                parts.append(f"~~~text\n{''.join(data['text/plain'])}\n~~~")
-    return "\n\n".join(parts)
-
-
 def _reference() -> str:
     """The docstrings of the public functions as Markdown."""
     parts = ["# Functions"]
-    for place, name in ((place, name) for place, names in _FUNCTIONS.items() for name in names.split()):
-        function = attrgetter(name)(import_module(place))
+    for name in _FUNCTIONS:
+        function: Any = locate(name)
         declared = inspect.signature(function)
         bare = [each.replace(annotation=each.empty) for each in declared.parameters.values()]
-        signature = f"{place}.{name}{declared.replace(parameters=bare, return_annotation=declared.empty)}"
+        signature = f"{name}{declared.replace(parameters=bare, return_annotation=declared.empty)}"
         text, *sections = re.split(r"\n(.+)\n---+\n", inspect.getdoc(function) or "")
         for title, content in zip(sections[::2], sections[1::2], strict=True):
             named = re.sub(r"^(\w.*?)(?: : (.+))?$", r"- `\1` \2", content, flags=re.MULTILINE)
             listed = re.sub(r"\n    (?=\S)", r"  \n    ", named)
             text += f"\n\n**{title}**\n\n" + (f"```python\n{content}\n```" if title == "Examples" else listed)
-        parts.append(f"## {name}\n\n```python\n{textwrap.fill(signature, 100, subsequent_indent='    ')}\n```\n\n{text}")
+        wrapped = textwrap.fill(signature, 100, subsequent_indent="    ")
+        parts.append(f"## {name.rpartition('.')[2]}\n\n```python\n{wrapped}\n```\n\n{text}")
     return "\n\n".join(parts)

@@ -68,10 +68,8 @@ def fit(
         that come as a `PartialJacobian`, central differences.
     outputs : callable
         h(x, u, theta, t) -> (n_outputs, n).
-    segments : sequence of Segment
-        The record, in one or more continuous stretches.
-    theta0 : mapping of str to float
-        Start values by name; 0 is as good a start as any.
+    segments, theta0 : sequence of Segment, mapping of str to float
+        The record, in one or more continuous stretches; start values by name: 0 is as good a start as any.
     process_noise : array_like, optional
         (n_states,), state units per root second: standard deviation of the white noise that drives each state; None,
         or 0 for a state, makes its dynamics exact (output error). Not together with `delays`.
@@ -86,17 +84,13 @@ def fit(
         Shape of B, which is estimated by Eq. 3.11; or B itself where it is known, (n_outputs, n_outputs). Where the
         residuals of an estimated B are not white, the search begins again from other first guesses of it, and the
         best likelihood wins (`starting_points`).
-    first_noise : array, optional
-        B that the search begins from with `near_start`, as an earlier fit left it.
     estimate_process_noise : bool
         Take `process_noise` as a start and estimate its nonzero entries too.
-    max_iterations : int
-        Of Gauss-Newton steps.
-    tolerance : float
-        Step, as a fraction of the standard errors, at which the search ends.
-    near_start : bool
-        theta0 and the x0 histories are near the solution, from an earlier fit say: the search begins there, without
-        the steps that bring a poor start near, and with one step between samples.
+    max_iterations, tolerance : int, float
+        Gauss-Newton steps at most; the step, as a fraction of the standard errors, at which the search ends.
+    near_start, first_noise : bool, array, optional
+        theta0 and the x0 histories are near the solution, from an earlier fit say: the search begins there, with that
+        fit's B, without the steps that bring a poor start near, and with one step between samples.
     progress : callable, rich or tqdm bar, optional
         Called after each iteration with None and a text: `brv_hypo.progress`.
 

@@ -198,16 +198,10 @@ def search(board: Board, effort: Effort) -> Certificate:
         nodes += more
     gaps = proved_gaps(board, left)
     return Certificate(
-        exact=not left,
-        nodes=nodes,
-        margin=board.margin,
-        gap=max(gaps, default=0.0),
-        gaps=gaps,
-        seconds=time.perf_counter() - effort.started,
-        kernel=kernel,
-        condition=board.frame.condition,
+        exact=not left, nodes=nodes, margin=board.margin, gap=max(gaps, default=0.0), gaps=gaps,
+        seconds=time.perf_counter() - effort.started, kernel=kernel, condition=board.frame.condition,
         status="complete" if not left else f"stopped by the time limit of {effort.time_limit_s} s",
-    )
+    )  # fmt: skip
 
 
 def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, list[OpenSubtree]]:
@@ -313,22 +307,18 @@ def best_subsets(
     ----------
     X, y : array_like
         (n, p) and (n,) in any units; several channels go in as one frame, stacked and whitened.
-    max_terms : int
-        Largest size; it counts columns, those of a group too.
+    max_terms, n_best : int
+        Largest size, which counts columns, those of a group too; subsets of each size.
     forced : sequence of int
         Columns of X in every subset, not counted in its size; ``()`` for none. A combination of these is set aside.
-    n_best : int
-        Subsets of each size.
     groups : sequence, optional
         ``together(...)`` and ``at_most_one(...)``; a plain sequence of columns means together.
     parents : mapping, optional
         Column to the column or columns that must be in whenever it is.
     weights : array_like, optional
         (n,), >= 0, of the rows' squares; residuals and criteria are those of the weighted rows.
-    time_limit_s : float, optional
-        Seconds after which the best found so far is returned with the gap proved.
-    threads : int
-        Of the compiled kernel; small searches stay serial.
+    time_limit_s, threads : float, int, optional
+        Seconds after which the best found so far is returned with the gap proved; threads of the compiled kernel.
 
     Returns
     -------

@@ -5,13 +5,12 @@ const results = document.getElementById("results");
 const search = () => {
   const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
   const holds = (text) => words.every((word) => text.toLowerCase().includes(word));
-  const hits = words.length ? sections.filter((each) => holds(`${each.title} ${each.text}`)) : [];
-  hits.sort((one, other) => holds(other.title) - holds(one.title));
-  results.replaceChildren(...hits.map((each) => {
+  const hits = words.length ? sections.filter(([, , title, text]) => holds(`${title} ${text}`)) : [];
+  hits.sort((one, other) => holds(other[2]) - holds(one[2]));
+  results.replaceChildren(...hits.map(([page, anchor, title]) => {
     const link = document.createElement("a");
-    link.href = `${each.page}.html#${each.anchor}`;
-    const page = titles[each.page] || "The manual";
-    link.textContent = page === each.title ? page : `${page}: ${each.title}`;
+    link.href = `${page}.html${anchor && "#"}${anchor}`;
+    link.innerHTML = anchor ? `${titles[page]}: ${title}` : title;
     const item = document.createElement("li");
     item.append(link);
     return item;
