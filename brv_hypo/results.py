@@ -156,9 +156,29 @@ class HasCharts:
     """A result with charts: those of its page and of `--figures`."""
 
     def plot(self, chart: str = "") -> Figure:
-        """One chart as a matplotlib figure, by the name that its picture file has; "" for the principal one.
+        """One chart as a matplotlib figure.
 
-        Raises UsageError where the result has no such chart (naming those that it has), or matplotlib is missing.
+        Parameters
+        ----------
+        chart : str
+            The name that its picture file has; "" for the principal one.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by notebooks; its axes may be changed before it is saved.
+
+        Raises
+        ------
+        UsageError
+            The result has no such chart (those that it has are named), or matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import brv_hypo
+        >>> flown = brv_hypo.simulate("research_cone", seed=1, duration=1.0)
+        >>> flown.flight.plot("rates").axes[-1].get_xlabel()
+        'time, s'
         """
         figure: Figure = _renderer()(self, chart)
         return figure

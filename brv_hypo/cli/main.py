@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import keyword
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -231,11 +231,10 @@ def docs(
     ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
-    from brv_hypo.docs import notebooks as gallery
     from brv_hypo.docs import text, topics
 
     if notebooks is not None:
-        _write_all(session, notebooks, gallery())
+        _write_notebooks(session, notebooks)
     elif show or output is not None:
         _as_pages(session, topic, output, show)
     else:
@@ -248,13 +247,16 @@ def docs(
         session.tell(ManualText(page), conclusion=page)
 
 
-def _write_all(session: Session, folder: Path, contents: Mapping[str, str]) -> None:
-    for name in contents:
-        check_target(folder / name, overwrite=session.force)
+def _write_notebooks(session: Session, folder: Path) -> None:
+    from brv_hypo.docs import notebooks
+
+    targets = {folder / name: content for name, content in notebooks().items()}
+    for path in targets:
+        check_target(path, overwrite=session.force)
     make_folder(folder)
-    for name, content in contents.items():
-        write_whole(folder / name, content, overwrite=session.force)
-    session.show(f"Wrote {len(contents)} files to {folder}.")
+    for path, content in targets.items():
+        write_whole(path, content, overwrite=session.force)
+    session.show(f"Wrote {len(targets)} notebooks to {folder}.")
 
 
 def _as_pages(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
@@ -268,8 +270,11 @@ def _as_pages(session: Session, topic: str | None, output: Path | None, show: bo
     pages, name = site(), f"{topic or FIRST}.html"
     if name not in pages:
         text(topic or "")  # refused, with the topics there are
-    folder = Path(tempfile.mkdtemp(prefix="brv-hypo-")) if output is None else output
-    _write_all(session, folder, pages)
+    folder = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / "manual" if output is None else output
+    with whole_folder(folder) as partial:
+        for file, content in pages.items():
+            (partial / file).write_text(content, encoding="utf-8")
+    session.show(f"Wrote {folder / name}.")
     if show and not webbrowser.open((folder / name).resolve().as_uri()):
         session.warn(f"no browser was found: open {folder / name} yourself")
 
