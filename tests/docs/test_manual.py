@@ -234,6 +234,11 @@ class TestPages:
             assert len(links) > len(topics())
             assert [(to, at) for to, at in links if at not in anchors.get(to or name, ())] == [], name
 
+    def test_the_contents_list_every_section_of_the_page(self, pages):
+        for page in (page for name, page in pages.items() if name.endswith(".html")):
+            contents = "".join(re.findall("<aside.*?</aside>", page, re.DOTALL))
+            assert re.findall(r'href="#([^"]*)"', contents) == re.findall(r'<h2 id="([^"]*)"', page)
+
     def test_the_search_knows_every_section(self, pages):
         found = re.search(r"^const sections = (.*);$", pages["manual.js"], re.MULTILINE)
         sections = json.loads(found[1])
