@@ -8,6 +8,8 @@ import re
 import pytest
 
 from brv_hypo.docs import notebooks
+from tests.docs.gallery import BOOKS as GALLERY
+from tests.docs.gallery import executed
 
 BOOKS = {name: json.loads(content)["cells"] for name, content in notebooks().items()}
 QUICK = ("kernels_alone.ipynb", "rocket_log.ipynb")
@@ -37,8 +39,9 @@ class TestKept:
         assert not re.findall(r"/(?:home|root|tmp|work|usr|opt)/", said)
 
 
-def test_there_are_ten():
+def test_there_are_ten_and_all_are_in_the_gallery():
     assert len(BOOKS) == 10
+    assert {path.name for path in GALLERY.glob("*.ipynb")} == BOOKS.keys()
 
 
 @pytest.mark.parametrize(
@@ -46,9 +49,6 @@ def test_there_are_ten():
 )
 def test_it_gives_what_it_shows(name, tmp_path):
     """The same kinds of output in every cell: tables, charts, texts."""
-    pytest.importorskip("nbclient")
-    from tests.docs.gallery import executed
-
     book = executed(notebooks()[name], tmp_path)
     for cell, kept in zip(book.cells, BOOKS[name], strict=True):
         again, shown = ([sorted(o.get("data", {"stream": 0})) for o in c.get("outputs", ())] for c in (cell, kept))
