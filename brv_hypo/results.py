@@ -187,7 +187,8 @@ class HasCharts:
 _STYLE = (
     "<style>.brv-hypo table {border-collapse: collapse; font-variant-numeric: tabular-nums} "
     ".brv-hypo :is(td, th) {text-align: right; padding: .2em .7em; white-space: nowrap} "
-    ".brv-hypo th {border-bottom: 1px solid} .brv-hypo p {white-space: pre-line}</style>"
+    ".brv-hypo :is(td, th):first-child {text-align: left} .brv-hypo th {border-bottom: 1px solid} "
+    ".brv-hypo p {white-space: pre-line}</style>"
 )
 
 
