@@ -180,6 +180,7 @@ def other(built, tmp_path_factory):
     return run
 
 
+@pytest.mark.slow
 def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
     """As a new user would, with the newest of everything that the wheel asks for: demo, manual, plugins."""
     assert other("python", "--version").stdout.split()[1].split(".")[:2] != [str(n) for n in sys.version_info[:2]]
@@ -190,6 +191,7 @@ def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
     assert all(name in known for name in ("sticking", "magnus", "gyro_bias", "body_change", "turbulence"))
 
 
+@pytest.mark.slow
 def test_another_python_builds_and_installs_the_sdist(other, built) -> None:
     (sdist,) = built.glob("*.tar.gz")
     install = ("install", "-q", "--no-deps", "--no-index", "--no-build-isolation", "--force-reinstall")
