@@ -146,6 +146,14 @@ class Evidence:
         return out
 
     @property
+    def error_sigmas(self) -> FloatArray:
+        """Standard errors (nuisances,) of those of each flight, beside a model that is known."""
+        out = np.zeros(len(self.rows.problem.rows.nuisances.items))
+        for block in self.rows.blocks:
+            out[list(block.items)] = np.sqrt(np.maximum(1.0 - np.sum(block.estimates**2, axis=1), 0.0))
+        return out
+
+    @property
     def informed(self) -> float:
         """By how much the data narrow the coefficients of X: log of the prior's over the posterior's volume."""
         first = self.rows.shared.shape[1]
@@ -180,17 +188,19 @@ class Evidence:
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
 
     def along(
-        self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray]
+        self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray], allowed: FloatArray | float = 0.0
     ) -> tuple[FloatArray, FloatArray]:
         """A linear function of what is fitted on a flight, and its standard errors (points,).
 
         `values` (points, coefficients): what it has per coefficient of the baseline and the terms; `splines` (points,
-        splines): of each process by its place, per spline coefficient in its units.
+        splines): of each process by its place, per spline coefficient in its units; `allowed` (points, tolerances): per
+        tolerance of what all flights share.
         """
         block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
         known, first = self.rows.coefficients.shape[0], self.rows.shared.shape[1]
         shared = np.zeros((values.shape[0], found.border.size))
         shared[:, :rank] = values[:, :known] @ self.rows.coefficients
+        shared[:, rank:first] = allowed
         shared[:, first:] = values[:, known:]
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():

@@ -16,12 +16,13 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.identification import Identification, coefficient_histories
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.motion.motion import recorded
-from brv_hypo.ranking.result import CoefficientSeries, SizeSeries
+from brv_hypo.ranking.result import CoefficientSeries, SizedModel, SizeSeries
 from brv_hypo.regression.fit import HypothesisFit, likeliest, solved
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.search import on_grid
+from brv_hypo.subset.criteria import Criteria
 
 # Samples of a stretch of time up to which all are drawn.
 MOST_DRAWN = 10_000
@@ -127,24 +128,39 @@ def _alpha(frame: RateFrame) -> FloatArray:
 # ---- The in-plane moment of models of several sizes over time: Figures 5.12 to 5.15 of the report ----
 
 
-def size_series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[SizeSeries, ...]:
-    """C_N' at no angle of attack and its slope, of the likeliest hypothesis that has a mechanism, by its terms.
+def by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> dict[str, tuple[object, ...]]:
+    """Of the likeliest hypothesis that has a mechanism, by its terms: `models_by_size`, and the `sizes` that are drawn.
 
-    The baseline alone, the best subsets on the grid of knots and delays with the fewest and the most terms that are
-    searched exactly, and the model that was chosen.
+    These are C_N' at no angle of attack and its slope by the baseline alone, by the best subsets on the grid of knots
+    and delays with the fewest and the most terms that are searched exactly, and by the model that was chosen. `none`:
+    criteria of the baseline alone, by which C_p has its variance.
     """
     searched = [fit for fit in fits if fit.mechanisms]
     if not searched:
-        return ()
+        return {}
     leader = likeliest(searched)
     grid = on_grid(problem, leader.mechanisms, 1)
     reduced = Reduced(problem, grid.frame)
-    sizes = sorted({min(grid.best, default=0), max(grid.best, default=0)} - {0, len(leader.selected)})
     models = [fit for fit in fits if not fit.mechanisms]
-    for size in sizes:
+    for size in sorted({min(grid.best, default=0), max(grid.best, default=0)} - {0, len(leader.selected)}):
         columns = (*problem.baseline, *grid.best[size][0][1])
         models.append(solved(reduced, leader.name, leader.mechanisms, columns, leader.searched))
-    return tuple(series for fit in (*models, leader) for series in _of(fit, fit is leader))
+    n = problem.response.size
+    forced = round(n * none.expected_variance / none.adjusted_rss)  # the baseline's p, by (b) and (f)
+    variance = none.rss / (none.cp + n - 2 * forced)
+    subsets = {0: (none.rss, ()), **{size: found[0] for size, found in sorted(grid.best.items())}}
+    sized = (
+        SizedModel(
+            n_terms=size,
+            n_coefficients=forced + size,
+            rss=rss,
+            cp=rss / variance - n + 2 * (forced + size),
+            terms=tuple(column.label for column in columns),
+        )
+        for size, (rss, columns) in subsets.items()
+    )
+    drawn_sizes = (series for fit in (*models, leader) for series in _of(fit, fit is leader))
+    return {"models_by_size": tuple(sized), "sizes": tuple(drawn_sizes)}
 
 
 def _of(fit: HypothesisFit, chosen: bool) -> list[SizeSeries]:

@@ -209,7 +209,8 @@ def explained(judged: Judged) -> Explained:
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
     count = int(np.sum(leader.terms.scaled))
     if not count:
-        return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0))
+        noise = _noise_share(judged)
+        return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
     made = judged.rows.beside_baseline(leader.terms.x[:, :count])
 
     def share_of(use: BoolArray) -> float:
@@ -220,7 +221,15 @@ def explained(judged: Judged) -> Explained:
     without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
     error = jackknife_error(without)
     low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
-    return Explained(share=share, unexplained=1.0 - share, interval_95=(low, high))
+    noise = min(_noise_share(judged), 1.0 - share)
+    rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}
+    return Explained(share=share, interval_95=(low, high), **rest)
+
+
+def _noise_share(judged: Judged) -> float:
+    """Of the mean square that the baseline's fit has as residual, that of the noise beside all processes."""
+    own = judged.evidences[judged.leader]
+    return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
 
 
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:

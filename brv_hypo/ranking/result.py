@@ -105,6 +105,9 @@ class RankedHypothesis(NullIsNaN):
     criteria: dict[str, float] = Field(default_factory=dict)
     status: Literal["ok", "term limit"] = "ok"
     notes: tuple[str, ...] = ()
+    held_out_gain: float = float("nan")
+    """ln of the predictive density of each stretch of time given the others, over the baseline only's; weighted."""
+    held_out_gain_std_error: float = float("nan")
     ml: MaximumLikelihood | None = None
 
 
@@ -146,13 +149,15 @@ class Adequacy(NullIsNaN):
 class Explained(NullIsNaN):
     """Of the mean square that the baseline's fit has as residual: what the leader explains, and what it does not.
 
-    `share` + `unexplained` is 1: what the leader does not explain is due to processes and noise. `interval_95` of the
-    share.
+    `share` + `unexplained` is 1: what the leader does not explain is due to `processes` and `noise`. `interval_95` of
+    the share.
     """
 
     share: float
     unexplained: float
     interval_95: Interval
+    processes: float = float("nan")
+    noise: float = float("nan")
 
 
 class ProcessEstimate(NullIsNaN):
@@ -176,6 +181,69 @@ class MechanismLimit(NullIsNaN):
 
     mechanism: str
     share_of_moment_95: float
+
+
+class RecordError(NullIsNaN):
+    """An error of record or vehicle as the leader has it, in `units`, with its 1-sigma `tolerance`.
+
+    `std_error`: beside a model that is known. `flight`: from 0; None where there is one.
+    """
+
+    name: str
+    flight: int | None
+    value: float
+    std_error: float
+    units: str
+    tolerance: float
+
+    @property
+    def label(self) -> str:
+        """Unique within a comparison."""
+        return self.name if self.flight is None else f"{self.name} [flight {self.flight}]"
+
+    @property
+    def tolerances(self) -> float:
+        """Its value in tolerances."""
+        return self.value / self.tolerance
+
+
+class SizedModel(NullIsNaN):
+    """The best subset of `n_terms` of the leader's terms on the grid of knots and delays (Tables 5.5, 5.7)."""
+
+    n_terms: int
+    n_coefficients: int
+    rss: float
+    cp: float
+    terms: tuple[str, ...]
+
+
+class Collinearity(NullIsNaN):
+    """How far a coefficient of the leader is one with others: variance inflation, and the `other` that is closest."""
+
+    term: str
+    variance_inflation: float
+    other: str
+    correlation: float
+
+
+class StaticMoment(NullIsNaN):
+    """C_m,in of one flight as a function: wind-fixed terms and processes of the leader together, with their errors.
+
+    At no angle of attack by time and Mach number (NaN where it is not known): C_m0, and C_malpha in 1/rad. `curves`: by
+    `alpha_rad` at some of these places, whose numbers are `curves_at`.
+    """
+
+    flight: int
+    time_s: tuple[float, ...]
+    mach: tuple[float, ...]
+    c_m0: tuple[float, ...]
+    c_m0_std_error: tuple[float, ...]
+    c_malpha: tuple[float, ...]
+    c_malpha_std_error: tuple[float, ...]
+    alpha_rad: tuple[float, ...]
+    curves_at: tuple[int, ...]
+    curves: tuple[tuple[float, ...], ...]
+    curves_std_error: tuple[tuple[float, ...], ...]
 
 
 class RecordFaultSummary(NullIsNaN):
@@ -242,6 +310,12 @@ class Series(NullIsNaN):
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
     mach: tuple[float, ...] = ()
+    dynamic_pressure_pa: tuple[float, ...] = ()
+    channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
+    """Of the leader, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled, processes left out.
+    """
+    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""
 
 
 class CoefficientSeries(NullIsNaN):
@@ -301,6 +375,11 @@ class Comparison(HasCharts, Result):
     seconds: Seconds
     warnings: tuple[str, ...] = ()
     disagreements: tuple[str, ...] = ()
+    record_errors: tuple[RecordError, ...] = ()
+    """The largest in tolerances first."""
+    models_by_size: tuple[SizedModel, ...] = ()
+    collinearity: tuple[Collinearity, ...] = ()
+    static_moment: tuple[StaticMoment, ...] = ()
     series: tuple[Series, ...] = Field(default=(), exclude=True)
     coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
     sizes: tuple[SizeSeries, ...] = Field(default=(), exclude=True)

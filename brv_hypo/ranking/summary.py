@@ -80,7 +80,6 @@ def summarise(
     seconds: Seconds,
     likelihoods: Likelihoods,
     verdict: Verdict,
-    warnings: Sequence[str] = (),
 ) -> Comparison:
     """Rank the fits, and gather all that the result holds.
 
@@ -113,7 +112,6 @@ def summarise(
         verdict=verdict,
         seconds=seconds,
         series=_series(problem, fits),
-        warnings=tuple(warnings),
         disagreements=criteria_disagree(ranking, verdict.probability),
     )
 
