@@ -30,6 +30,7 @@ from scipy.optimize import minimize
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
 from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.nuisance import Nuisance
 from brv_hypo.regression.problem import Problem
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
@@ -139,11 +140,18 @@ class Evidence:
         for block in self.rows.blocks:
             within = list(block.items)
             out[within] = block.estimates @ (block.errors.T @ residual[block.rows])
-        shared = [k for k in nuisances.bounded.tolist() if nuisances.items[k].flight is None]
+        shared = [nuisances.items.index(each) for each in self.shared_tolerances]
         out[shared] = self.solution.border[self.rows.coefficients.shape[1] : self.rows.shared.shape[1]]
         known = [*shared, *(k for block in self.rows.blocks for k in block.items)]
         out[known] += [nuisances.items[k].present for k in known]
         return out
+
+    @property
+    def shared_tolerances(self) -> list[Nuisance]:
+        """What tolerances allow that all flights share, in the order of U's last columns."""
+        nuisances = self.rows.problem.rows.nuisances
+        items = (nuisances.items[k] for k in nuisances.bounded.tolist())
+        return [each for each in items if each.flight is None]
 
     @property
     def error_sigmas(self) -> FloatArray:

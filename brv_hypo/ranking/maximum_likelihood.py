@@ -9,7 +9,7 @@ from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, CREDIBLE_PROBABILITY, LIK
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.result import RecordError, Verdict
+from brv_hypo.ranking.result import EXCEED, RecordError, Verdict
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.nuisance import beyond_tolerance
 from brv_hypo.regression.problem import Problem
@@ -56,10 +56,10 @@ def identify_credible(
 
 def tolerance_warnings(leader: str, errors: Sequence[RecordError], verdict: Verdict) -> tuple[str, ...]:
     """A sentence on those of the leader; none where it is not adequate, for what it lacks poses as errors."""
-    beyond = [beyond_tolerance(each.label, each.value, each.tolerance, each.units) for each in errors]
+    beyond = [beyond_tolerance(each.name, each.value, each.tolerance, each.units) for each in errors]
     found = [text for text in beyond if text is not None]
     if verdict.outcome == "none adequate" or not found:
         return ()
     more = len(found) - BEYOND_TOLERANCE_NAMED
     listed = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {hypothesis(leader)}, errors exceed the tolerances of the record: {listed} (see --instruments)",)
+    return (f"with {hypothesis(leader)}, {EXCEED}: {listed} (see --instruments)",)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import Literal
 
 from pydantic import Field
 
-from brv_hypo.io.text import hypothesis
+from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED
+from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.io.text import hypothesis, number
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
+EXCEED = "errors exceed the tolerances of the record"
+"""In the warning of errors that the conclusion names too."""
 
 
 class TermEstimate(NullIsNaN):
@@ -65,6 +70,13 @@ class MaximumLikelihood(NullIsNaN):
     knots: tuple[Knot, ...] = ()
     seconds: float = 0.0
     message: str = ""
+
+    @property
+    def trouble(self) -> str:
+        """Why it is not to be relied on; empty where it converged from every starting point alike."""
+        apart = "starting points disagree" if "Starting points disagree" in self.message else ""
+        ended = "" if self.status == "converged" else f"{self.status}, so coefficients are those of the regression"
+        return "; ".join(filter(None, (ended, apart)))
 
 
 class NetInterval(NullIsNaN):
@@ -184,22 +196,16 @@ class MechanismLimit(NullIsNaN):
 
 
 class RecordError(NullIsNaN):
-    """An error of record or vehicle as the leader has it, in `units`, with its 1-sigma `tolerance`.
+    """An error of record or vehicle as the leader has it, with its 1-sigma `tolerance`.
 
-    `std_error`: beside a model that is known. `flight`: from 0; None where there is one.
+    `std_error`: beside a model that is known. The `name` has the flight's number from 0 where there are several.
     """
 
     name: str
-    flight: int | None
     value: float
     std_error: float
     units: str
     tolerance: float
-
-    @property
-    def label(self) -> str:
-        """Unique within a comparison."""
-        return self.name if self.flight is None else f"{self.name} [flight {self.flight}]"
 
     @property
     def tolerances(self) -> float:
@@ -212,38 +218,8 @@ class SizedModel(NullIsNaN):
 
     n_terms: int
     n_coefficients: int
-    rss: float
     cp: float
     terms: tuple[str, ...]
-
-
-class Collinearity(NullIsNaN):
-    """How far a coefficient of the leader is one with others: variance inflation, and the `other` that is closest."""
-
-    term: str
-    variance_inflation: float
-    other: str
-    correlation: float
-
-
-class StaticMoment(NullIsNaN):
-    """C_m,in of one flight as a function: wind-fixed terms and processes of the leader together, with their errors.
-
-    At no angle of attack by time and Mach number (NaN where it is not known): C_m0, and C_malpha in 1/rad. `curves`: by
-    `alpha_rad` at some of these places, whose numbers are `curves_at`.
-    """
-
-    flight: int
-    time_s: tuple[float, ...]
-    mach: tuple[float, ...]
-    c_m0: tuple[float, ...]
-    c_m0_std_error: tuple[float, ...]
-    c_malpha: tuple[float, ...]
-    c_malpha_std_error: tuple[float, ...]
-    alpha_rad: tuple[float, ...]
-    curves_at: tuple[int, ...]
-    curves: tuple[tuple[float, ...], ...]
-    curves_std_error: tuple[tuple[float, ...], ...]
 
 
 class RecordFaultSummary(NullIsNaN):
@@ -318,38 +294,6 @@ class Series(NullIsNaN):
     """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""
 
 
-class CoefficientSeries(NullIsNaN):
-    """A coefficient or derivative over time, as one hypothesis has it: not part of the JSON.
-
-    `value` and `std_error` over `time_s`, of one segment of flight number `flight`; moment coefficients have
-    no unit, derivatives by alpha and the normal-force slope are in 1/rad. The band is two `std_error` wide.
-    """
-
-    mechanism: str
-    method: Literal["regression", "maximum likelihood"]
-    flight: int
-    name: str
-    time_s: tuple[float, ...]
-    value: tuple[float, ...]
-    std_error: tuple[float, ...]
-
-
-class SizeSeries(NullIsNaN):
-    """The in-plane moment of the leader with `n_terms` terms over time, of one flight: not part of the JSON.
-
-    `at_zero` is C_N' at no angle of attack, `slope` its derivative by alpha in 1/rad; the model that was `chosen` has
-    its knots and delays refined, the others are the best subsets on the grid.
-    """
-
-    mechanism: str
-    n_terms: int
-    chosen: bool
-    flight: int
-    time_s: tuple[float, ...]
-    at_zero: tuple[float, ...]
-    slope: tuple[float, ...]
-
-
 def _percent(share: float) -> str:
     """Whole; near nothing and near all to hundredths."""
     return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
@@ -378,11 +322,11 @@ class Comparison(HasCharts, Result):
     record_errors: tuple[RecordError, ...] = ()
     """The largest in tolerances first."""
     models_by_size: tuple[SizedModel, ...] = ()
-    collinearity: tuple[Collinearity, ...] = ()
-    static_moment: tuple[StaticMoment, ...] = ()
+    collinear: tuple[str, ...] = ()
+    """Coefficients of the leader that are not to be read by themselves, with variance inflation and correlation."""
+    functions: dict[Literal["C_m0", "C_malpha", "C_mq"], tuple[Derivative, ...]] = Field(default_factory=dict)
+    """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)
-    coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
-    sizes: tuple[SizeSeries, ...] = Field(default=(), exclude=True)
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
@@ -394,13 +338,35 @@ class Comparison(HasCharts, Result):
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {headline}{explains}"
 
+    @property
+    def beyond_tolerances(self) -> tuple[RecordError, ...]:
+        """Errors that exceed what the record allows; none where nothing is adequate: what it lacks poses as them."""
+        known = () if self.verdict.outcome == "none adequate" else self.record_errors
+        return tuple(each for each in known if abs(each.tolerances) > BEYOND_TOLERANCE)
+
     def conclusion(self) -> str:
-        """The reason of the verdict, and on a line of its own what the leader explains."""
-        if (found := self.verdict.explained) is None or not found.share:
-            return self.verdict.reason
-        share, low, high, rest = map(_percent, (found.share, *found.interval_95, found.unexplained))
-        explains = f"{self.ranking[0].mechanism} explains {share} % ({low} to {high} %) of the residual of the baseline"
-        return f"{self.verdict.reason}\n{explains}; {rest} % is due to processes and noise."
+        """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
+        lines, found = [self.verdict.reason], self.verdict.explained
+        if found is not None and (found.share or isfinite(found.processes)):
+            share, low, high = map(_percent, (found.share, *found.interval_95))
+            leader = [f"{self.ranking[0].mechanism} {share} % ({low} to {high} %)"] if found.share else []
+            parts = {"processes and noise": found.unexplained}  # of an earlier version
+            if isfinite(found.processes):
+                parts = {"processes": found.processes, "noise": found.noise}
+            rest = [f"{name} {_percent(part)} %" for name, part in parts.items()]
+            lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
+        if beyond := self.beyond_tolerances:
+            said = [
+                f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
+                f"({abs(each.tolerances):.1f} times)"
+                for each in beyond[:BEYOND_TOLERANCE_NAMED]
+            ]
+            more = len(beyond) - len(said)
+            listed = ", ".join((*said, *([f"and {more} more"] if more else [])))
+            lines.append(f"Beyond the tolerances of the record (--instruments): {listed}.")
+        if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
+            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}.")
+        return "\n".join(lines)
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

@@ -13,8 +13,7 @@ from brv_hypo.identification import Identification
 from brv_hypo.io.text import hypothesis
 from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.kinematics import plane_from_body
-from brv_hypo.ranking.histories import drawn
-from brv_hypo.ranking.intervals import Interval, intervals
+from brv_hypo.ranking.intervals import intervals
 from brv_hypo.ranking.maximum_likelihood import Likelihoods
 from brv_hypo.ranking.result import (
     BaselineSummary,
@@ -39,6 +38,7 @@ from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
+MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 
 
 def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
@@ -202,20 +202,33 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
     for j in indices:
         column, value = fit.columns[j], float(fit.values[j])
         sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
-        found.append(
-            TermEstimate(
-                name=column.label,
-                mechanism=BASELINE if j < fit.baseline_size else column.mechanism,
-                channel=_channel(fit, column),
-                value=value,
-                std_error=sigma,
-                f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
-                units=column.units,
-                region_s=_region(fit, column),
-                delay_s=column.delay,
-            )
-        )
+        mechanism = BASELINE if j < fit.baseline_size else column.mechanism
+        where = (_channel(fit, column), _region(fit, column), column.delay)
+        found.append(_term(column.label, mechanism, value, sigma, column.units, *where))
     return tuple(found)
+
+
+def _term(
+    name: str,
+    mechanism: str,
+    value: float,
+    sigma: float,
+    units: str,
+    channel: str,
+    region: tuple[float, float] | None,
+    delay: float | None,
+) -> TermEstimate:
+    return TermEstimate(
+        name=name,
+        mechanism=mechanism,
+        channel=channel,
+        value=value,
+        std_error=sigma,
+        f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
+        units=units,
+        region_s=region,
+        delay_s=delay,
+    )
 
 
 def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
@@ -250,32 +263,16 @@ def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
             stop_s=each.stop,
             values=(
                 *(
-                    _net(net.term, net.mechanism, net.value, net.std_error, net.units, each, net.delay)
-                    for net in each.values
+                    _term(n.term, n.mechanism, n.value, n.std_error, n.units, "both", (each.start, each.stop), n.delay)
+                    for n in each.values
                 ),
                 *(
-                    _net(derived.name, mechanism, derived.value, derived.std_error, derived.units, each, None)
-                    for mechanism, derived in each.derived
+                    _term(d.name, name, d.value, d.std_error, d.units, "both", (each.start, each.stop), None)
+                    for name, d in each.derived
                 ),
             ),
         )
         for each in intervals(fit)
-    )
-
-
-def _net(
-    name: str, mechanism: str, value: float, sigma: float, units: str, where: Interval, delay: float | None
-) -> TermEstimate:
-    return TermEstimate(
-        name=name,
-        mechanism=mechanism,
-        channel="both",
-        value=value,
-        std_error=sigma,
-        f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
-        units=units,
-        region_s=(where.start, where.stop),
-        delay_s=delay,
     )
 
 
@@ -371,6 +368,11 @@ def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
     values, others = problem.solution(fit.frame, fit.columns)
     rest = problem.left(fit.frame, fit.columns, values, others)
     return residual_moments(fit.frame, problem.records, rest.rates).body
+
+
+def drawn(samples: int) -> slice:
+    """Which of so many samples of a stretch of time are drawn: all of them, or every so many-th."""
+    return slice(None, None, max(1, -(-samples // MOST_DRAWN)))
 
 
 def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:

@@ -8,9 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.signal import welch
+from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import RecordFault
+from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
 from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
@@ -95,6 +97,7 @@ _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
 _NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 
 Moments = tuple[Values, Values]  # in-plane and out-of-plane, or pitch and yaw, moment coefficient over time
@@ -282,6 +285,31 @@ def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], r
     )
 
 
+def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[Chart]:
+    """Autocorrelation and quantiles of a residual at unit noise by channel; nothing where it is not known."""
+    known = {name: np.asarray(values, dtype=float) for name, values in whitened.items() if len(values) > 2 * _LAGS}
+    if not known:
+        return []
+    wide = np.full(_LAGS, 2.0 / np.sqrt(min(values.size for values in known.values())))
+    lags, shares = np.arange(1.0, _LAGS + 1.0), (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    correlations: list[Layer] = [Band(lags, -wide, wide, "± 2 sigma of white noise")]
+    quantiles: list[Layer] = [Line([-3.0, 3.0], [-3.0, 3.0], "guide", "normal", dashed=True)]
+    roles: tuple[Role, ...] = ("measured", "first", "second", "third")
+    for (name, values), role in zip(known.items(), roles, strict=False):
+        products = np.correlate(values, values, "full")[values.size - 1 :]
+        correlations.append(Line(lags, products[1 : _LAGS + 1] / products[0], role, name))
+        quantiles.append(Line(ndtri(shares), np.quantile(values, shares), role, name, dots=True))
+    read = "Whitened residual of leader and processes, in axes that do not roll."
+    named = {
+        "autocorrelation": ("Autocorrelation of the residual", "lag, rows", Panel("correlation", correlations)),
+        "quantiles": ("Quantiles of the residual", "quantile of normal noise", Panel("over the noise", quantiles)),
+    }
+    return [
+        Chart(f"{name}{setting.suffix}", f"{heading}{setting.which}", x, [panel], caption=read)
+        for name, (heading, x, panel) in named.items()
+    ]
+
+
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
     """Intervals to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
     the record as a whole, none.
@@ -313,6 +341,30 @@ def estimate(
 ) -> list[Band | Line]:
     """An estimate within two standard deviations, whose band has a name of its own where it is in the legend."""
     return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
+
+
+STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
+DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
+
+
+def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
+    """A derivative of the moment by Mach number, or by time where that is not known or stays the same."""
+    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
+    x = np.array(slope.mach if by_mach else slope.time_s)
+    order = np.argsort(x, kind="stable")
+    flown, flown_sigma, zero, zero_sigma = (
+        np.array(values)[order]
+        for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
+    )
+    layers = [
+        *estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
+        *estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
+    ]
+    panels = [framed(Panel(axis, layers))]
+    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
+    read = caption("Negative is stable. Bands: two standard deviations.", cut_text(panels))
+    title = "Mach number" if by_mach else TIME
+    return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
 
 
 # ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----

@@ -10,10 +10,10 @@ import numpy as np
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
-from brv_hypo.report.motion_charts import BODY, TIME, Drawn, Setting, caption, cut_text, framed, scale_of
+from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
-from brv_hypo.residuals.result import Derivative, ProcessHistory, Residual, Step, Trace
+from brv_hypo.residuals.result import ProcessHistory, Residual, Step, Trace
 
 
 def trace_charts(result: Trace) -> list[Chart]:
@@ -75,30 +75,6 @@ def _history_text(history: ProcessHistory) -> str:
         where = f"Mach {number(history.mach[k])}, alpha {number(np.degrees(history.alpha_rad[k]), 2)}°"
         places.append(f"{value} at {number(history.time_s[k])} s ({where})")
     return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
-
-
-STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
-DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
-
-
-def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
-    """A derivative of the moment by Mach number, or by time where that is not known or stays the same."""
-    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
-    x = np.array(slope.mach if by_mach else slope.time_s)
-    order = np.argsort(x, kind="stable")
-    flown, flown_sigma, zero, zero_sigma = (
-        np.array(values)[order]
-        for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
-    )
-    layers = [
-        *charts.estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
-        *charts.estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
-    ]
-    panels = [framed(Panel(axis, layers))]
-    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
-    read = caption("Negative is stable. Bands: two standard deviations.", cut_text(panels))
-    title = "Mach number" if by_mach else charts.TIME
-    return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
 
 
 # ---- A trace as a document ----

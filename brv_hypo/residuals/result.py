@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordSummary, TermEstimate
@@ -159,24 +160,6 @@ class ModelSummary(NullIsNaN):
 
     terms: tuple[TermEstimate, ...]
     definition: SavedModel
-
-
-class Derivative(NullIsNaN):
-    """A derivative of C_m,in (1/rad) along one flight; negative is stable.
-
-    At no angle of attack, and at that flown (`alpha_rad`, rms about the place); `mach` is NaN where it is not known.
-    By alpha: of the model's static moment, standard errors those of the coefficients, of a model without lack of fit.
-    By the transverse rate times d / 2V: of model and processes together, with the errors of both.
-    """
-
-    flight: int
-    time_s: tuple[float, ...]
-    mach: tuple[float, ...]
-    alpha_rad: tuple[float, ...]
-    at_zero: tuple[float, ...]
-    at_zero_std_error: tuple[float, ...]
-    at_flown: tuple[float, ...]
-    at_flown_std_error: tuple[float, ...]
 
 
 class Picture(NullIsNaN):

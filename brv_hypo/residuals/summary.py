@@ -11,6 +11,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import REPORTED_DRAG, REPORTED_MERIDIAN, REPORTED_PER_CYCLE
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.derivatives import along_flights, damping
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import BASELINE, Regressor
@@ -20,7 +21,6 @@ from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.candidates_at_step import GENERIC, Analysis, baseline_analysis
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.damping import damping_along
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery, as_terms
 from brv_hypo.residuals.families import beside_processes
@@ -77,7 +77,9 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         ),
     )
     terms = (*term_estimates(last, moments.columns, moments.values, moments.covariance), *_record_terms(here, model))
-    slopes, damping = static_slopes(last, moments), damping_along(beside_processes(state, state.model, end.config))
+    own = beside_processes(state, state.model, end.config).null
+    slopes = static_slopes(last, moments)
+    damped = along_flights(own, own.rows.problem.baseline, own.rows.frame, damping)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -87,8 +89,8 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         model=ModelSummary(terms=terms, definition=definition),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
-        damping=damping,
-        dynamic_stability=stability_in_words(damping, "damping moment", doubt=False),
+        damping=damped,
+        dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flights, last),
