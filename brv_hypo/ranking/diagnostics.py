@@ -62,7 +62,7 @@ def record_errors(own: Evidence) -> tuple[RecordError, ...]:
 
 
 def collinear(fit: HypothesisFit) -> tuple[str, ...]:
-    """Coefficients with a variance inflation above `INFLATED` or a correlation above `COLLINEAR`, one line each."""
+    """Pairs of coefficients with a correlation above `COLLINEAR`, or one with a variance inflation above `INFLATED`."""
     sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))
     correlation = fit.covariance / np.outer(sigma, sigma)
     inflation = np.diag(np.linalg.pinv(correlation, hermitian=True))
@@ -72,11 +72,12 @@ def collinear(fit: HypothesisFit) -> tuple[str, ...]:
         each.label + (f" at {at:.2f} s" if np.isfinite(at) else "")
         for each, at in zip(fit.columns, starts, strict=True)
     ]
-    return tuple(
-        f"{labels[j]}: variance inflation {inflation[j]:.3g}, correlation {others[j, k]:.3f} with {labels[k]}"
+    pairs = {
+        frozenset((j, k)): f"{labels[j]}, {labels[k]}: {others[j, k]:.3f} ({inflation[j]:.3g}, {inflation[k]:.3g})"
         for j, k in enumerate(np.argmax(np.abs(others), axis=1).tolist())
         if inflation[j] > INFLATED or abs(others[j, k]) > COLLINEAR
-    )
+    }
+    return tuple(pairs.values())
 
 
 def models_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:

@@ -296,6 +296,8 @@ class Series(NullIsNaN):
 
 def _percent(share: float) -> str:
     """Whole; near nothing and near all to hundredths."""
+    if 0.0 < share < 5e-5:
+        return "<0.01"
     return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
 
 
@@ -323,7 +325,7 @@ class Comparison(HasCharts, Result):
     """The largest in tolerances first."""
     models_by_size: tuple[SizedModel, ...] = ()
     collinear: tuple[str, ...] = ()
-    """Coefficients of the leader that are not to be read by themselves, with variance inflation and correlation."""
+    """Pairs of the leader's coefficients that are not to be read by themselves: correlation (variance inflations)."""
     functions: dict[Literal["C_m0", "C_malpha", "C_mq"], tuple[Derivative, ...]] = Field(default_factory=dict)
     """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)

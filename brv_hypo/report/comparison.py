@@ -28,6 +28,7 @@ CHANNELS = {
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
 """By chart and channel, title and scale of an axis."""
+COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
 EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
 
 
@@ -71,19 +72,19 @@ def _sizes(comparison: Comparison) -> Chart:
     sized, rows = comparison.models_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
     if len(rows) < 2 or not sized:
         return Chart("cp", "", "", ())
-    found: dict[int, list[RankedHypothesis]] = {}
+    found: dict[tuple[int, bool], list[RankedHypothesis]] = {}
     for row in sorted(rows, key=lambda row: -row.cp):
-        found.setdefault(sized[0].n_coefficients + row.n_terms, []).append(row)
-    p = np.arange(sized[0].n_coefficients, max(found) + 1.0)
+        found.setdefault((sized[0].n_coefficients + row.n_terms, row is rows[0]), []).append(row)
+    p = np.arange(sized[0].n_coefficients, max(found)[0] + 1.0)
     layers = [
         Line(p, p, "guide", "C<sub>p</sub> = p", dashed=True),
         Line([each.n_coefficients for each in sized], [max(each.cp, 1.0) for each in sized], "third", "best of a size"),
     ]
-    for count, some in found.items():  # names of one size in one label, beside the middle one of its dots
+    for (count, _), some in found.items():  # rivals of one size in one label, beside the middle one of its dots
         heights, labels = [max(row.cp, 1.0) for row in some], [""] * len(some)
         labels[len(some) // 2] = "\n".join(hypothesis(row.mechanism) for row in some)
         layers.append(Line([count] * len(some), heights, "first", "hypotheses", dots=True, large=True, labels=labels))
-    read = "Mallows' criterion. Far above the line, terms are missing."
+    read = "Mallows' criterion. Far above the line, terms are missing. Best of a size: on the grid of knots and delays."
     panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 0.5, p[-1] + 1.5)  # room for the last label
     return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
 
@@ -150,11 +151,8 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         named = ("excess-by-alpha", "Moments less the baseline")
         moments.append(charts.moment_by_alpha_chart(setting, angles[0], residuals[0].moments, [beyond], *named))
     sigmas, rolls = (series.alpha_sigma_rad, series.windward_meridian_sigma_rad), series.roll_rate_rad_s
-    motion = [charts.motion_chart(setting, time, *angles, *sigmas)]
-    if series.dynamic_pressure_pa and np.all(np.isfinite(series.mach)):
-        air = {"Mach number": series.mach, "q<sub>∞</sub>, kPa": [1e-3 * q for q in series.dynamic_pressure_pa]}
-        panels = [Panel(title, [Line(time, history, "measured")]) for title, history in air.items()]
-        motion.insert(0, setting.chart("air", "Mach number and dynamic pressure", panels))
+    motion = charts.air_chart(setting, time, series.mach, series.dynamic_pressure_pa)
+    motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
     if rolls:
         motion.append(charts.attitude_chart(setting, time, *angles, rolls))
     channels = []
@@ -166,7 +164,8 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             panels.append(Panel(title, [dots, Line(time, fitted, "first", models[-1].name)]))
         text = "At the c.g., fitted errors of the record taken out; the model without processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
-    histories = [Drawn("measured", measured, "measured"), *(replace(m, name=f"less {m.name}") for m in residuals)]
+    ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's
+    histories = [Drawn("measured", measured, "measured"), *(replace(m, name=f"less {m.name}") for m in ends)]
     rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
     spectrum = charts.spectrum_chart(setting, time, histories, rates)
     return {
@@ -198,8 +197,6 @@ def comparison_document(comparison: Comparison) -> Document:
     """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
     verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
     flights = [_of_flight(comparison, index) for index in range(len(comparison.series))]
-    withheld = any(np.isnan(limit.share_of_moment_95) for limit in verdict.limits)
-    no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
     functions = [
         derivative_chart(each, count, *FUNCTIONS[name])
         for name, found in comparison.functions.items()
@@ -230,16 +227,15 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Moments, measured and modelled", of("moments")),
             Section("Measured channels", of("channels"), folded=True),
             Section("Residual diagnostics", of("residual")),
-            Section("Hypotheses compared", _compared(comparison)),
+            Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [Picture(_sizes(comparison)), tables.size_table(comparison)]),
-            Section("Limits", [Picture(_limits(comparison)), Texts(no_limits, bullets=False, shown="page")]),
             Section("Errors of instruments and vehicle", _of_record(comparison)),
             Section(
                 "Coefficients",
                 [
                     *drawn(functions),
                     tables.function_table(comparison),
-                    Texts(comparison.collinear, "Collinear: not to be read by themselves", shown="verbose"),
+                    Texts(comparison.collinear, COLLINEAR, shown="verbose"),
                 ],
             ),
             *(
@@ -256,25 +252,28 @@ def _quality(comparison: Comparison) -> list[Block]:
     known = [text for text in comparison.warnings if not (comparison.beyond_tolerances and EXCEED in text)]
     warnings = (*faults, *comparison.reconstruction.warnings, *known)
     none = () if warnings else ("The record shows no fault.",)
-    return [
-        Texts(none, bullets=False, shown="page"),
-        Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
-        Texts([note for flight in comparison.flights for note in flight.notes], "Notes", shown="verbose"),
-    ]
-
-
-def _compared(comparison: Comparison) -> list[Block]:
-    """Evidence and prediction with their errors, probabilities, and where criteria disagree."""
     seconds = comparison.seconds
     took = (
         f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
         f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
     )
     return [
+        Texts(none, bullets=False, shown="page"),
+        Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
+        Texts([*(note for flight in comparison.flights for note in flight.notes), took], "Notes", shown="verbose"),
+    ]
+
+
+def _compared(comparison: Comparison) -> list[Block]:
+    """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
+    withheld = any(np.isnan(limit.share_of_moment_95) for limit in comparison.verdict.limits)
+    no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
+    return [
         Picture(_evidence(comparison)),
         Picture(_probability(comparison)),
+        Picture(_limits(comparison)),
+        Texts(no_limits, "Limits", bullets=False, shown="page"),
         Texts(comparison.disagreements, "Disagreements"),
-        Texts((took,), bullets=False, shown="verbose"),
     ]
 
 
@@ -285,11 +284,7 @@ def _of_record(comparison: Comparison) -> list[Block]:
         f"{name}: {fit.status}, {fit.iterations} iterations: {fit.message}" for name, fit in rows if fit is not None
     ]
     said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
-    return [
-        Picture(_errors(comparison)),
-        tables.error_table(comparison),
-        Texts(said, "Maximum likelihood", shown="verbose"),
-    ]
+    return [Picture(_errors(comparison)), tables.error_table(comparison), Texts(said, shown="verbose")]
 
 
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
@@ -298,7 +293,7 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     net = [value for each in row.intervals for value in each.values]
     blocks: list[Block] = [
         Picture(_coefficients(_setting(comparison, (comparison.reference_flight or 1) - 1, row), row)),
-        tables.term_table(f"Net values of {name}", net),
+        tables.term_table(f"Net values of {name}", net, "page"),
         tables.term_table(name, row.terms, knots=row.knots),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
         Texts(tables.derived_texts(row.derived), shown="verbose"),

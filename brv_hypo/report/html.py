@@ -52,7 +52,7 @@ from brv_hypo.report.document import (
 _UNEVEN = 1e-3  # share of a step by which times may be uneven and still be given as start and step
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
-_HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "gap": 32}
+_HEIGHT = {"panel": 175, "frame": 105, "bar": 26, "gap": 32}
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
 """Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
 _AXIS = {
@@ -339,9 +339,9 @@ def _cell(group: Sequence[Block]) -> dict[str, Any]:
     pictures = [block.chart for block in group if isinstance(block, Picture)]
     heights = [_LINE * len(b.rows if isinstance(b, Table) else b.texts) for b in group if not isinstance(b, Picture)]
     rows = round(sum((*heights, *map(chart_height, pictures))) / _ROW)
-    whole = any(isinstance(block, Table) and len(block.headings) > _WHOLE for block in group)
-    wide = whole or any(chart.over_time or chart.path for chart in pictures)
-    return {"blocks": group, "whole": whole, "wide": wide, "rows": max(1, rows)}
+    columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
+    wide = columns > _WHOLE or any(chart.over_time or chart.path for chart in pictures)
+    return {"blocks": group, "columns": columns, "whole": columns > _WHOLE, "wide": wide, "rows": max(1, rows)}
 
 
 def _slug(heading: str) -> str:

@@ -97,6 +97,7 @@ _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
 _NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
 _LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 
@@ -292,7 +293,7 @@ def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[C
         return []
     wide = np.full(_LAGS, 2.0 / np.sqrt(min(values.size for values in known.values())))
     lags, shares = np.arange(1.0, _LAGS + 1.0), (np.arange(_QUANTILES) + 0.5) / _QUANTILES
-    correlations: list[Layer] = [Band(lags, -wide, wide, "± 2 sigma of white noise")]
+    correlations: list[Layer] = [Band(lags, -wide, wide, "± 2 sigma")]
     quantiles: list[Layer] = [Line([-3.0, 3.0], [-3.0, 3.0], "guide", "normal", dashed=True)]
     roles: tuple[Role, ...] = ("measured", "first", "second", "third")
     for (name, values), role in zip(known.items(), roles, strict=False):
@@ -348,8 +349,8 @@ DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
 
 
 def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
-    """A derivative of the moment by Mach number, or by time where that is not known or stays the same."""
-    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
+    """The moment or a derivative of it by Mach number, or by time where that is not known or stays about the same."""
+    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > _ONE_MACH * max(slope.mach)
     x = np.array(slope.mach if by_mach else slope.time_s)
     order = np.argsort(x, kind="stable")
     flown, flown_sigma, zero, zero_sigma = (
@@ -360,11 +361,23 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
         *estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
         *estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
     ]
-    panels = [framed(Panel(axis, layers))]
+    panel = Panel(axis, layers)
+    edges = _values(panel, Band)
+    panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]
     suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
-    read = caption("Negative is stable. Bands: two standard deviations.", cut_text(panels))
+    stable = "Negative is stable." if axis.endswith("1/rad") else ""
+    read = caption(stable, "Bands: two standard deviations.", cut_text(panels))
     title = "Mach number" if by_mach else TIME
     return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
+
+
+def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) -> list[Chart]:
+    """Mach number and dynamic pressure (Pa); nothing where they are not known."""
+    if not len(pressure) or not np.all(np.isfinite(mach)):
+        return []
+    histories = {"Mach number": mach, "q<sub>∞</sub>, kPa": 1e-3 * np.asarray(pressure, dtype=float)}
+    panels = [Panel(title, [Line(time, history, "measured")]) for title, history in histories.items()]
+    return [setting.chart("air", "Mach number and dynamic pressure", panels)]
 
 
 # ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----

@@ -16,8 +16,9 @@ from brv_hypo.report.document import Block, Shown, Table, Texts
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
 
+PROCESSES_AT_FIRST = 4  # processes that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
-LEAST_ERROR = 0.5  # tolerances from which an error of the record is listed
+LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
@@ -72,7 +73,7 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     none = (f"No process makes more than {share(LEAST_PROCESS)} of the static moment.",) if processes else ()
-    table = Table(rows, beside, ("process", "family", "unit"), most=6)
+    table = Table(rows, beside, ("process", "family", "unit"), most=PROCESSES_AT_FIRST)
     return [table, Texts((_PROCESSES,) if rows else none, bullets=False, shown="page" if rows else "always")]
 
 
@@ -98,7 +99,7 @@ def error_table(comparison: Comparison) -> Table:
         for each in comparison.record_errors
         if abs(each.tolerances) > LEAST_ERROR
     ]
-    heading = f"Errors of more than {LEAST_ERROR:g} tolerances"
+    heading = "Errors of more than one tolerance"
     return Table(rows, heading, ("error", "unit"), range(len(comparison.beyond_tolerances)), shown="verbose")
 
 

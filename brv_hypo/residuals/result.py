@@ -179,6 +179,8 @@ class Picture(NullIsNaN):
     windward_meridian_sigma_rad: tuple[float, ...] = ()
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
+    mach: tuple[float, ...] = ()
+    dynamic_pressure_pa: tuple[float, ...] = ()
 
 
 class Trace(HasCharts, Result):

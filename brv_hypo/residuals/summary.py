@@ -319,4 +319,6 @@ def _picture(before: ResidualMoments, end: LoopEnd, number: int) -> Picture:
         windward_meridian_sigma_rad=tuple(reconstruction.phi_w_sigma[samples].tolist()),
         roll_rate_rad_s=tuple(motion.p[samples].tolist()),
         windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[samples].tolist()),
+        mach=tuple(motion.mach[samples].tolist()),
+        dynamic_pressure_pa=tuple(motion.dynamic_pressure[samples].tolist()),
     )
