@@ -38,7 +38,7 @@ from brv_hypo.regression.fit import (
 from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import FINAL, ROUGH, Steps
-from brv_hypo.regression.uncertainty import with_design
+from brv_hypo.regression.uncertainty import with_others
 from brv_hypo.thresholds import MECHANISM_ACTS
 
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
@@ -140,7 +140,7 @@ def judged(
         scale, weight = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
         weight *= evidences[place].share_of_terms if pairs[place][0].selected else 1.0
         gains = [weighed(own.level - null.level, weight, acting_in(fit)) for fit, own in pairs]
-        fits = [with_design(problem, _estimated(*each, gain, scale)) for each, gain in zip(pairs, gains, strict=True)]
+        fits = [with_others(problem, _estimated(*each, gain, scale)) for each, gain in zip(pairs, gains, strict=True)]
         there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
             found = there

@@ -15,11 +15,11 @@ from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.ranking.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Bars, Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts
+from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 LEADING = 2  # hypotheses that are drawn besides the baseline only; more lines than this hide each other
-ERRORS_DRAWN = 14  # errors of the record in a chart
+ERRORS_DRAWN = 12  # errors of the record in a chart
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
 FUNCTIONS = {"C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"), "C_malpha": STATIC, "C_mq": DAMPING}
 """Name, heading and axis of a function of Mach number and angle of attack."""
@@ -38,15 +38,12 @@ def comparison_charts(comparison: Comparison) -> list[Chart]:
 
 
 def _probability(comparison: Comparison) -> Chart:
-    verdict = comparison.verdict
-    ranked = [row.mechanism for row in comparison.ranking if row.mechanism in verdict.probability]
-    chances = {name: verdict.probability[name] for name in (*ranked, *verdict.probability)}
-    likeliest = sorted(chances, key=lambda name: -chances[name])  # of equals as they are ranked
-    texts = [probability(chances[name]) for name in likeliest]
-    names, values = list(map(hypothesis, likeliest)), [chances[name] for name in likeliest]
-    panels = [Panel("", [Bars(names, values, texts)])] if names else []
-    over = "Over the hypotheses compared and other: something that is not on the list."
-    return Chart("probability", "Probability", "probability", panels, range=(0.0, 1.08), caption=over)
+    """Of each hypothesis, the likeliest first, of equals as they are ranked."""
+    chances = comparison.verdict.probability
+    order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
+    shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
+    panels, over = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
+    return Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=over)
 
 
 def _limits(comparison: Comparison) -> Chart:

@@ -340,7 +340,7 @@ def _cell(group: Sequence[Block]) -> dict[str, Any]:
     heights = [_LINE * len(b.rows if isinstance(b, Table) else b.texts) for b in group if not isinstance(b, Picture)]
     rows = round(sum((*heights, *map(chart_height, pictures))) / _ROW)
     columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
-    wide = columns > _WHOLE or any(chart.over_time or chart.path for chart in pictures)
+    wide = columns > _WHOLE or any(chart.over_time or chart.path or chart.counted for chart in pictures)
     return {"blocks": group, "columns": columns, "whole": columns > _WHOLE, "wide": wide, "rows": max(1, rows)}
 
 
