@@ -80,7 +80,7 @@ def collinear(fit: HypothesisFit) -> tuple[str, ...]:
     return tuple(pairs.values())
 
 
-def models_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:
+def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:
     """The best subsets, on the grid of knots and delays, of the likeliest hypothesis that has a mechanism.
 
     `none`: criteria of the baseline alone, by which C_p has its variance.

@@ -323,7 +323,7 @@ class Comparison(HasCharts, Result):
     disagreements: tuple[str, ...] = ()
     record_errors: tuple[RecordError, ...] = ()
     """The largest in tolerances first."""
-    models_by_size: tuple[SizedModel, ...] = ()
+    best_by_size: tuple[SizedModel, ...] = ()
     collinear: tuple[str, ...] = ()
     """Pairs of the leader's coefficients that are not to be read by themselves: correlation (variance inflations)."""
     functions: dict[Literal["C_m0", "C_malpha", "C_mq"], tuple[Derivative, ...]] = Field(default_factory=dict)

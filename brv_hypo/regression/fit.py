@@ -33,7 +33,7 @@ class HypothesisFit:
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
-    `joint_covariance`, of values and then those, and `others`, all nuisances (unknowns,), are empty until `with_errors`.
+    `joint_covariance`, of values and then those, and `others`, all nuisances, are empty until `with_errors`.
     `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds.
     """
 

@@ -66,7 +66,7 @@ def _evidence(comparison: Comparison) -> Chart:
 
 def _sizes(comparison: Comparison) -> Chart:
     """Mallows' C_p over the number of coefficients: hypotheses, best subsets of the leader by size, and C_p = p."""
-    sized, rows = comparison.models_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
+    sized, rows = comparison.best_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
     if len(rows) < 2 or not sized:
         return Chart("cp", "", "", ())
     found: dict[tuple[int, bool], list[RankedHypothesis]] = {}
@@ -162,7 +162,10 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         text = "At the c.g., fitted errors of the record taken out; the model without processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
     ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's
-    histories = [Drawn("measured", measured, "measured"), *(replace(m, name=f"less {m.name}") for m in ends)]
+    histories = [
+        Drawn("measured", measured, "measured"),
+        *(replace(m, name=f"less {m.name.removesuffix(' only')}") for m in ends),
+    ]
     rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
     spectrum = charts.spectrum_chart(setting, time, histories, rates)
     return {
@@ -291,7 +294,7 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     blocks: list[Block] = [
         Picture(_coefficients(_setting(comparison, (comparison.reference_flight or 1) - 1, row), row)),
         tables.term_table(f"Net values of {name}", net, "page"),
-        tables.term_table(name, row.terms, knots=row.knots),
+        tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]

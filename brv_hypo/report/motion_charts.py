@@ -288,7 +288,7 @@ def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], r
 
 def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[Chart]:
     """Autocorrelation and quantiles of a residual at unit noise by channel; nothing where it is not known."""
-    known = {name: np.asarray(values, dtype=float) for name, values in whitened.items() if len(values) > 2 * _LAGS}
+    known = {name: np.asarray(values, dtype=float) for name, values in whitened.items() if len(values) > _LAGS}
     if not known:
         return []
     wide = np.full(_LAGS, 2.0 / np.sqrt(min(values.size for values in known.values())))

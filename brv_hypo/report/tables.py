@@ -81,7 +81,7 @@ def size_table(comparison: Comparison) -> Table:
     """One row for each number of terms of the leader, with the best subset of that size (Tables 5.5, 5.7)."""
     rows = [
         {"terms": str(each.n_terms), "C_p": number(each.cp), "best": ", ".join(each.terms) or "baseline only"}
-        for each in comparison.models_by_size
+        for each in comparison.best_by_size
     ]
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
 
