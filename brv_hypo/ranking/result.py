@@ -342,9 +342,8 @@ class Comparison(HasCharts, Result):
 
     @property
     def beyond_tolerances(self) -> tuple[RecordError, ...]:
-        """Errors that exceed what the record allows; none where nothing is adequate: what it lacks poses as them."""
-        known = () if self.verdict.outcome == "none adequate" else self.record_errors
-        return tuple(each for each in known if abs(each.tolerances) > BEYOND_TOLERANCE)
+        """Errors that exceed what the record allows."""
+        return tuple(each for each in self.record_errors if abs(each.tolerances) > BEYOND_TOLERANCE)
 
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
@@ -365,7 +364,8 @@ class Comparison(HasCharts, Result):
             ]
             more = len(beyond) - len(said)
             listed = ", ".join((*said, *([f"and {more} more"] if more else [])))
-            lines.append(f"Beyond the tolerances of the record (--instruments): {listed}.")
+            poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
+            lines.append(f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}.")
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}.")
         return "\n".join(lines)
