@@ -46,16 +46,17 @@ def _held_out(judged: Judged, place: int) -> dict[str, float]:
 def record_errors(own: Evidence) -> tuple[RecordError, ...]:
     """Errors within stated tolerances, the largest in tolerances first."""
     items, values, sigmas = own.rows.problem.rows.nuisances.items, own.errors.tolist(), own.error_sigmas.tolist()
-    several, places = len(own.rows.blocks) > 1, [k for block in own.rows.blocks for k in block.items]
+    several = len(own.rows.blocks) > 1
     found = [
         RecordError(
-            name=items[k].label if several else items[k].plain_label,
+            name=items[k].plain_label + (f", flight {flight + 1}" if several else ""),
             value=items[k].whole(values[k]),
             std_error=items[k].size * sigmas[k],
             units=items[k].units,
             tolerance=items[k].size,
         )
-        for k in places
+        for flight, block in enumerate(own.rows.blocks)
+        for k in block.items
         if items[k].stated
     ]
     return tuple(sorted(found, key=lambda each: -abs(each.tolerances)))

@@ -198,7 +198,7 @@ class MechanismLimit(NullIsNaN):
 class RecordError(NullIsNaN):
     """An error of record or vehicle as the leader has it, with its 1-sigma `tolerance`.
 
-    `std_error`: beside a model that is known. The `name` has the flight's number from 0 where there are several.
+    `std_error`: beside a model that is known. The `name` has the flight's number where there are several.
     """
 
     name: str

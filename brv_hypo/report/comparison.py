@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -72,9 +73,9 @@ def _sizes(comparison: Comparison) -> Chart:
     found: dict[tuple[int, bool], list[RankedHypothesis]] = {}
     for row in sorted(rows, key=lambda row: -row.cp):
         found.setdefault((sized[0].n_coefficients + row.n_terms, row is rows[0]), []).append(row)
-    p = np.arange(sized[0].n_coefficients, max(found)[0] + 1.0)
+    p = np.arange(sized[0].n_coefficients, max(max(found)[0], sized[-1].n_coefficients) + 1.0)
     layers = [
-        Line(p, p, "guide", "C<sub>p</sub> = p", dashed=True),
+        Line(p, p, "guide", "C_p = p", dashed=True),
         Line([each.n_coefficients for each in sized], [max(each.cp, 1.0) for each in sized], "third", "best of a size"),
     ]
     for (count, _), some in found.items():  # rivals of one size in one label, beside the middle one of its dots
@@ -197,18 +198,21 @@ def comparison_document(comparison: Comparison) -> Document:
     """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
     verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
     flights = [_of_flight(comparison, index) for index in range(len(comparison.series))]
-    functions = [
-        derivative_chart(each, count, *FUNCTIONS[name])
-        for name, found in comparison.functions.items()
-        for each in found
-    ]
 
     def drawn(some: Iterable[Chart]) -> list[Block]:
         return [Picture(chart) for chart in some]
 
     def of(kind: str) -> list[Block]:
-        return drawn(chart for flight in flights for chart in flight[kind])
+        return drawn(flights[0][kind]) if flights else []
 
+    def functions(flight: int) -> list[Block]:
+        known = comparison.functions.items()
+        return drawn(derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known)
+
+    others = [
+        Section(f"Flight {k + 1}", [*drawn(chain(*flights[k].values())), *functions(k)], folded=True)
+        for k in range(1, len(flights))
+    ]
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
@@ -216,7 +220,7 @@ def comparison_document(comparison: Comparison) -> Document:
         conclusion=comparison.conclusion(),
         decided=verdict.winner is not None,
         ahead=(
-            *of("overview")[:1],
+            *of("overview"),
             tables.ranking_table(comparison),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
@@ -233,11 +237,12 @@ def comparison_document(comparison: Comparison) -> Document:
             Section(
                 "Coefficients",
                 [
-                    *drawn(functions),
+                    *functions(0),
                     tables.function_table(comparison),
                     Texts(comparison.collinear, COLLINEAR, shown="verbose"),
                 ],
             ),
+            *others,
             *(
                 Section(f"Terms of {hypothesis(row.mechanism)}", _of_hypothesis(comparison, row), True)
                 for row in ranking

@@ -174,6 +174,7 @@ class TestPage:
     def test_every_table_is_a_csv_file(self) -> None:
         rows = [{"term": 'a, "b"', "value": "1"}, {"term": "<c>", "value": "–"}]
         html = page(Document("t", (), "c", "words", True, [Table(rows, "Terms", ("term",))]), Provenance())
+        assert 'download="table.csv"' in page(Document("t", (), "c", "words", True, [Table(rows)]), Provenance())
         (content,) = re.findall(r'download="terms.csv" href="data:text/csv;charset=utf-8,([^"]*)"', html)
         assert list(csv.DictReader(io.StringIO(unquote(content)))) == rows
 
