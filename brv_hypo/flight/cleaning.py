@@ -1,4 +1,6 @@
-"""Faults of single channels: stuck, clipped, dead, bursts of spikes, isolated spikes. Entrance: `mask_faults`.
+"""Faults of single channels: stuck, clipped, dead, bursts of spikes, isolated spikes, held values.
+
+Entrances: `mask_faults`, `interpolated_holds`.
 
 Stuck or clipped: a channel that is quantised, slow, or sampled and held repeats its values by nature. A run of
 constants counts only where the channel hardly ever repeats itself, or where it ends in a jump that no other step
@@ -45,6 +47,54 @@ SPIKE_NEIGHBOURS = 4  # samples on either side
 SPIKE_PASSES = 4  # as spikes hide each other
 BURST_FLANK = 8  # samples on either side, through which a polynomial goes
 BURST_ORDER = 5  # its degree
+
+
+# ---- Channels that are sampled and held ----
+
+
+def find_holds(values: FloatArray) -> IntArray | None:
+    """Where a channel (n,), NaN where missing, that is held between new values has these; None of any other.
+
+    They come as regularly as its clock; one may equal the last. A channel that is rounded changes as rarely, by its
+    smallest step.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    changes = np.diff(values[known])
+    moved = np.flatnonzero(changes)
+    if moved.size < limits.HELD_FEWEST:
+        return None
+    lasts, sizes = np.diff(moved), np.abs(changes[moved])
+    every = float(np.median(lasts))
+    late = min(1.0, every / 4.0)  # samples by which a clock that is not the record's may be off
+    count = np.maximum(np.rint(lasts / every), 1.0).astype(int)  # of values between changes, equal ones with them
+    off = np.abs(lasts - every * count)
+    regular = every >= 2.0 and np.mean(off <= late) > limits.HELD_REGULAR
+    rounded = np.mean(sizes < (1.0 + limits.ROUNDED_WITHIN) * np.min(sizes)) > limits.HELD_REGULAR
+    if not regular or rounded:
+        return None
+    begins = [-1] if moved[0] + 1 >= every - late else []  # the first value is new where it lasts as long as others
+    equal = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    new = np.concatenate([begins, np.repeat(moved[:-1], count) + every * equal, moved[-1:]])
+    return np.asarray(known[new.astype(int) + 1], dtype=np.int64)
+
+
+def interpolated_holds(time: FloatArray, channels: Channels) -> tuple[Channels, tuple[RecordFault, ...]]:
+    """`channels` (n,) of stamps `time` (n,) s, those beside gyros and accelerometers that are held interpolated between
+    their new values, which are those of their instants, and what was done.
+    """
+    out, faults = dict(channels), []
+    for name, values in channels.items():
+        new = None if name in INERTIAL_CHANNELS else find_holds(values)
+        if new is not None:
+            at, known = time[new], values[new]
+            slopes = np.diff(known)[[0, -1]] / np.diff(at)[[0, -1]]
+            line = np.interp(time, at, known)  # and on along the first and the last of its slopes
+            line += slopes[0] * np.minimum(time - at[0], 0.0) + slopes[1] * np.maximum(time - at[-1], 0.0)
+            out[name] = np.where(np.isfinite(values), line, np.nan)
+            rate = 1.0 / float(np.median(np.diff(time[new])))
+            action = f"new values at {rate:.3g} Hz, held between: interpolated"
+            faults.append(RecordFault(name, "held", float(time[0]), float(time[-1]), action, False))
+    return out, tuple(faults)
 
 
 # ---- Channels that stand still where they cannot: runs of constants, flat tops, dead channels ----

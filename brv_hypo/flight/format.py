@@ -19,7 +19,14 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.cleaning import fault_over, find_spikes, mask_faults, spike_note, without_spikes
+from brv_hypo.flight.cleaning import (
+    fault_over,
+    find_spikes,
+    interpolated_holds,
+    mask_faults,
+    spike_note,
+    without_spikes,
+)
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
 from brv_hypo.flight.derived import derive
 from brv_hypo.flight.record import (
@@ -69,7 +76,9 @@ def assemble(record: Record) -> Flight:
 
     Raises FlightRecordError where no stretch of 16 samples has every channel that is needed.
     """
-    stamps, masked, faults = mask_faults(record.time, record.channels)
+    stamps, masked, masks = mask_faults(record.time, record.channels)
+    masked, holds = interpolated_holds(stamps, masked)
+    faults = (*masks, *holds)
     spikes = {name: find_spikes(values) for name, values in masked.items()}
     notes = [*record.notes, *(f"{one.channel}: {one.fault}, {one.action}" for one in faults)]
     notes += [spike_note(name, found, stamps) for name, found in spikes.items() if np.any(found)]

@@ -17,7 +17,7 @@ import numpy as np
 
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.cleaning import find_spikes, without_spikes
+from brv_hypo.flight.cleaning import find_holds, find_spikes, without_spikes
 from brv_hypo.flight.clock import joined, runs, sigma_of_differences, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
 from brv_hypo.flight.mounting import GRAVITY, REST_OFF, THRUST
@@ -239,19 +239,20 @@ def white_noise(values: FloatArray) -> Noise:
 
 def held_or_rounded(name: str, time: FloatArray, values: FloatArray) -> str | None:
     """What to say of a channel (n,) that is held over several samples, or rounded beyond its noise; None of others."""
-    known = np.isfinite(values)
-    changes = np.diff(values[known])
+    changes = np.diff(values[np.isfinite(values)])
     moved = np.flatnonzero(changes)
     if moved.size < limits.HELD_FEWEST:
         return None
-    unit, rate = SI[CHANNEL_DIMENSIONS[name]], (time.size - 1) / float(time[-1] - time[0])
-    lasts = np.diff(moved)
-    every = float(np.median(lasts))
-    step = float(np.median(np.abs(changes[moved])))
-    if every >= 2.0 and np.mean(np.abs(lasts - every) <= 1.0) > limits.HELD_REGULAR:
+    unit, new = SI[CHANNEL_DIMENSIONS[name]], find_holds(values)
+    if new is not None:
+        every, step = (float(np.median(np.abs(np.diff(each[new])))) for each in (time, values))
+        advice = (
+            "give it its own recorder and rate, or leave the repeated samples empty"
+            if name in INERTIAL_CHANNELS
+            else "it is interpolated between these"
+        )
         return (
-            f"{name} is held, a staircase: new values at {rate / every:.3g} Hz of {rate:.4g}, in steps of {step:.3g} "
-            f"{unit}; give it its own recorder and rate, or leave the repeated samples empty"
+            f"{name} is held, a staircase: new values at {1.0 / every:.3g} Hz, in steps of {step:.3g} {unit}; {advice}"
         )
     quantum = float(np.min(np.abs(changes[moved])))
     counts = changes[moved] / quantum

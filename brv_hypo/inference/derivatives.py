@@ -99,14 +99,21 @@ def damping(motion: Motion, alpha: FloatArray) -> Change:
 
 
 def along_flights(
-    own: Evidence, columns: Sequence[Regressor], frame: RateFrame, by: Callable[[Motion, FloatArray], Change]
+    own: Evidence,
+    columns: Sequence[Regressor],
+    frame: RateFrame,
+    by: Callable[[Motion, FloatArray], Change],
+    weight: float = 1.0,
 ) -> tuple[Derivative, ...]:
     """What `by` asks for on each flight, at no angle of attack and at that flown; `columns` are those of the evidence.
 
     At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
+    `weight`: what a nat counts in the errors.
     """
     motions = enumerate(own.rows.frame.motions)
-    return tuple(along_flight(each, k, partial(_along, own, columns, frame, k, each, by)) for k, each in motions)
+    return tuple(
+        along_flight(each, k, partial(_along, own, columns, frame, k, each, by, weight)) for k, each in motions
+    )
 
 
 def _along(
@@ -116,6 +123,7 @@ def _along(
     flight: int,
     motion: Motion,
     by: Callable[[Motion, FloatArray], Change],
+    weight: float,
     alpha: FloatArray,
     places: IntArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -157,4 +165,5 @@ def _along(
         splines[groups[process.name]] = np.concatenate(
             [rise(a, b)[:, np.newaxis] * histories / scale for a, b in zip(slow, fast, strict=True)], axis=1
         )
-    return own.along(flight, values, splines, allowed)
+    found, sigma = own.along(flight, values, splines, allowed)
+    return found, sigma / np.sqrt(weight)

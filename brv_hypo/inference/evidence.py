@@ -79,6 +79,12 @@ class Evidence:
         return float(np.exp(self.at[0]))
 
     @property
+    def ordinary(self) -> Evidence:
+        """The same with every process at its ordinary amplitude, not that which makes up for what terms lack."""
+        centre = [group.prior[0] for group in self.rows.groups]
+        return replace(self, at=np.concatenate([self.at[:1], centre, self.at[1 + len(centre) :]]))
+
+    @property
     def residual(self) -> FloatArray:
         """Rows (n,) less all that is fitted, under the stated noise."""
         fitted = np.concatenate([self.rows.shared, self.terms.x], axis=1) @ self.solution.border

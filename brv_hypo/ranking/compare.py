@@ -196,7 +196,7 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
     fit = Fit(beside.misfit, beside.rows.size, squares, share.interval_95[0] > 0.0)
     verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
-    found = limits(beside.fits[beside.leader], leader, hypotheses)
+    found = limits(beside.fits[beside.leader], leader, hypotheses, weight)
     if verdict.outcome == "none adequate":
         found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)
     return verdict.model_copy(update={"limits": found})

@@ -29,9 +29,11 @@ def diagnostics(judged: Judged, found: Comparison) -> dict[str, Any]:
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
     return {
         "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in found.ranking),
-        "record_errors": record_errors(own),
+        "record_errors": record_errors(own, judged.weight),
         "collinear": collinear(fit),
-        "functions": {name: along_flights(own, fit.columns, frame, by) for name, by in functions.items()},
+        "functions": {
+            name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
+        },
         "series": tuple(each.model_copy(update=_channels(judged, k)) for k, each in enumerate(found.series)),
     }
 
@@ -43,9 +45,10 @@ def _held_out(judged: Judged, place: int) -> dict[str, float]:
     return {"held_out_gain": float(np.sum(gains)), "held_out_gain_std_error": error}
 
 
-def record_errors(own: Evidence) -> tuple[RecordError, ...]:
-    """Errors within stated tolerances, the largest in tolerances first."""
-    items, values, sigmas = own.rows.problem.rows.nuisances.items, own.errors.tolist(), own.error_sigmas.tolist()
+def record_errors(own: Evidence, weight: float) -> tuple[RecordError, ...]:
+    """Errors within stated tolerances, the largest in tolerances first; `weight`: what a nat counts."""
+    items, values = own.rows.problem.rows.nuisances.items, own.errors.tolist()
+    sigmas = np.minimum(own.error_sigmas / np.sqrt(weight), 1.0).tolist()
     several = len(own.rows.blocks) > 1
     found = [
         RecordError(

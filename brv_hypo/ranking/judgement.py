@@ -44,6 +44,7 @@ from brv_hypo.thresholds import MECHANISM_ACTS
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
 NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
+LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
 
 
 Say = Callable[[str], None]
@@ -137,10 +138,13 @@ def judged(
         place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
         pairs[place] = moved(problem, pairs[place], closely=True)
         evidences = [own for _, own in pairs]
-        scale, weight = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
-        weight *= evidences[place].share_of_terms if pairs[place][0].selected else 1.0
-        gains = [weighed(own.level - null.level, weight, acting_in(fit)) for fit, own in pairs]
-        fits = [with_others(problem, _estimated(*each, gain, scale)) for each, gain in zip(pairs, gains, strict=True)]
+        scale, independent = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
+        shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
+        weight = independent * shares[place]
+        fits = [
+            with_others(problem, _estimated(fit, own, own.level - null.level, weight, independent * share, scale))
+            for (fit, own), share in zip(pairs, shares, strict=True)
+        ]
         there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
             found = there
@@ -186,9 +190,13 @@ def acting_in(fit: HypothesisFit) -> int:
     return len({column.mechanism for column in fit.selected})
 
 
-def _estimated(fit: HypothesisFit, own: Evidence, gain: float, scale: float) -> HypothesisFit:
-    """The fit with the coefficients and errors of its evidence and its weighed gain; `scale`: see `scale_variance`."""
-    count, covariance = len(fit.columns), own.covariance.copy()
+def _estimated(
+    fit: HypothesisFit, own: Evidence, gain: float, weight: float, own_weight: float, scale: float
+) -> HypothesisFit:
+    """The fit with the coefficients of its evidence and its weighed gain; a nat counts as `own_weight` in their errors,
+    for the same reason; `scale`: see `scale_variance`.
+    """
+    count, covariance = len(fit.columns), own.covariance / own_weight
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):
         terms = np.arange(fit.baseline_size, count)
@@ -196,7 +204,7 @@ def _estimated(fit: HypothesisFit, own: Evidence, gain: float, scale: float) -> 
     knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
     step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
     covariance[knots, knots] += step**2 / 12.0
-    found = replace(fit, log_evidence=gain, values=values, joint_covariance=covariance)
+    found = replace(fit, log_evidence=weighed(gain, weight, acting_in(fit)), values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
 
 

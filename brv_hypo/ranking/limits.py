@@ -51,11 +51,12 @@ class Shape:
 
 
 def limits(
-    leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]]
+    leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
 ) -> tuple[MechanismLimit, ...]:
     """The share of the moment's rms that each hypothesis may have at 95 %; a joined one has that of its largest.
 
-    A mechanism of the leader has what was fitted and its margin; any other what it may have beside the leader.
+    A mechanism of the leader has what was fitted and its margin; any other what it may have beside the leader, where
+    a nat counts as `weight`.
     """
     rows = evidence.rows
     frame, moment = rows.frame_of(leader), rows.moment
@@ -65,7 +66,7 @@ def limits(
         if mechanism.name in own:
             known[mechanism.name] = min(_fitted(leader, frame, scale_variance(rows.problem)) / moment, 1.0)
         else:
-            known[mechanism.name] = _limit(evidence, frame, mechanism) / moment
+            known[mechanism.name] = _limit(evidence, frame, mechanism, LIMIT_FALL / weight) / moment
     return tuple(
         MechanismLimit(mechanism=name, share_of_moment_95=max(known[each.name] for each in group))
         for name, group in hypotheses.items()
@@ -117,13 +118,13 @@ def _moment_per_rate(flight: Flight) -> float:
     return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
 
 
-def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism) -> float:
-    """The largest rms moment of one mechanism over the record."""
+def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, fall: float) -> float:
+    """The largest rms moment of one mechanism over the record within a `fall` of 2 ln L."""
     shapes = regions(evidence, frame, mechanism, even_edges(frame, LIMIT_EDGES))
     if not shapes:
         return float("inf")
     best = max(shape.peak for shape in shapes)
-    allowed = [(shape, LIMIT_FALL - (best - shape.peak)) for shape in shapes]
+    allowed = [(shape, fall - (best - shape.peak)) for shape in shapes]
     return max(shape.largest(room) for shape, room in allowed if room > 0.0)
 
 

@@ -41,13 +41,17 @@ Pair = tuple[HypothesisFit, Evidence]
 
 
 def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> list[Pair]:
-    """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone."""
+    """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
+
+    Where that gains most beside processes as large as they are without it, and beside ordinary ones: these may have
+    made up for it, which is another maximum of the evidence.
+    """
     fit = pair[0]
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
-    found = acting(problem, like, fit.mechanisms, null)
-    return [pair] if found is None else [pair, found]
+    found = [acting(problem, like, fit.mechanisms, each) for each in (null, null.ordinary)]
+    return [pair, *(each for each in found if each is not None)]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:

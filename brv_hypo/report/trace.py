@@ -113,6 +113,7 @@ def trace_document(result: Trace) -> Document:
         result.dynamic_stability,
         _STOPPED[result.stopped],
         result.unexplained,
+        f"Maximum likelihood: {result.ml.trouble}." if result.ml is not None and result.ml.trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
