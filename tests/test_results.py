@@ -218,7 +218,7 @@ class TestPlot:
 
     def test_a_result_from_json_has_no_histories_to_draw(self, traced) -> None:
         with pytest.raises(UsageError, match="no part of its JSON: call compare or trace again, or keep"):
-            Trace.from_json(traced.to_json()).plot()
+            Trace.from_json(traced.to_json()).plot("moments")
 
     def test_of_a_comparison_from_json_what_it_holds_is_drawn(self, compared) -> None:
         again = Comparison.from_json(compared.to_json())

@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value
 from brv_hypo.inference.evidence import Evidence
+from brv_hypo.model.term import Regressor
 from brv_hypo.ranking.judgement import Judged
 from brv_hypo.ranking.result import Comparison, RecordError, SizedModel
 from brv_hypo.ranking.summary import drawn
@@ -30,7 +31,7 @@ def diagnostics(judged: Judged, found: Comparison) -> dict[str, Any]:
     return {
         "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in found.ranking),
         "record_errors": record_errors(own, judged.weight),
-        "collinear": collinear(fit),
+        "collinear": collinear(fit.columns, fit.covariance),
         "functions": {
             name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
         },
@@ -45,7 +46,7 @@ def _held_out(judged: Judged, place: int) -> dict[str, float]:
     return {"held_out_gain": float(np.sum(gains)), "held_out_gain_std_error": error}
 
 
-def record_errors(own: Evidence, weight: float) -> tuple[RecordError, ...]:
+def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]:
     """Errors within stated tolerances, the largest in tolerances first; `weight`: what a nat counts."""
     items, values = own.rows.problem.rows.nuisances.items, own.errors.tolist()
     sigmas = np.minimum(own.error_sigmas / np.sqrt(weight), 1.0).tolist()
@@ -65,16 +66,15 @@ def record_errors(own: Evidence, weight: float) -> tuple[RecordError, ...]:
     return tuple(sorted(found, key=lambda each: -abs(each.tolerances)))
 
 
-def collinear(fit: HypothesisFit) -> tuple[str, ...]:
+def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> tuple[str, ...]:
     """Pairs of coefficients with a correlation above `COLLINEAR`, or one with a variance inflation above `INFLATED`."""
-    sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-300))
-    correlation = fit.covariance / np.outer(sigma, sigma)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = covariance / np.outer(sigma, sigma)
     inflation = np.diag(np.linalg.pinv(correlation, hermitian=True))
     others = correlation - np.diag(np.diag(correlation))
-    starts = [each.time_basis.start for each in fit.columns]
+    starts = [each.time_basis.start for each in columns]
     labels = [
-        each.label + (f" at {at:.2f} s" if np.isfinite(at) else "")
-        for each, at in zip(fit.columns, starts, strict=True)
+        each.label + (f" at {at:.2f} s" if np.isfinite(at) else "") for each, at in zip(columns, starts, strict=True)
     ]
     pairs = {
         frozenset((j, k)): f"{labels[j]}, {labels[k]}: {others[j, k]:.3f} ({inflation[j]:.3g}, {inflation[k]:.3g})"
@@ -122,11 +122,16 @@ def _channels(judged: Judged, flight: int) -> dict[str, Any]:
             pressure = frame.motions[flight].dynamic_pressure[segment.rows]
             found.append(np.stack([pressure, *parts])[:, drawn(b - a)])
     air, *histories = (tuple(each) for each in np.concatenate(found, axis=1).tolist())
-    rows = own.rows.blocks[flight].rows
-    residual, counted = (each[rows].reshape(len(_CHANNELS), -1) for each in (own.residual, own.rows.counted))
-    residual = residual[:, counted[0]] / own.noise
     return {
         "dynamic_pressure_pa": air,
         "channels": dict(zip(_CHANNELS, zip(histories[::2], histories[1::2], strict=True), strict=True)),
-        "whitened": dict(zip(_CHANNELS, map(tuple, residual.tolist()), strict=True)),
+        "whitened": whitened(own, flight),
     }
+
+
+def whitened(own: Evidence, flight: int) -> dict[str, tuple[float, ...]]:
+    """The residual beside all processes at unit noise, by channel, in axes that do not roll."""
+    rows = own.rows.blocks[flight].rows
+    residual, counted = (each[rows].reshape(len(_CHANNELS), -1) for each in (own.residual, own.rows.counted))
+    parts = (residual[:, counted[0]] / own.noise).tolist()
+    return {name: tuple(part) for name, part in zip(_CHANNELS, parts, strict=True)}

@@ -11,16 +11,14 @@ from itertools import chain
 
 import numpy as np
 
-from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.ranking.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts
+from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Picture, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 LEADING = 2  # hypotheses that are drawn besides the baseline only; more lines than this hide each other
-ERRORS_DRAWN = 12  # errors of the record in a chart
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
 FUNCTIONS = {"C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"), "C_malpha": STATIC, "C_mq": DAMPING}
 """Name, heading and axis of a function of Mach number and angle of attack."""
@@ -29,7 +27,6 @@ CHANNELS = {
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
 """By chart and channel, title and scale of an axis."""
-COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
 EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
 
 
@@ -85,20 +82,6 @@ def _sizes(comparison: Comparison) -> Chart:
     read = "Mallows' criterion. Far above the line, terms are missing. Best of a size: on the grid of knots and delays."
     panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 0.5, p[-1] + 1.5)  # room for the last label
     return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
-
-
-def _errors(comparison: Comparison) -> Chart:
-    """Errors of record and vehicle in units of their tolerances, the largest first."""
-    known = comparison.record_errors[:ERRORS_DRAWN]
-    values, wide = [e.tolerances for e in known], [2.0 * e.std_error / e.tolerance for e in known]
-    places = list(range(len(known)))
-    dots = Line(values, places, "first", "± 2 sigma", dots=True, large=True, spread=wide)
-    panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
-    most = 1.1 * max([BEYOND_TOLERANCE, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
-    marks = [Mark(side * BEYOND_TOLERANCE) for side in (-1.0, 1.0)]
-    read = f"As fitted beside the leader. Dashed: {BEYOND_TOLERANCE:g} tolerances; the verdict names errors beyond."
-    title = "error over its tolerance"
-    return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
 
 
 def _own_knots(row: RankedHypothesis | None, index: int, flight: FlightSummary) -> list[float]:
@@ -239,7 +222,7 @@ def comparison_document(comparison: Comparison) -> Document:
                 [
                     *functions(0),
                     tables.function_table(comparison),
-                    Texts(comparison.collinear, COLLINEAR, shown="verbose"),
+                    Texts(comparison.collinear, tables.COLLINEAR, shown="verbose"),
                 ],
             ),
             *others,
@@ -289,7 +272,11 @@ def _of_record(comparison: Comparison) -> list[Block]:
         f"{name}: {fit.status}, {fit.iterations} iterations: {fit.message}" for name, fit in rows if fit is not None
     ]
     said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
-    return [Picture(_errors(comparison)), tables.error_table(comparison), Texts(said, shown="verbose")]
+    return [
+        Picture(charts.errors_chart(comparison.record_errors)),
+        tables.error_table(comparison.record_errors),
+        Texts(said, shown="verbose"),
+    ]
 
 
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:

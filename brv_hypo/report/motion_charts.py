@@ -11,10 +11,11 @@ from scipy.signal import welch
 from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
-from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
+from brv_hypo.ranking.result import RecordError, RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -98,6 +99,7 @@ _SHARE, _MARGIN = 0.98, 2.0
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
 _NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
 _ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
+_ERRORS = 12  # of the record, that are drawn
 _LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 
@@ -300,7 +302,7 @@ def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[C
         products = np.correlate(values, values, "full")[values.size - 1 :]
         correlations.append(Line(lags, products[1 : _LAGS + 1] / products[0], role, name))
         quantiles.append(Line(ndtri(shares), np.quantile(values, shares), role, name, dots=True))
-    read = "Whitened residual of leader and processes, in axes that do not roll."
+    read = "Whitened residual of model and processes, in axes that do not roll."
     named = {
         "autocorrelation": ("Autocorrelation of the residual", "lag, rows", Panel("correlation", correlations)),
         "quantiles": ("Quantiles of the residual", "quantile of normal noise", Panel("over the noise", quantiles)),
@@ -309,6 +311,20 @@ def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[C
         Chart(f"{name}{setting.suffix}", f"{heading}{setting.which}", x, [panel], caption=read)
         for name, (heading, x, panel) in named.items()
     ]
+
+
+def errors_chart(errors: Sequence[RecordError]) -> Chart:
+    """Errors of record and vehicle in units of their tolerances, the largest first."""
+    known = errors[:_ERRORS]
+    values, wide = [e.tolerances for e in known], [2.0 * e.std_error / e.tolerance for e in known]
+    places = list(range(len(known)))
+    dots = Line(values, places, "first", "± 2 sigma", dots=True, large=True, spread=wide)
+    panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
+    most = 1.1 * max([BEYOND_TOLERANCE, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
+    marks = [Mark(side * BEYOND_TOLERANCE) for side in (-1.0, 1.0)]
+    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; the verdict names errors beyond."
+    title = "error over its tolerance"
+    return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:

@@ -7,10 +7,19 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
-from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
+from brv_hypo.ranking.result import (
+    Comparison,
+    DerivedEstimate,
+    FlightSummary,
+    Knot,
+    RecordError,
+    RecordSummary,
+    TermEstimate,
+)
 from brv_hypo.report.document import Block, Shown, Table, Texts
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
@@ -25,6 +34,7 @@ _PROCESSES = (
     "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
 )
 
+COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
@@ -86,7 +96,7 @@ def size_table(comparison: Comparison) -> Table:
     return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
 
 
-def error_table(comparison: Comparison) -> Table:
+def error_table(errors: Sequence[RecordError]) -> Table:
     """One row for each error of record and vehicle that is worth one, the largest in tolerances first."""
     rows = [
         {
@@ -96,11 +106,12 @@ def error_table(comparison: Comparison) -> Table:
             "unit": each.units,
             "tolerances": f"{each.tolerances:.2f}",
         }
-        for each in comparison.record_errors
+        for each in errors
         if abs(each.tolerances) > LEAST_ERROR
     ]
     heading = "Errors of more than one tolerance"
-    return Table(rows, heading, ("error", "unit"), range(len(comparison.beyond_tolerances)), shown="verbose")
+    beyond = [k for k, each in enumerate(errors) if abs(each.tolerances) > BEYOND_TOLERANCE]
+    return Table(rows, heading, ("error", "unit"), beyond, shown="verbose")
 
 
 def function_table(comparison: Comparison) -> Table:

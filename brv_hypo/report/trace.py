@@ -11,14 +11,14 @@ from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
-from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
+from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
 from brv_hypo.residuals.result import ProcessHistory, Residual, Step, Trace
 
 
 def trace_charts(result: Trace) -> list[Chart]:
     """Every chart that the trace has the data for; none where the residual was not kept."""
-    return [chart for some in _charts(result).values() for chart in some]
+    return list(trace_document(result).charts)
 
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
@@ -46,7 +46,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
             charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading),
         ],
         "Residual diagnostics": [
-            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates)
+            *charts.whiteness_charts(setting, kept.whitened),
+            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates),
         ],
         "Static slope and damping": [
             derivative_chart(each, len(some), *named)
@@ -121,9 +122,12 @@ def trace_document(result: Trace) -> Document:
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
     errors = Table(account, "mean square of the moment error, model by model", ("model",))
-    drawn = _charts(result)
+    drawn, known = _charts(result), result.record_errors
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
-    model = [term_table("model, fitted to the whole record", result.model.terms)]
+    model: list[Block] = [
+        term_table("model, fitted to the whole record", result.model.terms),
+        Texts(result.collinear, COLLINEAR, shown="verbose"),
+    ]
     if (fit := result.ml) is not None:
         ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
         model.append(term_table(f"model, by maximum likelihood: {ended}", fit.terms))
@@ -131,6 +135,7 @@ def trace_document(result: Trace) -> Document:
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
         *(Section(name, list(map(Picture, some)), name.startswith("Air")) for name, some in drawn.items()),
+        Section("Errors of instruments and vehicle", [Picture(charts.errors_chart(known)), error_table(known)]),
         Section("Steps", [block for step in result.steps for block in _step(step)]),
         Section("Final residual", [Texts(final, "Final residual", bullets=False)]),
         Section("Model", model, folded=True),

@@ -10,7 +10,7 @@ from pydantic import Field
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
-from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordSummary, TermEstimate
+from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordError, RecordSummary, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.results import HasCharts, Row
@@ -181,6 +181,8 @@ class Picture(NullIsNaN):
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
     mach: tuple[float, ...] = ()
     dynamic_pressure_pa: tuple[float, ...] = ()
+    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    """As that of a comparison's `Series`."""
 
 
 class Trace(HasCharts, Result):
@@ -196,6 +198,8 @@ class Trace(HasCharts, Result):
     families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
     account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
     model: ModelSummary
+    record_errors: tuple[RecordError, ...] = Field(default=(), description="of the model, the largest first")
+    collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients, as those of a comparison")
     static_slopes: tuple[Derivative, ...] = ()
     static_stability: str = Field(default="", description="where the static moment is not significantly stable")
     damping: tuple[Derivative, ...] = Field(default=(), description="C_mq along each flight, processes included")

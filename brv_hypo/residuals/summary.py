@@ -12,10 +12,12 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import REPORTED_DRAG, REPORTED_MERIDIAN, REPORTED_PER_CYCLE
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import along_flights, damping
+from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import BASELINE, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.diagnostics import collinear, record_errors, whitened
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
@@ -87,6 +89,8 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         findings=findings,
         hints=tuple(name for name in _added(end.steps, "hint") if name not in findings),
         model=ModelSummary(terms=terms, definition=definition),
+        record_errors=record_errors(own),
+        collinear=collinear(moments.columns, moments.covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
@@ -97,7 +101,7 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         noise=noise_floor(last.held_out, state.left),
         final_residual=final,
         discovered=_described(end, moments),
-        picture=_picture(before, end, final.flight or 0),
+        picture=_picture(before, end, final.flight or 0, own),
     )
 
 
@@ -298,7 +302,7 @@ def _drag_spread(flight: Flight) -> float | None:
     return None if centre == 0.0 else float(np.std(share) / abs(centre))
 
 
-def _picture(before: ResidualMoments, end: LoopEnd, number: int) -> Picture:
+def _picture(before: ResidualMoments, end: LoopEnd, number: int, own: Evidence) -> Picture:
     """Of several flights, that of the one with this number."""
     after, data = end.state.left, end.state.data
     reconstruction = data.reconstructions[number]
@@ -321,4 +325,5 @@ def _picture(before: ResidualMoments, end: LoopEnd, number: int) -> Picture:
         windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[samples].tolist()),
         mach=tuple(motion.mach[samples].tolist()),
         dynamic_pressure_pa=tuple(motion.dynamic_pressure[samples].tolist()),
+        whitened=whitened(own, number),
     )
