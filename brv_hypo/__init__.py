@@ -8,7 +8,7 @@ predict(flight, model, refit)  a model of other flights on this one        brv_h
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
 run_study(study, folder)       many simulated flights, each compared       brv_hypo.study
 best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, .likelihood
-write_report, write_figures    any result as a page, as PNG and SVG        brv_hypo.report.write
+plot_compare(comparison)       also write_report, write_figures: pages     brv_hypo.report.write
 Mechanism, hookimpl            how to write a mechanism of your own        brv_hypo.mechanisms
 
 Where things are: the command line in cli; mechanisms, effects, processes in `plugins`; methods of reconstruction in
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from brv_hypo.flight import load_flight as load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstruct
     from brv_hypo.ranking.compare import compare as compare
+    from brv_hypo.report.write import plot_compare as plot_compare
     from brv_hypo.residuals import trace as trace
     from brv_hypo.residuals.predict import predict as predict
     from brv_hypo.simulation import simulate as simulate
@@ -34,12 +35,13 @@ _HOME = {
     "load_flight": "brv_hypo.flight",
     "reconstruct": "brv_hypo.model.reconstruction",
     "compare": "brv_hypo.ranking",
+    "plot_compare": "brv_hypo.report.write",
     "trace": "brv_hypo.residuals",
     "predict": "brv_hypo.residuals",
     "simulate": "brv_hypo.simulation",
     "run_study": "brv_hypo.study",
 }
-__all__ = ["compare", "load_flight", "predict", "reconstruct", "run_study", "simulate", "trace"]
+__all__ = ["compare", "load_flight", "plot_compare", "predict", "reconstruct", "run_study", "simulate", "trace"]
 
 
 def __getattr__(name: str) -> Any:

@@ -156,12 +156,40 @@ class HasCharts:
     """A result with charts: those of its page and of `--figures`."""
 
     def plot(self, chart: str = "") -> Figure:
-        """One chart as a matplotlib figure, by the name that its picture file has; "" for the principal one.
+        """One chart as a matplotlib figure.
 
-        Raises UsageError where the result has no such chart (naming those that it has), or matplotlib is missing.
+        Parameters
+        ----------
+        chart : str
+            The name that its picture file has; "" for the principal one.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by notebooks; its axes may be changed before it is saved.
+
+        Raises
+        ------
+        UsageError
+            The result has no such chart (those that it has are named), or matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import brv_hypo
+        >>> flown = brv_hypo.simulate("research_cone", seed=1, duration=1.0)
+        >>> flown.flight.plot("rates").axes[-1].get_xlabel()
+        'time, s'
         """
         figure: Figure = _renderer()(self, chart)
         return figure
+
+
+_STYLE = (
+    "<style>.brv-hypo table {border-collapse: collapse; font-variant-numeric: tabular-nums} "
+    ".brv-hypo :is(td, th) {text-align: right; padding: .2em .7em; white-space: nowrap} "
+    ".brv-hypo :is(td, th):first-child {text-align: left} .brv-hypo th {border-bottom: 1px solid} "
+    ".brv-hypo p {white-space: pre-line}</style>"
+)
 
 
 def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
@@ -172,7 +200,8 @@ def _html(headline: str, rows: Sequence[Row], conclusion: str = "") -> str:
     )
     more = f"<p>and {len(rows) - MOST_ROWS} rows more</p>" if len(rows) > MOST_ROWS else ""
     said = f"<p>{escape(conclusion)}</p>" if conclusion else ""
-    return f"<p><b>{escape(headline)}</b></p>{said}<table><tr>{head}</tr>{body}</table>{more}"
+    table = f"<table><tr>{head}</tr>{body}</table>"
+    return f'{_STYLE}<div class="brv-hypo"><p><b>{escape(headline)}</b></p>{said}{table}{more}</div>'
 
 
 def _text(value: Any) -> str:

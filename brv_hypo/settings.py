@@ -93,7 +93,9 @@ def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Fu
         sections = {
             "Parameters": "\n".join(f"{each.name} : {meanings[each.name]}" for each in own),
             "Returns": returns,
-            "Other Parameters": "\n".join(f"{n}\n    {f.description or 'See the class.'}" for n, f in fields.items()),
+            "Other Parameters": "\n".join(
+                f"{n}\n    {' '.join((f.description or 'See the class.').split())}" for n, f in fields.items()
+            ),
             "Raises": _RAISES,
             "Examples": examples,
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import cpu_count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,10 @@ from brv_hypo.io.text import one_line
 if TYPE_CHECKING:
     from brv_hypo.ranking import CompareConfig, Comparison
     from brv_hypo.residuals.saved import SavedModel
+
+
+COMPARED, TRACED = 12.0, 40.0
+"""Seconds of a processor for one flight of a thousand samples, as measured: what is said beforehand."""
 
 
 # ---- `brv-hypo compare`: competing mechanisms on one flight or several, ranked, with a verdict ----
@@ -55,7 +60,7 @@ def compare(
     accepted = {"accept_record": True} if accept_record else {}
     settings = read_settings(CompareConfig, config, **chosen(mechanisms), **accepted)
     records = [load_for_analysis(path, start, stop, instruments) for path in flights]
-    with session.progress("comparing") as progress:
+    with session.progress("comparing", COMPARED * len(records)) as progress:
         comparison = rank(records, settings, progress=progress)
     report_comparison(session, comparison, settings)
 
@@ -145,7 +150,7 @@ def trace(
         chosen["aero"] = read_aero_table(aero)
     settings = read_settings(TraceConfig, config, **chosen)
     records = [load_for_analysis(path, start, stop, instruments) for path in flights]
-    with session.progress("tracing") as progress:
+    with session.progress("tracing", TRACED * len(records)) as progress:
         result = traced(records, settings, progress=progress)
     document = trace_document(result)
     session.present(document)
@@ -278,11 +283,13 @@ def study(
     from brv_hypo.report.html import page
     from brv_hypo.report.many_flights import study_document
     from brv_hypo.study import read_study, run_study, summarise
+    from brv_hypo.study.config import draws
     from brv_hypo.study.run import results_csv
 
     settings = read_study(config, **({} if seed is None else {"seed": seed}))
     try:
-        with session.progress("flying") as progress:
+        workers = (cpu_count() or 1) if jobs < 0 else max(jobs, 1)
+        with session.progress("flying", COMPARED * len(draws(settings)) / workers) as progress:
             outcomes = run_study(
                 settings, output, jobs=jobs, cluster=cluster, overwrite=session.force, progress=progress
             )

@@ -213,9 +213,7 @@ def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
     return dict(zip(KINDS + RESULTS, models, strict=True))[kind]
 
 
-# ---- `brv-hypo docs`: the manual, in the terminal or as an offline page ----
-
-NAME = "brv-hypo-manual.html"
+# ---- `brv-hypo docs`: the manual, in the terminal or as offline pages ----
 
 
 @in_session("force")
@@ -225,33 +223,28 @@ def docs(
         str | None, typer.Argument(metavar="TOPIC", autocompletion=options.topics, help="What to read about.")
     ] = None,
     notebooks: Annotated[
-        Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the two notebooks that come along.")
+        Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the notebooks of the gallery.")
     ] = None,
-    show: Annotated[bool, typer.Option("--open", help="Open the manual as a page in the browser.")] = False,
+    show: Annotated[bool, typer.Option("--open", help="Open the manual in the browser, at the topic.")] = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="Write the manual as an offline page.")
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Write the manual as offline pages.")
     ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
-    session.claim(output)
-    from brv_hypo.docs import text
+    from brv_hypo.docs import text, topics
 
     if notebooks is not None:
         _write_notebooks(session, notebooks)
-        return
-    if topic is not None:
-        text(topic)  # an unknown topic is refused whatever is to be done with it
-    if show or output is not None:
-        _as_page(session, topic, output, show)
-        return
-    from brv_hypo.docs import topics
-    from brv_hypo.docs.manual import ManualText
+    elif show or output is not None:
+        _as_pages(session, topic, output, show)
+    else:
+        from brv_hypo.docs.manual import ManualText
 
-    listed = "\n".join(f"- `{name}`: {title}" for name, title in topics().items())
-    contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
-    opened = "`brv-hypo docs --open` opens all of it as a page."
-    page = contents + opened if topic is None else text(topic)
-    session.tell(ManualText(page), conclusion=page)
+        listed = "\n".join(f"- `{name}`: {title}" for name, title in topics().items())
+        contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
+        opened = "`brv-hypo docs --open` opens it as pages, with a gallery and the functions."
+        page = contents + opened if topic is None else text(topic)
+        session.tell(ManualText(page), conclusion=page)
 
 
 def _write_notebooks(session: Session, folder: Path) -> None:
@@ -263,21 +256,27 @@ def _write_notebooks(session: Session, folder: Path) -> None:
     make_folder(folder)
     for path, content in targets.items():
         write_whole(path, content, overwrite=session.force)
-    session.show(f"Wrote {', '.join(map(str, targets))}.")
+    session.show(f"Wrote {len(targets)} notebooks to {folder}.")
 
 
-def _as_page(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
-    """Write the manual, among the temporary files where no other was named, and open it if it is to be shown."""
+def _as_pages(session: Session, topic: str | None, output: Path | None, show: bool) -> None:
+    """Write the manual, among the temporary files where no place was named, and open it if it is to be shown."""
     import tempfile
     import webbrowser
 
-    from brv_hypo.docs.manual import manual_page
+    from brv_hypo.docs import text
+    from brv_hypo.docs.manual import FIRST, site
 
-    path = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / NAME if output is None else output
-    write_whole(path, manual_page(), overwrite=True)
-    session.show(f"Wrote {path}.")
-    if show and not webbrowser.open(f"{path.resolve().as_uri()}{'' if topic is None else f'#{topic}'}"):
-        session.warn(f"no browser was found: open {path} yourself")
+    pages, name = site(), f"{topic or FIRST}.html"
+    if name not in pages:
+        text(topic or "")  # refused, with the topics there are
+    folder = Path(tempfile.mkdtemp(prefix="brv-hypo-")) / "manual" if output is None else output
+    with whole_folder(folder) as partial:
+        for file, content in pages.items():
+            (partial / file).write_text(content, encoding="utf-8")
+    session.show(f"Wrote {folder / name}.")
+    if show and not webbrowser.open((folder / name).resolve().as_uri()):
+        session.warn(f"no browser was found: open {folder / name} yourself")
 
 
 # ---- The program: every command, and where it starts ----

@@ -165,6 +165,7 @@ def _end(message: str, code: int) -> None:
 
 
 STANDARD_OUTPUT = "-"
+LONG_SECONDS = 20.0  # what takes longer says so beforehand
 
 
 @dataclass(frozen=True)
@@ -300,8 +301,10 @@ class Session:
 
         return provenance(shlex.join(["brv-hypo", *sys.argv[1:]]), settings, records)
 
-    def progress(self, title: str) -> AbstractContextManager[Report]:
-        """What long work reports to: shown on standard error, never with -q."""
+    def progress(self, title: str, seconds: float = 0.0) -> AbstractContextManager[Report]:
+        """What long work reports to: shown on standard error, never with -q; before it, how long it takes if long."""
+        if seconds > LONG_SECONDS and not self.quiet:
+            self.warn(f"{title} takes about {f'{seconds:.0f} s' if seconds < 100.0 else f'{seconds / 60.0:.0f} min'}")
         return shown(title, quiet=self.quiet)
 
 

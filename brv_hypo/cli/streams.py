@@ -62,7 +62,7 @@ def require_output(what: str) -> None:
 
 # ---- What long work shows while it lasts ----
 
-LINE_SECONDS = 10.0
+LINE_SECONDS = 2.0
 """Between lines where standard error is no terminal, at least; work of hours has fewer."""
 
 

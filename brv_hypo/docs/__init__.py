@@ -1,4 +1,4 @@
-"""The manual: one Markdown file a topic, beside this module; `brv-hypo docs TOPIC` shows, `manual` renders them."""
+"""The manual: a Markdown file a topic and the notebooks of the gallery, beside this module; `manual` renders them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ _FIRST = (
     *("start", "record", "verdict", "loop", "mechanism", "effect", "python", "reference", "theory", "validation"),
     *("glossary", "likelihood", "subset", "changelog", "citation"),
 )
+_GALLERY = (
+    *("own_csv", "rocket_log", "capsule_entry", "planted_mechanism", "own_mechanism", "own_process"),
+    *("several_flights", "sister_flight", "kernels_alone", "many_flights"),
+)
 
 
 def topics() -> dict[str, str]:
@@ -21,9 +25,8 @@ def topics() -> dict[str, str]:
 
 
 def notebooks() -> dict[str, str]:
-    """Every notebook by the name of its file, with its content."""
-    found = (entry for entry in (files(__name__) / "notebooks").iterdir() if entry.name.endswith(".ipynb"))
-    return {entry.name: entry.read_text(encoding="utf-8") for entry in sorted(found, key=lambda entry: entry.name)}
+    """The gallery: each executed notebook by the name of its file, with its content, in reading order."""
+    return {f"{name}.ipynb": (files(__name__) / "notebooks" / f"{name}.ipynb").read_text("utf-8") for name in _GALLERY}
 
 
 def file_of(info: str) -> str:

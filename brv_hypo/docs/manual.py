@@ -1,14 +1,19 @@
-"""The manual in a terminal, by rich, and as one HTML file that opens offline, with search.
+"""The manual in a terminal, by rich, and as HTML pages that open offline, with search.
 
 Both show code under the name of the file that it belongs in; in the terminal nothing of a table is cut.
-`ManualText` and `manual_page` are the entrances.
+`ManualText` and `site` are the entrances. The hosted manual has the same sources (`.github/manual`).
 """
 
 from __future__ import annotations
 
+import inspect
+import json
+import re
+import textwrap
 from collections.abc import Sequence
 from html import escape
-from typing import ClassVar
+from pydoc import locate
+from typing import Any, ClassVar
 
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
@@ -19,8 +24,8 @@ from rich.markdown import CodeBlock, Markdown, TableElement
 from rich.table import Table
 from rich.text import Text
 
-from brv_hypo import __version__
-from brv_hypo.docs import file_of, text, topics
+from brv_hypo import __all__, __version__
+from brv_hypo.docs import file_of, notebooks, text, topics
 
 
 class _WholeTable(TableElement):
@@ -58,24 +63,74 @@ class ManualText(Markdown):
     elements: ClassVar = {**Markdown.elements, "table_open": _WholeTable, "fence": _NamedCode}
 
 
-# ---- The whole manual as one HTML file that opens offline, with search ----
+# ---- The manual as pages that open offline, with search: topics, gallery, functions ----
+
+_FUNCTIONS = (
+    *(f"brv_hypo.{name}" for name in __all__),
+    *(f"brv_hypo.report.write.{name}" for name in ("write_report", "write_figures")),
+    *(f"brv_hypo.ranking.Comparison.{name}" for name in ("to_dataframe", "to_xarray", "plot", "to_json", "from_json")),
+    *("brv_hypo.flight.Flight.save", "brv_hypo.subset.best_subsets", "brv_hypo.likelihood.fit"),
+)
+FIRST, REFERENCE = "start", "functions"
+"""The pages that open first, and of all functions."""
 
 
-def manual_page() -> str:
-    """Every topic in reading order, a list of them at the side, and a field that searches all of them."""
-    from brv_hypo.report.html import render  # NumPy with it, which the terminal does without
+def site() -> dict[str, str]:
+    """Every page of the manual by the name of its file, and the style and the search that they share."""
+    from markupsafe import Markup
+
+    from brv_hypo.report.html import render, resource  # NumPy with it, which the terminal does without
 
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
-    markdown.add_render_rule("fence", _named_fence)
-    known = topics()
-    articles = {name: markdown.render(text(name)) for name in known}
-    return render("manual.html.j2", version=__version__, topics=known, articles=articles)
+    markdown.add_render_rule("fence", _fence)
+    markdown.add_render_rule("code_inline", _code)
+    books = {name.removesuffix(".ipynb"): json.loads(content)["cells"] for name, content in notebooks().items()}
+    articles = {name: markdown.render(text(name)) for name in topics()}
+    articles |= {name: render("book.html.j2", cells=cells, markdown=markdown.render) for name, cells in books.items()}
+    articles[REFERENCE] = markdown.render(_reference())
+    titles = {name: article.partition("<h1>")[2].partition("</h1>")[0] for name, article in articles.items()}
+    groups = {"The manual": [*topics()], "Gallery": [*books], "Python": [REFERENCE]}
+    written, sections = {}, []
+    for name, article in articles.items():
+        first, *rest = re.split("<h2>(.*?)</h2>", article)
+        parts = [
+            (re.sub(r"\W+", "-", title.lower()), title, body) for title, body in zip(rest[::2], rest[1::2], strict=True)
+        ]
+        about = {"name": name, "titles": titles, "groups": groups, "version": __version__}
+        written[f"{name}.html"] = render("manual.html.j2", first=first, parts=parts, **about)
+        sections += [(name, *part[:2], Markup(part[2]).striptags()) for part in (("", titles[name], first), *parts)]
+    style = "".join(resource(name).decode() for name in ("page.css", "manual.css"))
+    data = f"const titles = {json.dumps(titles)};\nconst sections = {json.dumps(sections)};\n"
+    return {**written, "manual.css": style, "manual.js": data + resource("manual.js").decode()}
 
 
-def _named_fence(
-    renderer: RendererHTML, tokens: Sequence[Token], index: int, options: OptionsDict, env: EnvType
-) -> str:
+def _fence(renderer: RendererHTML, tokens: Sequence[Token], index: int, options: OptionsDict, env: EnvType) -> str:
     """Code under the name of the file that it belongs in."""
     file = file_of(tokens[index].info)
     heading = f'<p class="file">{escape(file)}</p>\n' if file else ""
     return heading + renderer.fence(tokens, index, options, env)
+
+
+def _code(renderer: RendererHTML, tokens: Sequence[Token], index: int, options: OptionsDict, env: EnvType) -> str:
+    """Code within a line; what opens a topic in the terminal is a link to it."""
+    code = f"<code>{escape(tokens[index].content)}</code>"
+    topic = re.fullmatch(r"(?:brv-hypo )?docs (\w+)", tokens[index].content)
+    return f'<a href="{topic[1]}.html">{code}</a>' if topic else code
+
+
+def _reference() -> str:
+    """The docstrings of the public functions as Markdown."""
+    parts = ["# Functions"]
+    for name in _FUNCTIONS:
+        function: Any = locate(name)
+        declared = inspect.signature(function)
+        bare = [each.replace(annotation=each.empty) for each in declared.parameters.values()]
+        signature = f"{name}{declared.replace(parameters=bare, return_annotation=declared.empty)}"
+        text, *sections = re.split(r"\n(.+)\n---+\n", inspect.getdoc(function) or "")
+        for title, content in zip(sections[::2], sections[1::2], strict=True):
+            named = re.sub(r"^(\w.*?)(?: : (.+))?$", r"- `\1` \2", content, flags=re.MULTILINE)
+            listed = re.sub(r"\n    (?=\S)", r"  \n    ", named)
+            text += f"\n\n**{title}**\n\n" + (f"```python\n{content}\n```" if title == "Examples" else listed)
+        wrapped = textwrap.fill(signature, 100, subsequent_indent="    ")
+        parts.append(f"## {name.rpartition('.')[2]}\n\n```python\n{wrapped}\n```\n\n{text}")
+    return "\n\n".join(parts)

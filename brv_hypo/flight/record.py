@@ -176,9 +176,24 @@ class Flight(Histories, HasCharts):
         return {name: SI[CHANNEL_DIMENSIONS[name]] for name in self.columns()}
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write the flight as a record of format 1, .h5 or .hdf5; samples outside its segments become NaN.
+        """Write the flight as a record of format 1; samples outside its segments become NaN.
 
-        Raises UsageError where the file exists and `overwrite` is false, has another ending, or cannot be written.
+        Parameters
+        ----------
+        path : str or Path
+            Ends with .h5 or .hdf5.
+        overwrite : bool
+            Whether a file that exists is replaced.
+
+        Raises
+        ------
+        UsageError
+            The file exists (ExistingOutputError, a FileExistsError), has another ending, or cannot be written.
+
+        Examples
+        --------
+        >>> import brv_hypo
+        >>> brv_hypo.simulate("research_cone", seed=1, duration=1.0).flight.save("flight.h5", overwrite=True)
         """
         write_with[0](self, path, overwrite=overwrite)
 

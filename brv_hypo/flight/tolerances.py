@@ -15,7 +15,7 @@ import numpy as np
 
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.units import SI, Dimension, to_si
-from brv_hypo.io.text import meant, refusal
+from brv_hypo.io.text import counted, meant, refusal
 
 TOLERANCE_LEAST = 1e-3  # share of the laboratory's that a tolerance stated as zero counts as: nothing is known exactly
 
@@ -70,6 +70,12 @@ class Instruments:
     def values(self) -> dict[str, Vector]:
         """Every tolerance by its key."""
         return {key: getattr(self, key) for key in INSTRUMENT_DIMENSIONS}
+
+    @property
+    def described(self) -> str:
+        """The grade, and how many tolerances were stated in place of its own."""
+        stated = sum(value != getattr(of_grade(self.grade), key) for key, value in self.values().items())
+        return self.grade + (f" with {counted(stated, 'stated tolerance')}" if stated else "")
 
 
 INSTRUMENT_DIMENSIONS: Mapping[str, Dimension] = {

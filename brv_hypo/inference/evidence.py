@@ -79,6 +79,12 @@ class Evidence:
         return float(np.exp(self.at[0]))
 
     @property
+    def has_large_processes(self) -> bool:
+        """Whether the amplitude of any process is beyond what its prior has within one standard deviation."""
+        usual = [sum(group.prior) for group in self.rows.groups]
+        return bool(np.any(self.at[1 : 1 + len(usual)] > usual))
+
+    @property
     def ordinary(self) -> Evidence:
         """The same with every process at its ordinary amplitude, not that which makes up for what terms lack."""
         centre = [group.prior[0] for group in self.rows.groups]

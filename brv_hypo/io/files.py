@@ -158,10 +158,10 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
 
     Raises UsageError where something stands at `path`, or it cannot be written.
     """
-    if kind_of(path) is not None:
-        raise ExistingOutputError(f"{path} exists already and is left as it is. Choose another name or directory.")
     target = Path(os.path.realpath(path))
     with writable(path), _temporary(target) as partial:
+        if kind_of(path) is not None:  # checked here, so that what a dead process left beside it is removed first
+            raise ExistingOutputError(f"{path} exists already and is left as it is. Choose another name or directory.")
         partial.mkdir()
         yield partial
         os.rename(partial, target)

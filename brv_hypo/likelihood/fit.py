@@ -60,39 +60,59 @@ def fit(
     each segment's own, unless its `x0_std` says otherwise. Between samples the dynamics take one step, and more until
     the estimated effect of the discretisation is below a tenth of every standard error.
 
-    Args:
-        dynamics: f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs,
-            n), theta name to value, t (n,), s. Analytic functions that accept complex x and theta get exact
-            derivatives; others, and those that come as a `PartialJacobian`, central differences.
-        outputs: h(x, u, theta, t) -> (n_outputs, n).
-        segments: the record, in one or more continuous stretches.
-        theta0: start values by name; 0 is as good a start as any.
-        process_noise: standard deviation of the white noise that drives each state, (n_states,), state units
-            per root second; None, or 0 for a state, makes its dynamics exact (output error). Not together with
-            `delays`.
-        bounds: (lower, upper) by name; equal ones hold a parameter at its start value.
-        priors: (mean, standard deviation) by name.
-        delays: names whose value is a delay in s. Both functions then take a fifth argument, `delayed`, with
-            `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if
-            negative); the derivatives by the delay and by the earlier states are carried in full.
-        reach: largest change in one step by name, for parameters whose effect is linear over a short way only.
-        noise: shape of B, "diagonal" or "full", which is estimated by Eq. 3.11; or B itself where it is known,
-            (n_outputs, n_outputs). Where the residuals of an estimated B are not white, the search begins again from
-            other first guesses of it, and the best likelihood wins (`starting_points`).
-        first_noise: B that the search begins from with `near_start`, as an earlier fit left it.
-        estimate_process_noise: take `process_noise` as a start and estimate its nonzero entries too.
-        max_iterations: limit of Gauss-Newton steps.
-        tolerance: step, as a fraction of the standard errors, at which the search ends.
-        near_start: theta0 and the x0 histories are near the solution, from an earlier fit say: the search
-            begins there, without the steps that bring a poor start near, and with one step between samples.
-        progress: called after each iteration with None and a text; see `brv_hypo.progress`.
+    Parameters
+    ----------
+    dynamics : callable
+        f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs, n), theta name to
+        value, t (n,), s. Analytic functions that accept complex x and theta get exact derivatives; others, and those
+        that come as a `PartialJacobian`, central differences.
+    outputs : callable
+        h(x, u, theta, t) -> (n_outputs, n).
+    segments, theta0 : sequence of Segment, mapping of str to float
+        The record, in one or more continuous stretches; start values by name: 0 is as good a start as any.
+    process_noise : array_like, optional
+        (n_states,), state units per root second: standard deviation of the white noise that drives each state; None,
+        or 0 for a state, makes its dynamics exact (output error). Not together with `delays`.
+    bounds, priors : mapping of str to (float, float), optional
+        (lower, upper), equal ones holding a parameter at its start value; (mean, standard deviation).
+    delays : sequence of str
+        Names whose value is a delay in s. Both functions then take a fifth argument, `delayed`, with
+        `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if negative).
+    reach : mapping of str to float, optional
+        Largest change in one step, for parameters whose effect is linear over a short way only.
+    noise : "diagonal", "full" or array
+        Shape of B, which is estimated by Eq. 3.11; or B itself where it is known, (n_outputs, n_outputs). Where the
+        residuals of an estimated B are not white, the search begins again from other first guesses of it, and the
+        best likelihood wins (`starting_points`).
+    estimate_process_noise : bool
+        Take `process_noise` as a start and estimate its nonzero entries too.
+    max_iterations, tolerance : int, float
+        Gauss-Newton steps at most; the step, as a fraction of the standard errors, at which the search ends.
+    near_start, first_noise : bool, array, optional
+        theta0 and the x0 histories are near the solution, from an earlier fit say: the search begins there, with that
+        fit's B, without the steps that bring a poor start near, and with one step between samples.
+    progress : callable, rich or tqdm bar, optional
+        Called after each iteration with None and a text: `brv_hypo.progress`.
 
-    Returns:
+    Returns
+    -------
+    FitResult
         The estimate, its errors and a status; failure to converge is a status, not an exception.
 
-    Raises:
-        UsageError: arguments that do not fit together: shapes, names, bounds, delays with process noise, functions
-            that are not finite at the start.
+    Raises
+    ------
+    UsageError
+        Arguments do not fit together: shapes, names, bounds, delays with process noise, functions that are not finite
+        at the start.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(40) / 20.0
+    >>> segment = Segment(time, np.zeros((0, 40)), np.exp(-0.7 * time)[None], x0=np.ones(1))
+    >>> fitted = fit(lambda x, u, theta, t: theta["k"] * x, lambda x, u, theta, t: x, [segment], {"k": 0.0})
+    >>> round(fitted.theta["k"], 3)
+    -0.7
     """
     if isinstance(noise, str) and noise not in get_args(Shape):
         raise UsageError(f"noise is {noise!r}; expected one of {list(get_args(Shape))}, or a covariance")

@@ -54,22 +54,13 @@ def sample_motion(time: FloatArray) -> Motion:
     alpha_rate, meridian_rate = angle_rates(crossflow, crossflow_rate)
     velocity = 6900.0 - 40.0 * time
     return Motion(
-        time=time,
-        alpha=alpha,
-        alpha_rate=alpha_rate,
+        time=time, alpha=alpha, alpha_rate=alpha_rate,
         windward_meridian=0.5 * np.pi - (_SLOW_RATE * time + np.angle(1.0 + arm)),
-        windward_meridian_rate=meridian_rate,
-        p=12.0 + 0.1 * time,
-        q=0.4 * np.cos(7.0 * time),
-        r=0.4 * np.sin(7.0 * time),
-        velocity=velocity,
-        dynamic_pressure=2e4 * np.exp(0.3 * time),
-        mach=velocity / 310.0,
-        reynolds=1e5 * np.exp(0.8 * time),
-        in_plane_moment=-0.001 + _MOMENT_SLOPE * alpha,
-        reference_length=0.4,
-        history=lambda tau: sample_motion(time - tau),
-    )
+        windward_meridian_rate=meridian_rate, p=12.0 + 0.1 * time, q=0.4 * np.cos(7.0 * time),
+        r=0.4 * np.sin(7.0 * time), velocity=velocity, dynamic_pressure=2e4 * np.exp(0.3 * time),
+        mach=velocity / 310.0, reynolds=1e5 * np.exp(0.8 * time), in_plane_moment=-0.001 + _MOMENT_SLOPE * alpha,
+        reference_length=0.4, history=lambda tau: sample_motion(time - tau),
+    )  # fmt: skip
 
 
 def uniform_time(samples: int = 600) -> FloatArray:
@@ -81,26 +72,16 @@ def sample_flight() -> Flight:
     """A short record of the sample motion: what its instruments would read, without noise."""
     motion = sample_motion(uniform_time())
     vehicle = Vehicle(
-        mass=100.0,
-        ixx=1.5,
-        iyy=10.0,
-        reference_length=motion.reference_length,
-        reference_area=0.125,
+        mass=100.0, ixx=1.5, iyy=10.0, reference_length=motion.reference_length, reference_area=0.125,
         accelerometer_position=(0.1, 0.02, -0.01),
-    )
+    )  # fmt: skip
     normal = motion.dynamic_pressure * vehicle.reference_area * _FORCE_SLOPE * motion.alpha / vehicle.mass
+    shared = ("time", "p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds")
     return Flight(
-        time=motion.time,
-        p=motion.p,
-        q=motion.q,
-        r=motion.r,
+        **{name: getattr(motion, name) for name in shared},
         ax=-0.1 * motion.dynamic_pressure * vehicle.reference_area / vehicle.mass,
         ay=-normal * np.sin(motion.windward_meridian),
         az=-normal * np.cos(motion.windward_meridian),
-        velocity=motion.velocity,
-        dynamic_pressure=motion.dynamic_pressure,
-        mach=motion.mach,
-        reynolds=motion.reynolds,
         vehicle=vehicle,
         title="sample of the conformance kit",
     )
@@ -428,23 +409,10 @@ def has_a_sane_tolerance(mechanism: Mechanism) -> None:
 MECHANISM_CHECKS: tuple[Check[Mechanism], ...] = tuple(
     Check(check)
     for check in (
-        is_declared,
-        documents_its_terms,
-        is_configurable,
-        varies_in_known_ways,
-        has_sane_parameters,
-        keeps_the_shape,
-        is_finite,
-        has_the_same_terms_for_every_theta,
-        states_its_units,
-        is_elementwise,
-        is_pure,
-        takes_the_meridian_as_an_angle,
-        acts_on_the_moments,
-        flags_its_delays,
-        has_sane_knots,
-        derives_with_uncertainty,
-        has_a_sane_tolerance,
+        *(is_declared, documents_its_terms, is_configurable, varies_in_known_ways, has_sane_parameters),
+        *(keeps_the_shape, is_finite, has_the_same_terms_for_every_theta, states_its_units, is_elementwise, is_pure),
+        *(takes_the_meridian_as_an_angle, acts_on_the_moments, flags_its_delays, has_sane_knots),
+        *(derives_with_uncertainty, has_a_sane_tolerance),
     )
 )
 """Every check of a mechanism, in the order in which an author wants to read them."""
@@ -557,12 +525,8 @@ def leaves_its_input_alone(effect: RecordEffect) -> None:
 EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = tuple(
     Check(check)
     for check in (
-        is_declared,
-        has_sane_components,
-        leaves_the_record_alone_at_zero,
-        changes_the_record,
-        is_linear_for_small_values,
-        leaves_its_input_alone,
+        *(is_declared, has_sane_components, leaves_the_record_alone_at_zero, changes_the_record),
+        *(is_linear_for_small_values, leaves_its_input_alone),
     )
 )
 """Every check of a record effect."""

@@ -165,16 +165,10 @@ def term_column(
 ) -> Regressor:
     """The regressor of one of a mechanism's terms at a theta, with a basis in time."""
     return Regressor(
-        mechanism=mechanism.name,
-        term=term.name,
-        theta=theta,
-        time_basis=time_basis,
-        units=time_basis.units(term.units),
-        grouped=mechanism.terms_enter_together or term.vector is not None,
-        late_by=delays_among(mechanism.parameters()),
-        flight=flight,
-        part_of=term.vector,
-    )
+        mechanism=mechanism.name, term=term.name, theta=theta, time_basis=time_basis,
+        units=time_basis.units(term.units), grouped=mechanism.terms_enter_together or term.vector is not None,
+        late_by=delays_among(mechanism.parameters()), flight=flight, part_of=term.vector,
+    )  # fmt: skip
 
 
 # ---- The moment of a model on a motion ----

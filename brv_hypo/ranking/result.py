@@ -132,6 +132,8 @@ class FlightSummary(NullIsNaN):
     stop_s: float
     sample_rate_hz: float
     title: str = ""
+    instruments: str = ""
+    """The grade of the tolerances, and how many are stated."""
     notes: tuple[str, ...] = ()
 
 

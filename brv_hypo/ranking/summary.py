@@ -125,6 +125,7 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSumm
         stop_s=float(flight.time[-1]),
         sample_rate_hz=flight.sample_rate,
         title=flight.title,
+        instruments=flight.instruments.described,
         notes=(analysed or flight).notes,
     )
 

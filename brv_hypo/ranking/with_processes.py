@@ -43,14 +43,15 @@ Pair = tuple[HypothesisFit, Evidence]
 def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> list[Pair]:
     """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
 
-    Where that gains most beside processes as large as they are without it, and beside ordinary ones: these may have
-    made up for it, which is another maximum of the evidence.
+    Where that gains most beside processes as large as they are without it; where these are larger than ordinary ones,
+    they may have made up for it, and it is searched beside ordinary ones too: the evidence has a maximum at each.
     """
     fit = pair[0]
     if len(fit.mechanisms) != 1:
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
-    found = [acting(problem, like, fit.mechanisms, each) for each in (null, null.ordinary)]
+    beside = (null, null.ordinary) if null.has_large_processes else (null,)
+    found = [acting(problem, like, fit.mechanisms, each) for each in beside]
     return [pair, *(each for each in found if each is not None)]
 
 

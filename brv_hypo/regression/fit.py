@@ -193,19 +193,8 @@ def refined_fit(
     parameters = nonlinear_parameters(columns, size, reduced.frame, problem.knots)
     fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
     refined = refine(columns, parameters, fresh, reduced, steps)
-    return HypothesisFit(
-        fit.name,
-        fit.mechanisms,
-        reduced.frame,
-        refined.columns,
-        size,
-        refined.values,
-        refined.residual,
-        problem.samples,
-        problem.efficiency,
-        fit.searched,
-        refined.nonlinear,
-    )
+    own = (fit.name, fit.mechanisms, reduced.frame, refined.columns, size, refined.values, refined.residual)
+    return HypothesisFit(*own, problem.samples, problem.efficiency, fit.searched, refined.nonlinear)
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
@@ -228,15 +217,6 @@ def solved(
     size = len(problem.baseline)
     batch = reduced.batch(columns[size:])
     values = reduced.fit(batch).values
-    return HypothesisFit(
-        name,
-        mechanisms,
-        reduced.frame,
-        columns,
-        size,
-        reduced.with_baseline(batch, values),
-        reduced.residual(batch, values),
-        problem.samples,
-        problem.efficiency,
-        searched,
-    )
+    fitted = (reduced.with_baseline(batch, values), reduced.residual(batch, values))
+    own = (name, mechanisms, reduced.frame, columns, size, *fitted)
+    return HypothesisFit(*own, problem.samples, problem.efficiency, searched)

@@ -85,7 +85,8 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
 def reconstruction_document(result: Reconstruction) -> Document:
     """Ranges and standard deviations of the histories, noise levels, warnings; on a page the charts."""
     flight = result.flight
-    span = interval((float(flight.time[0]), float(flight.time[-1])))
+    span, samples = interval((float(flight.time[0]), float(flight.time[-1]))), f"{flight.samples} samples"
+    grade = flight.instruments.described
     gravity = ", ".join(number(float(value)) for value in result.gravity_body)
     noise = (
         f"gravity in body axes at the start ({gravity}) m/s²",
@@ -95,7 +96,10 @@ def reconstruction_document(result: Reconstruction) -> Document:
     known = motion_known(result.method, result.alpha_rms_sigma, result.phi_w_rms_sigma)
     return Document(
         title=f"Reconstruction: {flight.title or flight.path}",
-        subtitle=(flight.title or flight.path, f"{flight.samples} samples, {span} s, {flight.sample_rate:.4g} Hz"),
+        subtitle=(
+            flight.title or flight.path,
+            f"{samples}, {span} s, {flight.sample_rate:.4g} Hz, instruments {grade}",
+        ),
         conclusion_title="Motion",
         conclusion=known if result.status == "ok" else f"{known}. Degraded: {'; '.join(result.warnings)}",
         decided=result.status == "ok",

@@ -190,9 +190,10 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
 
 
 def flight_line(flight: FlightSummary) -> str:
-    """Title, samples, span and rate of a flight."""
+    """Title, samples, span, rate and instruments of a flight."""
     span = interval((flight.start_s, flight.stop_s))
-    return f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
+    line = f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
+    return line + (f", instruments {flight.instruments}" if flight.instruments else "")
 
 
 def flight_texts(comparison: Comparison) -> list[str]:

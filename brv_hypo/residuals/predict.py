@@ -111,6 +111,14 @@ def predict(
     -------
     Prediction
         Errors (mean squares of the moment coefficients), by region too, and the prediction interval.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> flown, sister = (brv_hypo.simulate("research_cone", seed=seed, sample_rate=50.0) for seed in (1, 2))
+    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False, maximum_likelihood=False)
+    >>> brv_hypo.predict(sister, traced).ratio < 0.01
+    True
     """
     report_to(progress)(0.0, "predicting the moments")
     saved = model.model.definition if isinstance(model, Trace) else model

@@ -207,6 +207,15 @@ def trace(
     -------
     Trace
         The steps, findings, hints and the final model.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> magnus = {"mechanism": "magnus", "terms": {"C_npalpha": 3.0}}
+    >>> flown = brv_hypo.simulate("research_cone", seed=1, duration=4.0, sample_rate=100.0, mechanisms=[magnus])
+    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False, maximum_likelihood=False)
+    >>> traced.hints
+    ('magnus',)
     """
     config = settings_of(TraceConfig, config, settings)
     own = flights_of(flights)

@@ -223,22 +223,26 @@ class DrawsConfig(Section):
 
 
 class StudyConfig(Section):
-    """A study: `flights` for each vehicle and each entry of `planted`.
-
-    `vehicles` are simulation configurations; `planted` names sets of their `plantable` block, a plus joining
-    several, or `none`. `sample_rate` Hz replaces the vehicles' own. Planted effects below
-    `visible_effect` (part of the moment's rms) are counted apart. `compare` holds the settings of `compare`.
-    """
+    """A study: many simulated flights, each compared."""
 
     title: str = "study"
+    """For the reader."""
     vehicles: tuple[str, ...] = Field(min_length=1)
+    """Simulation configurations, by file or name."""
     planted: tuple[str, ...] = Field(min_length=1)
+    """Sets of the vehicles' `plantable` block, a plus joining several, or `none`."""
     flights: Annotated[int, Field(ge=1)] = 10
+    """For each vehicle and each entry of `planted`."""
     seed: Annotated[int, Field(ge=0)] = 1
+    """Of all draws."""
     draws: DrawsConfig = DrawsConfig()
+    """What each flight draws."""
     sample_rate: Positive | None = None
+    """Hz, in place of the vehicles' own."""
     visible_effect: Positive = 0.05
+    """Planted effects below this part of the moment's rms are counted apart."""
     compare: CompareConfig = CompareConfig()
+    """Settings of `compare`."""
 
     @model_validator(mode="after")
     def _each_once(self) -> StudyConfig:

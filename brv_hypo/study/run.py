@@ -183,6 +183,13 @@ def run_study(
     -------
     tuple of Outcome
         Of the whole study, in its order; a flight that failed is an outcome with its reason.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> small = {"vehicles": ["research_cone"], "planted": ["none"], "sample_rate": 50.0, "flights": 1}
+    >>> brv_hypo.run_study(small, "study", compare={"mechanisms": ["lag"]})[0].winner
+    'none'
     """
     source = config_path(study, HOME) if isinstance(study, str | Path) else study
     chosen, report = settings_of(StudyConfig, source, settings), report_to(progress)

@@ -198,16 +198,10 @@ def search(board: Board, effort: Effort) -> Certificate:
         nodes += more
     gaps = proved_gaps(board, left)
     return Certificate(
-        exact=not left,
-        nodes=nodes,
-        margin=board.margin,
-        gap=max(gaps, default=0.0),
-        gaps=gaps,
-        seconds=time.perf_counter() - effort.started,
-        kernel=kernel,
-        condition=board.frame.condition,
+        exact=not left, nodes=nodes, margin=board.margin, gap=max(gaps, default=0.0), gaps=gaps,
+        seconds=time.perf_counter() - effort.started, kernel=kernel, condition=board.frame.condition,
         status="complete" if not left else f"stopped by the time limit of {effort.time_limit_s} s",
-    )
+    )  # fmt: skip
 
 
 def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, list[OpenSubtree]]:
@@ -305,23 +299,43 @@ def best_subsets(
 ) -> SubsetResult:
     """The ``n_best`` subsets of least residual sum of squares, of every size 1..max_terms, proved best.
 
-    X (n, p) and y (n,) in any units; several channels go in as one frame, stacked and whitened. Column
-    indices everywhere are those of X.
+    Branch and bound over includes and drops after Furnival and Wilson, Technometrics 16 (1974) 499, branching at every
+    drop on the largest rise of the bound. Subsets whose columns are linearly dependent, or so nearly that rounding
+    would decide their coefficients, are not returned; ``aliases`` and ``refused`` name them.
 
-    forced: columns in every subset (column 0, the constant, by default; ``()`` for none), not counted in
-        the size. A column that is a combination of forced ones is set aside and listed in ``aliases``.
-    groups: ``together(...)`` and ``at_most_one(...)``; a plain sequence of columns means together. The size
-        of a subset counts columns, so a group of two enters from size 2 on.
-    parents: column to the column or columns that must be in whenever it is.
-    weights (n,): row weights >= 0 of the squares; residuals and criteria are those of the weighted rows.
-    time_limit_s: seconds after which the best found so far is returned with the gap proved; None: no limit.
-    threads: worker threads of the compiled kernel; small searches stay serial.
+    Parameters
+    ----------
+    X, y : array_like
+        (n, p) and (n,) in any units; several channels go in as one frame, stacked and whitened.
+    max_terms, n_best : int
+        Largest size, which counts columns, those of a group too; subsets of each size.
+    forced : sequence of int
+        Columns of X in every subset, not counted in its size; ``()`` for none. A combination of these is set aside.
+    groups : sequence, optional
+        ``together(...)`` and ``at_most_one(...)``; a plain sequence of columns means together.
+    parents : mapping, optional
+        Column to the column or columns that must be in whenever it is.
+    weights : array_like, optional
+        (n,), >= 0, of the rows' squares; residuals and criteria are those of the weighted rows.
+    time_limit_s, threads : float, int, optional
+        Seconds after which the best found so far is returned with the gap proved; threads of the compiled kernel.
 
-    Subsets whose columns are linearly dependent, or so nearly that rounding would decide their coefficients, are not
-    returned; ``aliases`` and ``refused`` name them. Raises UsageError on unfit input.
+    Returns
+    -------
+    SubsetResult
+        Subsets by size, with criteria, and the certificate of the search.
 
-    Method: branch and bound over includes and drops after Furnival and Wilson, Technometrics 16 (1974) 499,
-    branching at every drop on the largest rise of the bound.
+    Raises
+    ------
+    UsageError
+        The input is unfit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.column_stack([np.ones(50), np.random.default_rng(0).standard_normal((50, 9))])
+    >>> best_subsets(X, X[:, 4] - X[:, 7], max_terms=2).best(2).columns
+    (4, 7)
     """
     effort = Effort(threads=threads, time_limit_s=time_limit_s)
     board = _seeded(build_frame(X, y, forced, weights, groups, parents), max_terms, n_best)

@@ -193,3 +193,17 @@ def test_the_version_is_that_of_the_package(brv_hypo_process):
 
 def test_the_console_script_is_the_program(brv_hypo):
     assert app.info.name == "brv-hypo"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "quiet", "expected"),
+    [
+        (12.0, False, ""),
+        (40.0, False, "brv-hypo: tracing takes about 40 s\n"),
+        (400.0, False, "brv-hypo: tracing takes about 7 min\n"),
+        (400.0, True, ""),
+    ],
+)
+def test_what_takes_long_says_so_beforehand(seconds, quiet, expected, capsys):
+    with Session(quiet=quiet).progress("tracing", seconds):
+        assert capsys.readouterr().err == expected

@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import brv_hypo
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import load_for_analysis
 from brv_hypo.flight.tolerances import of_grade
+from brv_hypo.ranking.summary import flight_summary
+from brv_hypo.report.reconstruction import reconstruction_document
+from brv_hypo.report.tables import flight_line
 
 
 def test_left_out_it_leaves_what_the_record_states(flight_file):
@@ -27,6 +31,16 @@ def test_a_file_replaces_what_it_names(flight_file, tmp_path):
     assert found.gyro_bias == pytest.approx(np.radians([0.3] * 3))
     assert found.accel_position == pytest.approx((0.001, 0.002, 0.002))
     assert found.wind == of_grade("tactical").wind
+    assert found.described == "tactical with 2 stated tolerances"
+
+
+def test_the_grade_is_at_the_top_of_an_answer(flight_file):
+    flight = load_for_analysis(flight_file, None, None, "industrial")
+    summary = flight_summary(flight)
+    assert summary.instruments == "industrial"
+    assert flight_line(summary).endswith("Hz, instruments industrial")
+    motion = reconstruction_document(brv_hypo.reconstruct(flight, method="rates"))
+    assert motion.subtitle[-1].endswith("Hz, instruments industrial")
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,9 @@ NAMES = ("load_flight", "reconstruct", "compare", "simulate")
 SETTINGS = {"compare": CompareConfig, "trace": TraceConfig, "reconstruct": ReconstructionConfig}
 SETTINGS |= {"predict": TraceConfig, "simulate": SimulationConfig, "run_study": StudyConfig}
 EXAMPLES = ("brv_hypo.progress", "brv_hypo.flight.format", "brv_hypo.simulation.simulator", "brv_hypo.ranking.compare")
-EXAMPLES += ("brv_hypo.model.reconstruction",)
+EXAMPLES += ("brv_hypo.model.reconstruction", "brv_hypo.results", "brv_hypo.flight.record")
+EXAMPLES += ("brv_hypo.subset.best", "brv_hypo.likelihood.fit")
+SLOW_EXAMPLES = ("brv_hypo.residuals.trace_loop", "brv_hypo.residuals.predict", "brv_hypo.study.run")
 QUICK = {"mechanisms": ["lag"], "maximum_likelihood": "none", "knot_count": 2, "refine": False}
 
 
@@ -81,7 +83,9 @@ def test_keywords_go_over_the_settings(flight_file):
     assert brv_hypo.load_flight(flight_file, instruments="laboratory").instruments.grade == "laboratory"
 
 
-@pytest.mark.parametrize("module", EXAMPLES)
+@pytest.mark.parametrize(
+    "module", [*EXAMPLES, *(pytest.param(module, marks=pytest.mark.slow) for module in SLOW_EXAMPLES)]
+)
 def test_examples_of_docstrings_run(module, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = doctest.testmod(import_module(module))

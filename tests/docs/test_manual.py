@@ -14,9 +14,10 @@ import pytest
 import yaml
 from typer.main import get_command
 
+from brv_hypo import __all__ as public
 from brv_hypo.cli.main import app
-from brv_hypo.docs import text, topics
-from brv_hypo.docs.manual import manual_page
+from brv_hypo.docs import notebooks, text, topics
+from brv_hypo.docs.manual import site
 from brv_hypo.errors import UsageError
 from tests.cli.conftest import brv_hypo
 from tests.docs.filling import filled_in
@@ -211,35 +212,92 @@ def test_links_and_commands_that_a_topic_mentions_exist(topic):
 
 
 @pytest.fixture(scope="module")
-def html():
-    return manual_page()
+def pages():
+    return site()
 
 
-class TestPage:
-    def test_it_has_every_topic_and_asks_the_network_for_nothing(self, html):
-        assert all(f'<article id="{topic}">' in html for topic in topics())
-        assert not re.findall(r"(?:src|href)\s*=\s*[\"']?https?:", html)
-        assert '<input id="search"' in html
-        assert "<table>" in html
+HOSTED = Path(__file__).parents[2] / ".github" / "manual"
 
-    def test_files_are_shown_under_their_names(self, html, brv_hypo):
-        assert '<p class="file">sister.yaml</p>\n<pre>' in html
+
+class TestPages:
+    def test_a_page_for_each_topic_and_notebook_that_asks_the_network_for_nothing(self, pages):
+        books = [name.removesuffix(".ipynb") for name in notebooks()]
+        assert [name for name in pages if name.endswith(".html")] == [
+            f"{name}.html" for name in (*topics(), *books, "functions")
+        ]
+        assert not [name for name, page in pages.items() if re.search(r"(?:src|href)\s*=\s*[\"']?https?:", page)]
+
+    def test_every_link_leads_to_a_page_and_a_section(self, pages):
+        anchors = {name: {"", *re.findall(r' id="([^"]*)"', page)} for name, page in pages.items()}
+        for name, page in ((name, page) for name, page in pages.items() if name.endswith(".html")):
+            links = re.findall(r'(?:href|src)="(?!data:)([^"#]*)#?([^"]*)"', page)
+            assert len(links) > len(topics())
+            assert [(to, at) for to, at in links if at not in anchors.get(to or name, ())] == [], name
+
+    def test_the_contents_list_every_section_of_the_page(self, pages):
+        for page in (page for name, page in pages.items() if name.endswith(".html")):
+            contents = "".join(re.findall("<aside.*?</aside>", page, re.DOTALL))
+            assert re.findall(r'href="#([^"]*)"', contents) == re.findall(r'<h2 id="([^"]*)"', page)
+
+    def test_the_search_knows_every_section(self, pages):
+        found = re.search(r"^const sections = (.*);$", pages["manual.js"], re.MULTILINE)
+        sections = json.loads(found[1])
+        assert {page for page, *_ in sections} == {name.removesuffix(".html") for name in pages if "html" in name}
+        assert all(anchor in pages[f"{page}.html"] for page, anchor, *_ in sections)
+        assert len({(page, anchor) for page, anchor, *_ in sections}) == len(sections)
+        assert not [text for *_, text in sections if "base64" in text or "<p>" in text]
+
+    def test_files_are_shown_under_their_names(self, pages, brv_hypo):
+        assert '<p class="file">sister.yaml</p>\n<pre>' in pages["loop.html"]
         assert "sister.yaml:" in brv_hypo("docs", "loop").stdout.splitlines()
-        assert ">opportunity</p>" not in html  # a name of commands that belong together, no file
+        assert ">opportunity</p>" not in pages["record.html"]  # a name of commands that belong together, no file
 
-    def test_the_command_writes_it(self, brv_hypo, tmp_path):
-        done = brv_hypo("docs", "-o", "manual.html", cwd=tmp_path)
+    def test_a_topic_that_is_named_is_a_link(self, pages):
+        assert '<a href="theory.html"><code>brv-hypo docs theory</code></a>' in pages["start.html"]
+
+    def test_functions_have_signature_and_sections(self, pages):
+        page = pages["functions.html"]
+        assert all(f'<h2 id="{name}">' in page for name in (*public, "best_subsets", "fit", "save"))
+        assert page.count("<strong>Parameters</strong>") >= len(public) + 2
+        assert "<li><code>max_terms, n_best</code> int<br />" in page
+        assert "brv_hypo.load_flight(path, *, start=None, stop=None, instruments=None)" in page
+
+    def test_notebooks_are_shown_with_their_outputs(self, pages):
+        page = pages["planted_mechanism.html"]
+        assert all(shown in page for shown in ('src="data:image/png;base64,', '<div class="output">', "UsageError - "))
+
+    def test_the_hosted_manual_has_the_same_pages(self, pages):
+        listed = re.findall(r"^   ([\w/]+)$", (HOSTED / "index.rst").read_text(), re.MULTILINE)
+        assert [f"{name.rpartition('/')[2]}.html" for name in listed] == [name for name in pages if "html" in name]
+        named = re.findall(r"auto(?:function|method):: ([\w.]+)", (HOSTED / "functions.rst").read_text())
+        own = re.findall(r'<h2 id="(\w+)">', pages["functions.html"])
+        assert sorted(name.rpartition(".")[2] for name in named) == sorted(own)
+
+    def test_the_command_writes_them(self, pages, brv_hypo, tmp_path):
+        done = brv_hypo("docs", "-o", "manual", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        assert (tmp_path / "manual.html").read_text() == manual_page()
-        assert brv_hypo("docs", "-o", "manual.html", cwd=tmp_path).returncode == 2
+        assert {path.name: path.read_text() for path in (tmp_path / "manual").iterdir()} == pages
+        assert brv_hypo("docs", "-o", "manual", cwd=tmp_path).returncode == 2
 
-    def test_open_shows_the_topic(self, brv_hypo, tmp_path, monkeypatch):
+    @pytest.mark.parametrize(
+        ("asked", "expected"),
+        [((), "start"), (("loop",), "loop"), (("own_csv",), "own_csv"), (("functions",), "functions")],
+    )
+    def test_open_shows_the_page(self, asked, expected, brv_hypo, tmp_path, monkeypatch, pages):
         opened = []
         monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
-        done = brv_hypo("docs", "loop", "--open", "-o", "manual.html", cwd=tmp_path)
+        monkeypatch.setattr("brv_hypo.docs.manual.site", lambda: pages)
+        monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+        done = brv_hypo("docs", *asked, "--open", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         assert opened[0].startswith("file://")
-        assert opened[0].endswith("manual.html#loop")
+        assert opened[0].endswith(f"/manual/{expected}.html")
+
+    def test_an_unknown_page_is_refused(self, brv_hypo, tmp_path):
+        done = brv_hypo("docs", "verdikt", "-o", "manual", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "is 'verdict' meant" in done.stderr
+        assert not (tmp_path / "manual").exists()
 
 
 class TestSnippets:

@@ -1,38 +1,58 @@
-"""The notebooks that come along run from beginning to end, as they are written."""
+"""The gallery: executed notebooks that keep their outputs, and run from beginning to end as they are written."""
 
 from __future__ import annotations
+
+import json
+import re
 
 import pytest
 
 from brv_hypo.docs import notebooks
+from tests.docs.gallery import BOOKS as GALLERY
+from tests.docs.gallery import executed
 
-pytestmark = pytest.mark.thorough
-
-nbformat = pytest.importorskip("nbformat")
-nbclient = pytest.importorskip("nbclient")
-
-
-@pytest.fixture(params=sorted(notebooks()))
-def executed(request, tmp_path):
-    """A notebook with what its cells returned; a cell that fails raises CellExecutionError."""
-    book = nbformat.reads(notebooks()[request.param], as_version=4)
-    nbformat.validate(book)
-    place = {"metadata": {"path": tmp_path}}
-    return nbclient.NotebookClient(book, timeout=300, kernel_name="python3", resources=place).execute()
+BOOKS = {name: json.loads(content)["cells"] for name, content in notebooks().items()}
+QUICK = ("kernels_alone.ipynb", "rocket_log.ipynb")
+"""Executed with the thorough tests; the others, up to twenty seconds each, with the slow ones."""
 
 
-def test_every_cell_runs_and_figures_and_tables_are_shown(executed) -> None:
-    outputs = [output for cell in executed.cells for output in cell.get("outputs", ())]
-    kinds = {kind for output in outputs for kind in output.get("data", {})}
-    assert {"image/png", "text/html"} <= kinds
-    assert not [output for output in outputs if output["output_type"] == "error"]
-    assert not [output for output in outputs if output.get("name") == "stderr"]
+def outputs(cells):
+    return [output for cell in cells for output in cell.get("outputs", ())]
 
 
-def test_there_are_two_without_outputs_of_their_own() -> None:
-    books = [nbformat.reads(text, as_version=4) for text in notebooks().values()]
-    assert len(books) == 2
-    assert not any(cell.get("outputs") for book in books for cell in book.cells)
+@pytest.mark.parametrize("cells", BOOKS.values(), ids=BOOKS)
+class TestKept:
+    def test_it_is_a_question_with_tables_and_charts(self, cells):
+        title, *_ = "".join(cells[0]["source"]).splitlines()
+        assert re.match(r"# \w", title)
+        kinds = {kind for output in outputs(cells) for kind in output.get("data", {})}
+        assert kinds & {"image/png", "text/html"}
+
+    def test_every_cell_ran_in_order_without_complaint(self, cells):
+        counts = [cell["execution_count"] for cell in cells if cell["cell_type"] == "code"]
+        assert counts == [*range(1, len(counts) + 1)]
+        assert not [output for output in outputs(cells) if "error" in (output["output_type"], output.get("name"))]
+        assert not [output for output in outputs(cells) if output.get("name") == "stderr"]
+
+    def test_it_names_no_place_of_a_machine(self, cells):
+        said = json.dumps([(cell["source"], cell.get("outputs", ())) for cell in cells])
+        assert not re.findall(r"/(?:home|root|tmp|work|usr|opt)/", said)
+
+
+def test_there_are_ten_and_all_are_in_the_gallery():
+    assert len(BOOKS) == 10
+    assert {path.name for path in GALLERY.glob("*.ipynb")} == BOOKS.keys()
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.thorough if name in QUICK else pytest.mark.slow) for name in BOOKS]
+)
+def test_it_gives_what_it_shows(name, tmp_path):
+    """The same kinds of output in every cell: tables, charts, texts."""
+    book = executed(notebooks()[name], tmp_path)
+    for cell, kept in zip(book.cells, BOOKS[name], strict=True):
+        again, shown = ([sorted(o.get("data", {"stream": 0})) for o in c.get("outputs", ())] for c in (cell, kept))
+        assert again == shown, cell.source
 
 
 def test_the_command_writes_them(tmp_path) -> None:

@@ -8,11 +8,13 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import yaml
 
 from brv_hypo.docs import notebooks, topics
 
@@ -20,7 +22,7 @@ pytestmark = pytest.mark.thorough
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE_FILES = (
-    *("page.html.j2", "table.html.j2", "manual.html.j2"),
+    *("page.html.j2", "table.html.j2", "manual.html.j2", "book.html.j2"),
     *("page.css", "page.js", "stretches.js", "manual.css", "manual.js"),
     *("plotly-basic.min.js.gz", "plotly-basic.LICENSE"),
 )
@@ -44,6 +46,14 @@ def test_what_the_readme_links_is_there(readme) -> None:
     links = re.findall(r"\]\(([^)]+)\)", readme)
     assert [link for link in links if not (ROOT / link).is_file()] == []
     assert all(f"brv_hypo/docs/{topic}.md" in links for topic in topics())
+
+
+def test_the_citation_is_of_this_version() -> None:
+    cited = yaml.safe_load((ROOT / ".github" / "CITATION.cff").read_text())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert cited["version"] == project["version"]
+    assert [author["name"] for author in cited["authors"]] == [author["name"] for author in project["authors"]]
+    assert cited["references"][0]["number"] in (ROOT / "brv_hypo" / "docs" / "citation.md").read_text()
 
 
 def test_the_picture_is_of_the_demo_and_asks_the_network_for_nothing() -> None:
@@ -100,7 +110,7 @@ def installed(request, built, tmp_path_factory):
 def test_what_is_installed_runs_from_its_own_files(installed) -> None:
     place = installed("docs", "--notebooks", "books")
     assert place.returncode == 0, place.stderr
-    assert (installed.place / "brv_hypo" / "docs" / "notebooks" / "loop.ipynb").is_file()
+    assert (installed.place / "brv_hypo" / "docs" / "notebooks" / "own_csv.ipynb").is_file()
     assert (installed.place / "brv_hypo_mechanisms" / "lag.py").is_file()
     assert (installed.place / "brv_hypo_processes" / "moments.py").is_file()
     assert installed("--version").stdout.split()[-1] == version("brv-hypo")
@@ -170,6 +180,7 @@ def other(built, tmp_path_factory):
     return run
 
 
+@pytest.mark.slow
 def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
     """As a new user would, with the newest of everything that the wheel asks for: demo, manual, plugins."""
     assert other("python", "--version").stdout.split()[1].split(".")[:2] != [str(n) for n in sys.version_info[:2]]
@@ -180,6 +191,7 @@ def test_another_python_installs_the_wheel_and_uses_it(other) -> None:
     assert all(name in known for name in ("sticking", "magnus", "gyro_bias", "body_change", "turbulence"))
 
 
+@pytest.mark.slow
 def test_another_python_builds_and_installs_the_sdist(other, built) -> None:
     (sdist,) = built.glob("*.tar.gz")
     install = ("install", "-q", "--no-deps", "--no-index", "--no-build-isolation", "--force-reinstall")

@@ -41,7 +41,7 @@ def test_its_speed_agrees_with_the_altimeters_own(launch12: Imported) -> None:
     assert float(flight.mach[inside].max()) == pytest.approx(1.04, abs=0.05)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_accepted_all_the_same_it_names_nothing_and_says_why(launch12: Imported) -> None:
     compared = compare([launch12.flight], CompareConfig(accept_record=True))
     verdict = compared.verdict

@@ -19,7 +19,7 @@ def shares(names: tuple[str, ...], *plant: str) -> dict[str, float]:
     """The limits of these hypotheses beside what leads where that is planted."""
     judged = judged_cone(*plant)
     groups = {"none": (), **{name: tuple(find(part) for part in name.split("+")) for name in names}}
-    found = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups)
+    found = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, judged.weight)
     assert len(found) == len({limit.mechanism for limit in found})
     return {limit.mechanism: limit.share_of_moment_95 for limit in found}
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import brv_hypo
-from brv_hypo.docs.manual import manual_page
+from brv_hypo.docs.manual import site
 from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Picture, Section, Span
 from brv_hypo.report.html import Provenance, page
 from brv_hypo.report.many_flights import study_document
@@ -207,20 +207,37 @@ def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
     assert f'data-paper="{SCHEMES["light"][1]}"' in root
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(800, "light"), (1600, "dark")])
-def test_the_manual_is_no_wider_than_the_window(shown, width, scheme) -> None:
+@pytest.fixture(scope="module")
+def manual():
+    """A function to a page of the manual that is one file, as `shown` takes it."""
+    pages = site()
+
+    def of(name, script):
+        style = f"<style>{pages['manual.css']}</style>"
+        page = pages[name].replace('<link rel="stylesheet" href="manual.css">', style)
+        return page.replace('<script src="manual.js"></script>', f"<script>{pages['manual.js']}</script>{script}")
+
+    return of
+
+
+@pytest.mark.parametrize(
+    ("name", "width", "scheme"), [("verdict", 800, "light"), ("own_csv", 1600, "dark"), ("functions", 800, "dark")]
+)
+def test_the_manual_is_no_wider_than_the_window(shown, manual, name, width, scheme) -> None:
     measure = """<script>document.documentElement.dataset.wide = document.documentElement.scrollWidth > innerWidth;
       document.documentElement.dataset.paper = getComputedStyle(document.body).backgroundColor;</script>"""
-    root = shown(manual_page().replace("</body>", f"{measure}</body>"), width, scheme)
+    root = shown(manual(f"{name}.html", measure), width, scheme)
     assert "data-failed" not in root
     assert 'data-wide="false"' in root
     assert f'data-paper="{SCHEMES[scheme][1]}"' in root
 
 
-def test_the_manual_is_searched(shown) -> None:
+def test_the_manual_is_searched(shown, manual) -> None:
     search = """<script>field.value = "windward meridian"; field.dispatchEvent(new Event("input"));
-      document.documentElement.dataset.said = said.textContent;</script>"""
-    root = shown(manual_page().replace("</body>", f"{search}</body>"))
+      document.documentElement.dataset.said = found.textContent;
+      document.documentElement.dataset.first = results.querySelector("a").getAttribute("href");</script>"""
+    root = shown(manual("start.html", search))
     assert "data-failed" not in root
     count, sections = map(int, re.search(r'data-said="(\d+) of (\d+) sections"', root).groups())
     assert 0 < count < sections
+    assert re.search(r'data-first="\w+\.html#?[\w-]*"', root)

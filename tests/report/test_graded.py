@@ -8,6 +8,7 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from brv_hypo import plot_compare
 from brv_hypo.docs import text
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.ranking import Comparison
@@ -208,3 +209,14 @@ def test_every_process_and_key_is_in_the_manual() -> None:
     for key in (*ProcessEstimate.model_fields, *Explained.model_fields):
         assert key in reference
     assert isinstance(comparison_document(graded()).beside[0], Table)
+
+
+def test_hypotheses_are_drawn_side_by_side_the_leader_on_top() -> None:
+    panels = plot_compare(graded()).axes
+    assert [label.get_text() for label in panels[0].get_yticklabels()][:2] == ["damping", "baseline only"]
+    probability, evidence, error = (axes.get_lines()[0].get_xdata() for axes in panels)
+    assert list(evidence[:2]) == pytest.approx([0.0, -12.34])
+    rows = graded().to_dataframe()
+    assert list(probability) == pytest.approx(rows["probability"], nan_ok=True)
+    assert list(error) == pytest.approx(rows["prediction_ratio"], nan_ok=True)
+    assert panels[0].yaxis_inverted()

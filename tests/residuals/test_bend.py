@@ -70,14 +70,14 @@ def test_a_vehicle_whose_moment_bends_needs_no_effect() -> None:
     assert error < 0.2 * abs(BEND)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_effect_beside_the_bend_is_found() -> None:
     found = traced(*OTHERS, magnus=True)
     assert found.findings == ("magnus",)
     assert abs(bend_of(found)[0] - BEND) < 4.0 * bend_of(found)[1]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_bend_is_named_where_its_name_is_offered() -> None:
     found = traced("magnus", "cubic_stiffness")
     assert found.findings == ("cubic_stiffness",)
@@ -85,7 +85,7 @@ def test_the_bend_is_named_where_its_name_is_offered() -> None:
     assert StaticBend.name not in {column.mechanism for column in found.model.definition.columns}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_moment_in_proportion_is_not_said_to_bend() -> None:
     settings = TraceConfig(effects=("cubic_stiffness",), discover=False, max_steps=1, maximum_likelihood=False)
     assert trace(nominal().flight, settings).added == ()

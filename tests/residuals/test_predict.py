@@ -208,7 +208,7 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted:
 
 
 @pytest.mark.shared
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_on_a_measured_record_a_held_model_far_off_is_told_with_the_remedy() -> None:
     """Found on the first two fifths of the entry, asked of all of it: half of it holds everywhere."""
     entry = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))

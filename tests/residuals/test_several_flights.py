@@ -44,10 +44,12 @@ def result(pair: tuple[Flight, Flight]) -> Trace:
     return trace(pair, QUICK.model_copy(update={"max_steps": 2}))
 
 
+@pytest.mark.slow
 def test_both_effects_are_added(result: Trace) -> None:
     assert set(result.added) == {"magnus", "trim"}
 
 
+@pytest.mark.slow
 def test_what_follows_the_motion_is_shared(result: Trace) -> None:
     terms = [term for term in result.model.terms if term.mechanism == "magnus"]
     assert len(terms) == 1
@@ -55,6 +57,7 @@ def test_what_follows_the_motion_is_shared(result: Trace) -> None:
     assert len([term for term in result.model.terms if term.name == "C_malpha"]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [0, 1])
 def test_each_flight_has_its_trim(result: Trace, number: int) -> None:
     terms = {term.name: term for term in result.model.terms}
@@ -64,6 +67,7 @@ def test_each_flight_has_its_trim(result: Trace, number: int) -> None:
         assert abs(found.value - planted) < 0.15 * 1.2e-3
 
 
+@pytest.mark.slow
 def test_each_flight_is_predicted_from_the_other(result: Trace) -> None:
     shared = next(step for step in result.steps if step.added == "magnus")
     assert shared.flight_left_out is not None
@@ -73,6 +77,7 @@ def test_each_flight_is_predicted_from_the_other(result: Trace) -> None:
     assert own.flight_left_out is None
 
 
+@pytest.mark.slow
 def test_the_json_tells_of_all_flights(result: Trace, pair: tuple[Flight, Flight]) -> None:
     content = json.loads(result.model_dump_json(by_alias=True))
     assert [each["samples"] for each in content["flights"]] == [each.samples for each in pair]
@@ -80,12 +85,14 @@ def test_the_json_tells_of_all_flights(result: Trace, pair: tuple[Flight, Flight
     assert all(math.isfinite(step["residual"]["rms"]) for step in content["steps"])
 
 
+@pytest.mark.slow
 def test_the_model_starts_another_trace_of_as_many(result: Trace, pair: tuple[Flight, Flight]) -> None:
     start = SavedModel.model_validate_json(result.model.definition.model_dump_json())
     again = trace(pair, QUICK.model_copy(update={"start": start, "max_steps": 1}))
     assert again.added == ()
 
 
+@pytest.mark.slow
 def test_a_single_flight_takes_what_is_shared(result: Trace) -> None:
     predicted = predict(flight(1), result.model.definition, ("trim",))
     assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}

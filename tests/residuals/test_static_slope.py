@@ -17,7 +17,7 @@ BARE = TraceConfig(effects=("trim",), discover=False, max_steps=1, maximum_likel
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_the_slope_is_that_of_the_vehicle(seed: int) -> None:
     """At no angle of attack and at that flown, of a moment that bends."""
     craft = replace(CAPSULE, alpha=np.radians(8.0), static_bend=0.3, duration=4.0)

@@ -1,30 +1,21 @@
-// Shows the sections of the manual that hold every word of the search.
+// Lists the sections of all pages that hold every word of the search, those with it in their titles first.
 const field = document.getElementById("search");
-const said = document.getElementById("found");
-const sections = [];
-for (const article of document.querySelectorAll("article")) {
-  let section = null;
-  for (const part of [...article.children]) {
-    if (/^H[12]$/.test(part.tagName) || section === null) {
-      section = document.createElement("section");
-      article.append(section);
-      sections.push(section);
-    }
-    section.append(part);
-  }
-}
+const found = document.getElementById("found");
+const results = document.getElementById("results");
 const search = () => {
   const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
-  let count = 0;
-  for (const section of sections) {
-    const text = section.textContent.toLowerCase();
-    section.hidden = !words.every((word) => text.includes(word));
-    count += section.hidden ? 0 : 1;
-  }
-  for (const article of document.querySelectorAll("article")) {
-    article.hidden = [...article.children].every((section) => section.hidden);
-  }
-  said.textContent = words.length ? `${count} of ${sections.length} sections` : "";
+  const holds = (text) => words.every((word) => text.toLowerCase().includes(word));
+  const hits = words.length ? sections.filter(([, , title, text]) => holds(`${title} ${text}`)) : [];
+  hits.sort((one, other) => holds(other[2]) - holds(one[2]));
+  results.replaceChildren(...hits.map(([page, anchor, title]) => {
+    const link = document.createElement("a");
+    link.href = `${page}.html${anchor && "#"}${anchor}`;
+    link.innerHTML = anchor ? `${titles[page]}: ${title}` : title;
+    const item = document.createElement("li");
+    item.append(link);
+    return item;
+  }));
+  found.textContent = words.length ? `${hits.length} of ${sections.length} sections` : "";
+  document.getElementById("pages").hidden = words.length > 0;
 };
 field.addEventListener("input", search);
-document.documentElement.dataset.sections = sections.length;

@@ -69,7 +69,7 @@ def test_the_chance_of_something_else_is_the_same_in_rolled_axes():
     assert distance(before, after, Change(roll=0.3)).within(SUMMED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_nor_is_a_model_that_two_ways_of_searching_found():
     """Rounding led the search on to another model of three flights in another order: 17 of 2 ln L."""
     case = Case(4941, 0.03, 2.2, 4.097417051924932, "bodyfixed", "bodyfixed")
@@ -83,7 +83,10 @@ def test_nor_is_a_model_that_two_ways_of_searching_found():
         # Errors of the record were taken out one after the other, in an order by axes: 0.05 of 2 ln L.
         Case(152, 0.03423439955156618, 0.0, 9.583694839176298, "damping", "damping"),
         # What the start and gravity do was found by steps so wide that it was not linear: 1e-3 of 2 ln L.
-        Case(436, 0.04774487724905957, -0.353210816578196, 6.930309324753525, "sticking", "sticking"),
+        pytest.param(
+            Case(436, 0.04774487724905957, -0.353210816578196, 6.930309324753525, "sticking", "sticking"),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_rolled_axes_tell_the_same(case):
@@ -99,7 +102,9 @@ def test_rolled_axes_tell_the_same(case):
         # It was brought up to date once: the fraction was 6e-6 standard errors off by the units of the record.
         Case(983, 0.05878016098593794, 2.654069041363325e-307, 9.60851528930917, "sticking", "sticking"),
         # Rounds of several steps, as many as rounding let, each of which left half: 2e-6.
-        Case(670, 0.058017527707378336, -0.23252908411561002, 5.0, "sticking", "sticking"),
+        pytest.param(
+            Case(670, 0.058017527707378336, -0.23252908411561002, 5.0, "sticking", "sticking"), marks=pytest.mark.slow
+        ),
     ],
 )
 def test_what_sticks_follows_a_static_moment_that_stands(case):

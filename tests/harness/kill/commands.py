@@ -91,6 +91,12 @@ def _study(path: Path) -> None:
     assert len(set(keys)) == len(keys), f"flights stand twice: {keys}"
 
 
+def _manual(folder: Path) -> None:
+    for page in ("start.html", "functions.html"):
+        _page(folder / page)
+    assert (folder / "manual.js").read_text(encoding="utf-8").endswith('field.addEventListener("input", search);\n')
+
+
 def flights_of(folder: Path) -> list[str]:
     """Keys of the flights that a study's folder holds."""
     return [_key(flight["draw"]) for flight in stored(folder)]
@@ -155,7 +161,7 @@ COMMANDS = (
         {"out.json": _json("compare"), "out.html": _page},
     ),
     Command("config new", ("config", "new", "compare", "-o", "out.yaml"), {"out.yaml": _settings}),
-    Command("docs", ("docs", "-o", "out.html"), {"out.html": _page}),
+    Command("docs", ("docs", "-o", "pages"), {"pages": _manual}, replaces=False),
     Command("mechanisms", ("mechanisms", "--json", "out.json"), {"out.json": _json("mechanisms")}),
     Command(
         "mechanisms check", ("mechanisms", "check", "lag", "--json", "out.json"), {"out.json": _json("conformance")}

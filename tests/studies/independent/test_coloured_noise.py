@@ -38,8 +38,10 @@ def test_errors_of_many_tolerances_are_not_asked_of_the_record(seed: int, share:
     ("seed", "truth"),
     [
         (238, "none"),
-        (278, "damping"),
-        *(pytest.param(*each, marks=pytest.mark.slow) for each in ((276, "none"), (279, "bodyfixed"))),
+        *(
+            pytest.param(*each, marks=pytest.mark.slow)
+            for each in ((276, "none"), (278, "damping"), (279, "bodyfixed"))
+        ),
     ],
 )
 def test_the_walk_that_such_noise_makes_is_no_mechanism(seed: int, truth: str) -> None:

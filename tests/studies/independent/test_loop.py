@@ -21,7 +21,7 @@ def test_a_slope_that_follows_the_speed_is_no_finding(seed: int) -> None:
     assert found.added == ()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_effect_beyond_doubt_is_added_though_the_gyros_noise_drowns_the_moments_error() -> None:
     found = fly(43121, "damping")
     assert isinstance(found, Outcome)

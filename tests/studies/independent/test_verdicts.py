@@ -49,12 +49,14 @@ def test_a_side_moment_instead_of_sticking_is_found_to_be_one(seed: int, truth: 
     assert "side moment" in verdict.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "truth", "grade"), [(68144, "magnus", "industrial"), (69174, "vortex", "laboratory")])
 def test_a_side_moment_within_what_processes_do_is_not_named_sticking(seed: int, truth: str, grade: str) -> None:
     """A Magnus moment of 0.1 % of all that moves the vehicle; one by alpha^2, which is the process `side_bend`."""
     assert said(draw_flight(seed, truth=truth, grade=grade)).winner in (None, "none")
 
 
+@pytest.mark.slow
 def test_a_moment_that_turns_in_the_body_is_not_named_body_fixed() -> None:
     """Steps of a body-fixed moment follow it, and the process of a body-fixed moment that changes does."""
     verdict = said(draw_flight(620005, truth="rotating", grade="tactical"))
@@ -93,6 +95,7 @@ def test_a_moment_that_turns_abruptly_is_no_fault_of_the_record(
     assert try_record(made.flight)[1].faults == ()
 
 
+@pytest.mark.slow
 def test_a_damping_that_turns_abruptly_is_named() -> None:
     made = draw_flight(75265, truth="damping", grade="laboratory", noise=Noise(colour=0.8931519243337775))
     assert said(made).winner == "damping"
@@ -126,6 +129,7 @@ def test_errors_of_poor_instruments_are_not_something_else(seed: int, truth: str
     assert verdict.winner == truth if truth != "none" else verdict.outcome in ("named", "undecided")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", ["none", pytest.param("sticking", marks=pytest.mark.slow)])
 def test_a_transverse_force_that_is_read_along_the_axis_is_no_course_of_the_axial_force(truth: str) -> None:
     """A c.g. off the axis makes such a body spin up and down with its coning: 0.2 % of the torque was 3,000 sigma."""
@@ -144,6 +148,7 @@ def test_the_motion_is_moved_to_where_the_moments_say(seed: int, number: int, tr
     assert truth in verdict.equivalent
 
 
+@pytest.mark.slow
 def test_a_delay_that_is_short_because_the_motion_is_fast_is_found() -> None:
     """The meridian turns at 44 rad/s: two delays that are a turn apart were named instead, with less than no flow."""
     assert said(drawn_flight(134005, 5, "mixed", 1.0, 5, True, True)).winner == "sticking"
@@ -155,6 +160,7 @@ def test_a_bend_of_large_angles_that_changes_with_the_speed_is_no_mechanism() ->
     assert said(drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)).winner in (None, "none")
 
 
+@pytest.mark.slow
 def test_beside_such_a_bend_the_baseline_remains_in_the_credible_set() -> None:
     assert "none" in said(drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)).equivalent
 
@@ -191,11 +197,12 @@ def test_a_wind_along_the_track_is_no_damping() -> None:
     assert max(verdict.probability, key=verdict.probability.__getitem__) == "none"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_with_a_wind_along_the_track_the_baseline_suffices() -> None:
     assert said(windy()).winner == "none"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "truth"),
     [
@@ -211,6 +218,7 @@ def test_what_is_found_in_linearisations_that_lower_nothing_at_once_is_named(see
     assert said(made).winner == truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [350002, pytest.param(350014, marks=pytest.mark.slow), pytest.param(350212, marks=pytest.mark.slow)]
 )

@@ -88,7 +88,7 @@ def test_beside_noise_a_record_shows_as_many_limits_as_are_planted(base: Ground)
     assert shown == pytest.approx(there, abs=3.0 / DETECTED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_where_the_record_has_the_opposite_of_it_nothing_shows(base: Ground) -> None:
     other = ground(with_moment(base.flight, base.state, find("magnus"), [-MAGNUS]), 0)
     flight = with_moment(other.flight, other.state, find("magnus"), [MAGNUS])
