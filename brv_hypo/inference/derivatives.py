@@ -1,8 +1,7 @@
-"""C_m,in along a flight as functions of Mach number and angle of attack, of a model and processes together.
+"""C_m,in along a flight, and its derivatives by alpha and by the transverse rate times d / 2V.
 
-Its value and its derivative by alpha at rest, and its derivative by the transverse rate in the plane of alpha times
-d / 2V. A model with one C_mq and the processes `damping_change` and `damping_bend` are one estimate, with one standard
-error; so are C_malpha and `static_change`.
+A model with one C_mq and the processes `damping_change` and `damping_bend` are one estimate, with one standard error;
+so are C_malpha and `static_change`.
 """
 
 from __future__ import annotations
@@ -55,18 +54,14 @@ def along_flight(
     places = np.array([stretch[stretch.size // 2] for stretch in stretches])
     flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
     everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
-    at_zero, at_flown = (
-        [tuple(part.tolist()) for part in at(alpha, places)] for alpha in (np.zeros_like(everywhere), everywhere)
-    )
+    found = [tuple(part.tolist()) for alpha in (np.zeros_like(everywhere), everywhere) for part in at(alpha, places)]
+    names = ("at_zero", "at_zero_std_error", "at_flown", "at_flown_std_error")
     return Derivative(
         flight=number,
         time_s=tuple(motion.time[places].tolist()),
         mach=tuple(motion.mach[places].tolist()),
         alpha_rad=tuple(flown.tolist()),
-        at_zero=at_zero[0],
-        at_zero_std_error=at_zero[1],
-        at_flown=at_flown[0],
-        at_flown_std_error=at_flown[1],
+        **dict(zip(names, found, strict=True)),
     )
 
 

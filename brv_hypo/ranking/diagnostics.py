@@ -97,13 +97,9 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     variance = none.rss / (none.cp + n - 2 * forced)
     sized = [(0, none.rss, ()), *((size, *found[0]) for size, found in sorted(best.items()))]
     return tuple(
-        SizedModel(
-            n_terms=size,
-            n_coefficients=forced + size,
-            cp=rss / variance - n + 2 * (forced + size),
-            terms=tuple(column.label for column in columns),
-        )
+        SizedModel(n_terms=size, n_coefficients=p, cp=rss / variance - n + 2 * p, terms=tuple(c.label for c in columns))
         for size, rss, columns in sized
+        for p in (forced + size,)
     )
 
 

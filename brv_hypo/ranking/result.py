@@ -364,8 +364,7 @@ class Comparison(HasCharts, Result):
                 f"({abs(each.tolerances):.1f} times)"
                 for each in beyond[:BEYOND_TOLERANCE_NAMED]
             ]
-            more = len(beyond) - len(said)
-            listed = ", ".join((*said, *([f"and {more} more"] if more else [])))
+            listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
             poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
             lines.append(f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}.")
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:

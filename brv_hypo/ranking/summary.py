@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
@@ -135,13 +136,7 @@ def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
     return RecordSummary(
         sound=all(trial.sound for trial in trials),
         faults=tuple(
-            RecordFaultSummary(
-                channel=fault.channel,
-                fault=fault.fault,
-                start_s=fault.start_s,
-                stop_s=fault.stop_s,
-                action=fault.action,
-            )
+            RecordFaultSummary.model_validate(fault, from_attributes=True)
             for fault in sorted((f for trial in trials for f in trial.faults), key=lambda fault: not fault.decisive)
         ),
     )
@@ -204,32 +199,16 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
         column, value = fit.columns[j], float(fit.values[j])
         sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
         mechanism = BASELINE if j < fit.baseline_size else column.mechanism
-        where = (_channel(fit, column), _region(fit, column), column.delay)
-        found.append(_term(column.label, mechanism, value, sigma, column.units, *where))
+        where = {"channel": _channel(fit, column), "region_s": _region(fit, column), "delay_s": column.delay}
+        found.append(_term(column.label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
 
 
-def _term(
-    name: str,
-    mechanism: str,
-    value: float,
-    sigma: float,
-    units: str,
-    channel: str,
-    region: tuple[float, float] | None,
-    delay: float | None,
-) -> TermEstimate:
-    return TermEstimate(
-        name=name,
-        mechanism=mechanism,
-        channel=channel,
-        value=value,
-        std_error=sigma,
-        f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
-        units=units,
-        region_s=region,
-        delay_s=delay,
-    )
+def _term(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
+    """An estimate; `where`: its channel, region and delay."""
+    f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
+    known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
+    return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
 
 
 def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
@@ -258,23 +237,13 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
 
 def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
     """Net values in time order, with what mechanisms derive from them."""
-    return tuple(
-        NetInterval(
-            start_s=each.start,
-            stop_s=each.stop,
-            values=(
-                *(
-                    _term(n.term, n.mechanism, n.value, n.std_error, n.units, "both", (each.start, each.stop), n.delay)
-                    for n in each.values
-                ),
-                *(
-                    _term(d.name, name, d.value, d.std_error, d.units, "both", (each.start, each.stop), None)
-                    for name, d in each.derived
-                ),
-            ),
-        )
-        for each in intervals(fit)
-    )
+    found = []
+    for each in intervals(fit):
+        where = {"channel": "both", "region_s": (each.start, each.stop)}
+        net = [_term(n.term, n.mechanism, n.value, n.std_error, n.units, delay_s=n.delay, **where) for n in each.values]
+        net += [_term(d.name, name, d.value, d.std_error, d.units, **where) for name, d in each.derived]
+        found.append(NetInterval(start_s=each.start, stop_s=each.stop, values=tuple(net)))
+    return tuple(found)
 
 
 def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
@@ -310,16 +279,7 @@ def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> 
             DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units) for e in found.nonlinear
         ),
         instrument=tuple(
-            TermEstimate(
-                name=e.name,
-                mechanism="instrument",
-                channel="record",
-                value=e.value,
-                std_error=e.std_error,
-                f_ratio=e.f_ratio,
-                units=e.units,
-            )
-            for e in found.instruments
+            _term(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
         ),
         seconds=found.seconds,
     )
@@ -338,14 +298,8 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     found = []
     end = float(fit.frame.coefficient_time.max())
     for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
-        found.append(
-            DerivedEstimate(
-                name=f"{parameter.mechanism} {parameter.name}",
-                value=parameter.value,
-                std_error=sigma,
-                units=parameter.units,
-            )
-        )
+        name = f"{parameter.mechanism} {parameter.name}"
+        found.append(DerivedEstimate(name=name, value=parameter.value, std_error=sigma, units=parameter.units))
     vectors: dict[Vector, list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.grouped:

@@ -30,11 +30,6 @@ CHANNELS = {
 EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
 
 
-def comparison_charts(comparison: Comparison) -> list[Chart]:
-    """Every chart that the comparison has the data for, in the order of a page."""
-    return list(comparison_document(comparison).charts)
-
-
 def _probability(comparison: Comparison) -> Chart:
     """Of each hypothesis, the likeliest first, of equals as they are ranked."""
     chances = comparison.verdict.probability
@@ -42,12 +37,6 @@ def _probability(comparison: Comparison) -> Chart:
     shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
     panels, over = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
     return Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=over)
-
-
-def _limits(comparison: Comparison) -> Chart:
-    shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
-    title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
-    return Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read)
 
 
 def _evidence(comparison: Comparison) -> Chart:
@@ -241,10 +230,7 @@ def _quality(comparison: Comparison) -> list[Block]:
     warnings = (*faults, *comparison.reconstruction.warnings, *known)
     none = () if warnings else ("The record shows no fault.",)
     seconds = comparison.seconds
-    took = (
-        f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
-        f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
-    )
+    took = f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"
     return [
         Texts(none, bullets=False, shown="page"),
         Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
@@ -256,10 +242,12 @@ def _compared(comparison: Comparison) -> list[Block]:
     """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
     withheld = any(np.isnan(limit.share_of_moment_95) for limit in comparison.verdict.limits)
     no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
+    shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
+    title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
     return [
         Picture(_evidence(comparison)),
         Picture(_probability(comparison)),
-        Picture(_limits(comparison)),
+        Picture(Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read)),
         Texts(no_limits, "Limits", bullets=False, shown="page"),
         Texts(comparison.disagreements, "Disagreements"),
     ]

@@ -256,11 +256,8 @@ class Document:
     ahead: Sequence[Block] = ()  # what a page shows right after the conclusion, a terminal before it
 
     @property
-    def answer(self) -> Sequence[Block]:
-        """What a page shows above its contents."""
-        return (*self.ahead, *self.beside)
-
-    @property
     def charts(self) -> tuple[Chart, ...]:
         """The charts that have something to show, in the order of a page."""
-        return tuple(block.chart for block in flat((*self.answer, *self.blocks)) if isinstance(block, Picture))
+        return tuple(
+            block.chart for block in flat((*self.ahead, *self.beside, *self.blocks)) if isinstance(block, Picture)
+        )

@@ -290,7 +290,7 @@ def page(document: Document, provenance: Provenance) -> str:
     return render(
         "page.html.j2",
         document=document,
-        answer=list(map(_cell, _groups(document.answer))),
+        answer=list(map(_cell, _groups((*document.ahead, *document.beside)))),
         parts=_parts(document.blocks),
         provenance=provenance,
         library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),

@@ -16,11 +16,6 @@ from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
 from brv_hypo.residuals.result import ProcessHistory, Residual, Step, Trace
 
 
-def trace_charts(result: Trace) -> list[Chart]:
-    """Every chart that the trace has the data for; none where the residual was not kept."""
-    return list(trace_document(result).charts)
-
-
 def _charts(result: Trace) -> dict[str, list[Chart]]:
     """Charts by the section that they are in."""
     kept = result.picture

@@ -16,7 +16,7 @@ from rich.console import Console
 from brv_hypo.docs import text
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.report.comparison import comparison_charts, comparison_document
+from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import (
     MOST_POINTS,
     Band,
@@ -57,12 +57,12 @@ def planted() -> Comparison:
 
 @pytest.fixture(scope="module")
 def planted_charts(planted) -> dict[str, Chart]:
-    return {chart.name: chart for chart in comparison_charts(planted)}
+    return {chart.name: chart for chart in comparison_document(planted).charts}
 
 
 @pytest.fixture(scope="module")
 def charts(comparison) -> dict[str, Chart]:
-    return {chart.name: chart for chart in comparison_charts(comparison)}
+    return {chart.name: chart for chart in comparison_document(comparison).charts}
 
 
 def values(packed) -> np.ndarray:

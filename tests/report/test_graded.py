@@ -13,7 +13,7 @@ from brv_hypo.docs import text
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.ranking import Comparison
 from brv_hypo.ranking.result import Explained, MaximumLikelihood, MechanismLimit, ProcessEstimate, RecordError
-from brv_hypo.report.comparison import comparison_charts, comparison_document
+from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
 from brv_hypo.report.html import Provenance, page
 from brv_hypo.report.tables import LEAST_PROCESS, ranking_table
@@ -131,7 +131,7 @@ class TestPage:
 
     def test_limits_that_are_withheld_are_not_drawn_and_the_page_says_why(self) -> None:
         withheld = graded(None, limits=(MechanismLimit(mechanism="damping", share_of_moment_95=NAN),))
-        assert "limits" not in {chart.name for chart in comparison_charts(withheld)}
+        assert "limits" not in {chart.name for chart in comparison_document(withheld).charts}
         assert "Withheld: no hypothesis that was compared is adequate." in page(
             comparison_document(withheld), Provenance()
         )

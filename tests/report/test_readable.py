@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.ranking.result import RecordFaultSummary, RecordSummary
-from brv_hypo.report.comparison import comparison_charts
+from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -37,7 +37,7 @@ from brv_hypo.report.motion_charts import (
     moment_chart,
     residual_chart,
 )
-from brv_hypo.report.trace import trace_charts, trace_document
+from brv_hypo.report.trace import trace_document
 from tests.chains import compared_nominal, traced_trim
 
 TIME = np.linspace(0.0, 5.0, 200)
@@ -51,7 +51,7 @@ def test_names_of_rivals_of_one_size_stand_in_one_label() -> None:
     row = comparison.ranking[0]
     cps = {"a": (3, 1.0), "b": (3, 9e3), "c": (3, 1e4), "d": (3, 1.1e4), "e": (4, 1e4)}
     rows = tuple(row.model_copy(update={"mechanism": name, "n_terms": n, "cp": cp}) for name, (n, cp) in cps.items())
-    charts = comparison_charts(comparison.model_copy(update={"ranking": rows}))
+    charts = comparison_document(comparison.model_copy(update={"ranking": rows})).charts
     _, _, *dots = next(chart for chart in charts if chart.name == "cp").panels[0].layers
     assert [list(each.labels) for each in dots] == [["", "d\nc\nb", ""], ["e"], ["a"]]
 
@@ -60,7 +60,7 @@ def test_every_hypothesis_has_its_own_knots_marked() -> None:
     comparison = compared_nominal()
     rows = {row.mechanism: row for row in comparison.ranking}
     flight = comparison.flights[0]
-    charts = [c for c in comparison_charts(comparison) if c.name.startswith("coefficients-") and c.over_time]
+    charts = [c for c in comparison_document(comparison).charts if c.name.startswith("coefficients-") and c.over_time]
     seen = 0
     for chart in charts:
         row = rows.get(chart.name.removeprefix("coefficients-"))
@@ -191,7 +191,7 @@ class TestPage:
 class TestTrace:
     def test_the_model_is_drawn_over_the_measured_moments(self) -> None:
         result = traced_trim()
-        charts = {chart.name: chart for chart in trace_charts(result)}
+        charts = {chart.name: chart for chart in trace_document(result).charts}
         assert {"moments", "residuals", "spectrum", "motion", "theta-psi"} <= set(charts)
         model = charts["moments"].panels[0].layers[-1]
         picture = result.picture
