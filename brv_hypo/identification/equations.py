@@ -470,12 +470,21 @@ class VehicleModel:
         turns = np.round((at.input("meridian") - meridian) / (2.0 * np.pi))
         before = np.minimum(at.time - context.start, 0.0) * context.meridian_rate
         return Motion(
-            time=at.time, alpha=angle_of_attack(xi), alpha_rate=alpha_rate,
-            windward_meridian=meridian + 2.0 * np.pi * turns + before, windward_meridian_rate=meridian_rate, p=p,
-            q=omega.real, r=omega.imag, velocity=speed, dynamic_pressure=at.input("pressure"), mach=at.input("mach"),
-            reynolds=at.input("reynolds"), in_plane_moment=np.zeros_like(speed),
+            time=at.time,
+            alpha=angle_of_attack(xi),
+            alpha_rate=alpha_rate,
+            windward_meridian=meridian + 2.0 * np.pi * turns + before,
+            windward_meridian_rate=meridian_rate,
+            p=p,
+            q=omega.real,
+            r=omega.imag,
+            velocity=speed,
+            dynamic_pressure=at.input("pressure"),
+            mach=at.input("mach"),
+            reynolds=at.input("reynolds"),
+            in_plane_moment=np.zeros_like(speed),
             reference_length=context.vehicle.reference_length,
-        )  # fmt: skip
+        )
 
 
 def _forward(at: Point) -> FloatArray:

@@ -277,9 +277,16 @@ def _node_record(
     segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, time_varying=time_varying)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
     return NodeRecord(
-        context=context, segment=segment, time=time, turn=turn, measured=measured, expected=expected, middle=nearest,
-        samples=samples, tolerated=errors.values,
-    )  # fmt: skip
+        context=context,
+        segment=segment,
+        time=time,
+        turn=turn,
+        measured=measured,
+        expected=expected,
+        middle=nearest,
+        samples=samples,
+        tolerated=errors.values,
+    )
 
 
 def _transverse(flight: Flight) -> ComplexArray:

@@ -203,10 +203,19 @@ def build_problem(
         if bounded:
             priors[name] = (-applied[name], 1.0)
     return Problem(
-        frame=frame, inputs=inputs, records=records, model=model, theta=theta, priors=priors,
+        frame=frame,
+        inputs=inputs,
+        records=records,
+        model=model,
+        theta=theta,
+        priors=priors,
         bounds={parameter.name: parameter.bounds for parameter in structure.nonlinear_parameters},
-        tolerated=tolerated, applied=applied, block=size, config=config, placed_delays=delays_of(columns),
-    )  # fmt: skip
+        tolerated=tolerated,
+        applied=applied,
+        block=size,
+        config=config,
+        placed_delays=delays_of(columns),
+    )
 
 
 def _nuisances(

@@ -54,13 +54,22 @@ def sample_motion(time: FloatArray) -> Motion:
     alpha_rate, meridian_rate = angle_rates(crossflow, crossflow_rate)
     velocity = 6900.0 - 40.0 * time
     return Motion(
-        time=time, alpha=alpha, alpha_rate=alpha_rate,
+        time=time,
+        alpha=alpha,
+        alpha_rate=alpha_rate,
         windward_meridian=0.5 * np.pi - (_SLOW_RATE * time + np.angle(1.0 + arm)),
-        windward_meridian_rate=meridian_rate, p=12.0 + 0.1 * time, q=0.4 * np.cos(7.0 * time),
-        r=0.4 * np.sin(7.0 * time), velocity=velocity, dynamic_pressure=2e4 * np.exp(0.3 * time),
-        mach=velocity / 310.0, reynolds=1e5 * np.exp(0.8 * time), in_plane_moment=-0.001 + _MOMENT_SLOPE * alpha,
-        reference_length=0.4, history=lambda tau: sample_motion(time - tau),
-    )  # fmt: skip
+        windward_meridian_rate=meridian_rate,
+        p=12.0 + 0.1 * time,
+        q=0.4 * np.cos(7.0 * time),
+        r=0.4 * np.sin(7.0 * time),
+        velocity=velocity,
+        dynamic_pressure=2e4 * np.exp(0.3 * time),
+        mach=velocity / 310.0,
+        reynolds=1e5 * np.exp(0.8 * time),
+        in_plane_moment=-0.001 + _MOMENT_SLOPE * alpha,
+        reference_length=0.4,
+        history=lambda tau: sample_motion(time - tau),
+    )
 
 
 def uniform_time(samples: int = 600) -> FloatArray:
@@ -72,9 +81,13 @@ def sample_flight() -> Flight:
     """A short record of the sample motion: what its instruments would read, without noise."""
     motion = sample_motion(uniform_time())
     vehicle = Vehicle(
-        mass=100.0, ixx=1.5, iyy=10.0, reference_length=motion.reference_length, reference_area=0.125,
+        mass=100.0,
+        ixx=1.5,
+        iyy=10.0,
+        reference_length=motion.reference_length,
+        reference_area=0.125,
         accelerometer_position=(0.1, 0.02, -0.01),
-    )  # fmt: skip
+    )
     normal = motion.dynamic_pressure * vehicle.reference_area * _FORCE_SLOPE * motion.alpha / vehicle.mass
     shared = ("time", "p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds")
     return Flight(

@@ -165,10 +165,16 @@ def term_column(
 ) -> Regressor:
     """The regressor of one of a mechanism's terms at a theta, with a basis in time."""
     return Regressor(
-        mechanism=mechanism.name, term=term.name, theta=theta, time_basis=time_basis,
-        units=time_basis.units(term.units), grouped=mechanism.terms_enter_together or term.vector is not None,
-        late_by=delays_among(mechanism.parameters()), flight=flight, part_of=term.vector,
-    )  # fmt: skip
+        mechanism=mechanism.name,
+        term=term.name,
+        theta=theta,
+        time_basis=time_basis,
+        units=time_basis.units(term.units),
+        grouped=mechanism.terms_enter_together or term.vector is not None,
+        late_by=delays_among(mechanism.parameters()),
+        flight=flight,
+        part_of=term.vector,
+    )
 
 
 # ---- The moment of a model on a motion ----

@@ -128,10 +128,20 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
         gain = np.where(np.isfinite(spin.rate_gain), spin.rate_gain, 0.0)
         force_sigma = np.sqrt(accel_sigma**2 + (np.linalg.norm(arm) * gyro_sigma * gain) ** 2)
     return InertialRecord(
-        flight=flight, roll=roll, attitude=attitude, transverse_rate=rate, rate_change=change, spin_rate=spin,
-        spin_angle=spin_angle, force=force, measured=measured(flight), gyro_sigma=gyro_sigma,
-        gyro_walk=config.gyro_walk or ColouredNoise(gyro_sigma), accel_sigma=accel_sigma, force_sigma=force_sigma,
-    )  # fmt: skip
+        flight=flight,
+        roll=roll,
+        attitude=attitude,
+        transverse_rate=rate,
+        rate_change=change,
+        spin_rate=spin,
+        spin_angle=spin_angle,
+        force=force,
+        measured=measured(flight),
+        gyro_sigma=gyro_sigma,
+        gyro_walk=config.gyro_walk or ColouredNoise(gyro_sigma),
+        accel_sigma=accel_sigma,
+        force_sigma=force_sigma,
+    )
 
 
 def _refuse_what_cannot_be_integrated(flight: Flight) -> None:

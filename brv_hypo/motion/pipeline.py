@@ -294,14 +294,23 @@ def _motion(record: InertialRecord, wind: WindHistory, moments: MomentEstimate) 
     weight = np.where(moments.usable, 1.0 / moments.noise_sigma**2, 0.0)
     unknown = np.full(flight.samples, np.nan)
     return Motion(
-        time=flight.time, alpha=alpha, alpha_rate=alpha_rate, windward_meridian=meridian,
-        windward_meridian_rate=meridian_rate, p=flight.p, q=record.transverse_rate.real,
-        r=record.transverse_rate.imag, velocity=flight.velocity, dynamic_pressure=flight.dynamic_pressure,
+        time=flight.time,
+        alpha=alpha,
+        alpha_rate=alpha_rate,
+        windward_meridian=meridian,
+        windward_meridian_rate=meridian_rate,
+        p=flight.p,
+        q=record.transverse_rate.real,
+        r=record.transverse_rate.imag,
+        velocity=flight.velocity,
+        dynamic_pressure=flight.dynamic_pressure,
         mach=unknown if flight.mach is None else flight.mach,
         reynolds=unknown if flight.reynolds is None else flight.reynolds,
-        in_plane_moment=static_in_plane(in_plane, alpha, weight), reference_length=flight.vehicle.reference_length,
-        roll_acceleration=np.gradient(flight.p, flight.time), axial_share=axial_share(record, alpha),
-    )  # fmt: skip
+        in_plane_moment=static_in_plane(in_plane, alpha, weight),
+        reference_length=flight.vehicle.reference_length,
+        roll_acceleration=np.gradient(flight.p, flight.time),
+        axial_share=axial_share(record, alpha),
+    )
 
 
 def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:

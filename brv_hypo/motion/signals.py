@@ -148,10 +148,17 @@ def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tup
     weights = middle_weights(order, half_width)
     correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
     return Derivative(
-        signal=signal, value=value, rate=rate / step, value_gain=value_gain, rate_gain=rate_gain / step,
-        interior=interior, order=order, half_width=half_width, noise_correlation=correlation / correlation[0],
+        signal=signal,
+        value=value,
+        rate=rate / step,
+        value_gain=value_gain,
+        rate_gain=rate_gain / step,
+        interior=interior,
+        order=order,
+        half_width=half_width,
+        noise_correlation=correlation / correlation[0],
         rate_bias=float(np.sqrt(0.5 * squared_bias)) / step,
-    )  # fmt: skip
+    )
 
 
 def differentiated(flight: Flight, channel: FloatArray, least: float = 0.0) -> Derivative:

@@ -207,8 +207,15 @@ def _truth(equations: System, trajectory: Trajectory, states: FloatArray, air: A
     _, pitch, yaw = equations.body_moments(state, angular[:, chosen], here)
     plane = motion.to_plane(pitch + 1j * yaw)
     return Truth(
-        time=time, alpha=motion.alpha, windward_meridian=np.unwrap(motion.windward_meridian), C_m=pitch, C_n=yaw,
-        C_N=plane.real, C_Z=plane.imag, planted_in_plane=plane.real - without[0],
+        time=time,
+        alpha=motion.alpha,
+        windward_meridian=np.unwrap(motion.windward_meridian),
+        C_m=pitch,
+        C_n=yaw,
+        C_N=plane.real,
+        C_Z=plane.imag,
+        planted_in_plane=plane.real - without[0],
         planted_out_of_plane=plane.imag - without[1],
-        planted=tuple(dict.fromkeys(item.mechanism for item in config.mechanisms)), parameters=numbers(config),
-    )  # fmt: skip
+        planted=tuple(dict.fromkeys(item.mechanism for item in config.mechanisms)),
+        parameters=numbers(config),
+    )

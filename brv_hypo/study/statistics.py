@@ -203,9 +203,16 @@ def _limit(planted: str, vehicle: str | None, outcomes: Sequence[Outcome]) -> De
             half, nine_tenths = (float(np.exp((logit(part) - level) / slope)) for part in (0.5, 0.9))
             status = "extrapolated" if half < effect.min() or nine_tenths > effect.max() else "estimated"
     return DetectionLimit(
-        planted=planted, vehicle=vehicle, flights=len(outcomes), won=int(won.sum()), least=float(effect.min()),
-        greatest=float(effect.max()), status=status, half=half, nine_tenths=nine_tenths,
-    )  # fmt: skip
+        planted=planted,
+        vehicle=vehicle,
+        flights=len(outcomes),
+        won=int(won.sum()),
+        least=float(effect.min()),
+        greatest=float(effect.max()),
+        status=status,
+        half=half,
+        nine_tenths=nine_tenths,
+    )
 
 
 def logistic(x: FloatArray, won: FloatArray) -> tuple[float, float]:
@@ -403,7 +410,12 @@ def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
 def _mistake(outcome: Outcome) -> Mistake:
     first, known = outcome.first or "", outcome.information
     return Mistake(
-        key=outcome.draw.key, seed=outcome.draw.seed, size=outcome.draw.size, effect=outcome.effect, first=first,
-        winner=outcome.winner, probability=outcome.probability[first],
+        key=outcome.draw.key,
+        seed=outcome.draw.seed,
+        size=outcome.draw.size,
+        effect=outcome.effect,
+        first=first,
+        winner=outcome.winner,
+        probability=outcome.probability[first],
         lead=known[outcome.planted] - known[first] if outcome.planted in known else None,
-    )  # fmt: skip
+    )

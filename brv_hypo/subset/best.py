@@ -198,10 +198,16 @@ def search(board: Board, effort: Effort) -> Certificate:
         nodes += more
     gaps = proved_gaps(board, left)
     return Certificate(
-        exact=not left, nodes=nodes, margin=board.margin, gap=max(gaps, default=0.0), gaps=gaps,
-        seconds=time.perf_counter() - effort.started, kernel=kernel, condition=board.frame.condition,
+        exact=not left,
+        nodes=nodes,
+        margin=board.margin,
+        gap=max(gaps, default=0.0),
+        gaps=gaps,
+        seconds=time.perf_counter() - effort.started,
+        kernel=kernel,
+        condition=board.frame.condition,
         status="complete" if not left else f"stopped by the time limit of {effort.time_limit_s} s",
-    )  # fmt: skip
+    )
 
 
 def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, list[OpenSubtree]]:
