@@ -60,6 +60,14 @@ def prepared(*plant: str, **settings: int) -> Problem:
 
 
 @cache
+def compared_sticking() -> Comparison:
+    """Three seconds with planted sticking, which is named."""
+    planted = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
+    short = {"base": "research_cone", "duration": 3.0, "sample_rate": 100.0, "mechanisms": [planted]}
+    return compare(simulate(short, seed=4), CompareConfig(mechanisms=("sticking",), maximum_likelihood="none"))
+
+
+@cache
 def compared_nominal() -> Comparison:
     """A flight on which nothing is to be found, with `damping` alone, few knots, and likelihood."""
     return compare([nominal().flight], CompareConfig(mechanisms=("damping",), knot_count=5))

@@ -218,15 +218,14 @@ class TestPlot:
 
     def test_a_result_from_json_has_no_histories_to_draw(self, traced) -> None:
         with pytest.raises(UsageError, match="no part of its JSON: call compare or trace again, or keep"):
-            Trace.from_json(traced.to_json()).plot()
+            Trace.from_json(traced.to_json()).plot("moments")
 
     def test_of_a_comparison_from_json_what_it_holds_is_drawn(self, compared) -> None:
         again = Comparison.from_json(compared.to_json())
         (axes,) = again.plot().axes
-        assert axes.get_xlabel() == "probability"
-        with pytest.raises(
-            UsageError, match=r"has: families, probability, limits, cp\. The others .* no part of its JSON"
-        ):
+        assert axes.get_xlabel() == "probability, %"
+        held = "evidence, probability, limits, cp, errors, static-offset, static-slope, damping, coefficients-damping"
+        with pytest.raises(UsageError, match=rf"has: {held}\. The others .* no part of its JSON"):
             again.plot("moments")
 
     def test_without_matplotlib_it_says_how_to_install_it(self, compared, monkeypatch) -> None:

@@ -1,7 +1,6 @@
 """Maximum likelihood for entry vehicles: a regression model refined on the original measurements.
 
     identify(frame, columns, values, options)   -> Identification
-    coefficient_histories(identification)       -> values over time with 2-sigma bands
 
 parameters.py     names of all that is estimated; knots between nodes; errors within tolerances, linearised
 nodes.py          flight records to block means, smooth inputs and start states at nodes
@@ -10,22 +9,7 @@ problem.py        options, start values, priors, bounds, and the call of the lik
 identify.py       the entrance: fit, repeated until its own motion lays out the same nodes; what comes out
 """
 
-from brv_hypo.identification.identify import (
-    OUTPUTS,
-    CoefficientHistory,
-    Estimate,
-    Identification,
-    coefficient_histories,
-    identify,
-)
+from brv_hypo.identification.identify import OUTPUTS, Estimate, Identification, identify
 from brv_hypo.identification.problem import IdentificationConfig
 
-__all__ = [
-    "OUTPUTS",
-    "CoefficientHistory",
-    "Estimate",
-    "Identification",
-    "IdentificationConfig",
-    "coefficient_histories",
-    "identify",
-]
+__all__ = ["OUTPUTS", "Estimate", "Identification", "IdentificationConfig", "identify"]

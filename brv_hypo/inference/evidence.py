@@ -30,6 +30,7 @@ from scipy.optimize import minimize
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
 from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.nuisance import Nuisance
 from brv_hypo.regression.problem import Problem
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
@@ -151,10 +152,25 @@ class Evidence:
         for block in self.rows.blocks:
             within = list(block.items)
             out[within] = block.estimates @ (block.errors.T @ residual[block.rows])
-        shared = [k for k in nuisances.bounded.tolist() if nuisances.items[k].flight is None]
+        shared = [nuisances.items.index(each) for each in self.shared_tolerances]
         out[shared] = self.solution.border[self.rows.coefficients.shape[1] : self.rows.shared.shape[1]]
         known = [*shared, *(k for block in self.rows.blocks for k in block.items)]
         out[known] += [nuisances.items[k].present for k in known]
+        return out
+
+    @property
+    def shared_tolerances(self) -> list[Nuisance]:
+        """What tolerances allow that all flights share, in the order of U's last columns."""
+        nuisances = self.rows.problem.rows.nuisances
+        items = (nuisances.items[k] for k in nuisances.bounded.tolist())
+        return [each for each in items if each.flight is None]
+
+    @property
+    def error_sigmas(self) -> FloatArray:
+        """Standard errors (nuisances,) of those of each flight, beside a model that is known."""
+        out = np.zeros(len(self.rows.problem.rows.nuisances.items))
+        for block in self.rows.blocks:
+            out[list(block.items)] = np.sqrt(np.maximum(1.0 - np.sum(block.estimates**2, axis=1), 0.0))
         return out
 
     @property
@@ -192,17 +208,19 @@ class Evidence:
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
 
     def along(
-        self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray]
+        self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray], allowed: FloatArray | float = 0.0
     ) -> tuple[FloatArray, FloatArray]:
         """A linear function of what is fitted on a flight, and its standard errors (points,).
 
         `values` (points, coefficients): what it has per coefficient of the baseline and the terms; `splines` (points,
-        splines): of each process by its place, per spline coefficient in its units.
+        splines): of each process by its place, per spline coefficient in its units; `allowed` (points, tolerances): per
+        tolerance of what all flights share.
         """
         block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
         known, first = self.rows.coefficients.shape[0], self.rows.shared.shape[1]
         shared = np.zeros((values.shape[0], found.border.size))
         shared[:, :rank] = values[:, :known] @ self.rows.coefficients
+        shared[:, rank:first] = allowed
         shared[:, first:] = values[:, known:]
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():

@@ -9,7 +9,8 @@ adequacy.py  moments outside the list that may be there instead of the leader
 limits.py    how large each mechanism may be; intervals.py net values between knots
 verdict.py   probabilities, and the winner or the credible set
 maximum_likelihood.py    the credible hypotheses on the measurements themselves
-summary.py   gathers the result, and says where criteria disagree; histories.py for its charts; result.py its shape
+summary.py   gathers the result, and says where criteria disagree; result.py its shape
+diagnostics.py   errors of the record, collinearity, whiteness, models by size, the moment as functions
 """
 
 from brv_hypo.ranking.compare import compare

@@ -31,7 +31,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.ranking.adequacy import outside
 from brv_hypo.ranking.config import CompareConfig, CompareSettings
-from brv_hypo.ranking.histories import coefficient_series, size_series
+from brv_hypo.ranking.diagnostics import best_by_size, diagnostics
 from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.judgement import Hypotheses, Judged, Say, acting_in, explained, judged, processes, weighed
 from brv_hypo.ranking.limits import limits
@@ -168,11 +168,11 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         ml=finished - selected,
         total=finished - begun,
     )
-    leader = beside.leader
-    warnings = (*warnings, *tolerance_warnings(fits[leader].name, beside.evidences[leader], verdict))
-    comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict, warnings)
-    histories = {"coefficients": coefficient_series(fits, likelihoods.found), "sizes": size_series(problem, fits)}
-    return comparison.model_copy(update=histories)
+    comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
+    known = diagnostics(beside, comparison)
+    warnings = (*warnings, *tolerance_warnings(fits[beside.leader].name, known["record_errors"], verdict))
+    sized = best_by_size(problem, fits, criteria[beside.null])
+    return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})
 
 
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:

@@ -38,7 +38,7 @@ from brv_hypo.regression.fit import (
 from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import FINAL, ROUGH, Steps
-from brv_hypo.regression.uncertainty import with_design
+from brv_hypo.regression.uncertainty import with_others
 from brv_hypo.thresholds import MECHANISM_ACTS
 
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
@@ -142,7 +142,7 @@ def judged(
         shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
         weight = independent * shares[place]
         fits = [
-            with_design(problem, _estimated(fit, own, own.level - null.level, weight, independent * share, scale))
+            with_others(problem, _estimated(fit, own, own.level - null.level, weight, independent * share, scale))
             for (fit, own), share in zip(pairs, shares, strict=True)
         ]
         there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
@@ -217,7 +217,8 @@ def explained(judged: Judged) -> Explained:
     leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
     count = int(np.sum(leader.terms.scaled))
     if not count:
-        return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0))
+        noise = _noise_share(judged)
+        return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
     made = judged.rows.beside_baseline(leader.terms.x[:, :count])
 
     def share_of(use: BoolArray) -> float:
@@ -228,7 +229,15 @@ def explained(judged: Judged) -> Explained:
     without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
     error = jackknife_error(without)
     low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
-    return Explained(share=share, unexplained=1.0 - share, interval_95=(low, high))
+    noise = min(_noise_share(judged), 1.0 - share)
+    rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}
+    return Explained(share=share, interval_95=(low, high), **rest)
+
+
+def _noise_share(judged: Judged) -> float:
+    """Of the mean square that the baseline's fit has as residual, that of the noise beside all processes."""
+    own = judged.evidences[judged.leader]
+    return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
 
 
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.identification import Identification, IdentificationConfig, identify
-from brv_hypo.inference.evidence import Evidence
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking.config import CompareConfig
-from brv_hypo.ranking.result import Verdict
+from brv_hypo.ranking.result import EXCEED, RecordError, Verdict
 from brv_hypo.regression.fit import HypothesisFit, likeliest
+from brv_hypo.regression.nuisance import beyond_tolerance
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.uncertainty import Regressed
 
@@ -54,14 +54,12 @@ def identify_credible(
 # ---- Errors of record and vehicle that the data want larger than their tolerances let expect ----
 
 
-def tolerance_warnings(leader: str, evidence: Evidence, verdict: Verdict) -> tuple[str, ...]:
+def tolerance_warnings(leader: str, errors: Sequence[RecordError], verdict: Verdict) -> tuple[str, ...]:
     """A sentence on those of the leader; none where it is not adequate, for what it lacks poses as errors."""
-    if verdict.outcome == "none adequate":
-        return ()
-    problem = evidence.rows.problem
-    found = problem.rows.nuisances.beyond_tolerance(evidence.errors, len(problem.records))
-    if not found:
+    beyond = [beyond_tolerance(each.name, each.value, each.tolerance, each.units) for each in errors]
+    found = [text for text in beyond if text is not None]
+    if verdict.outcome == "none adequate" or not found:
         return ()
     more = len(found) - BEYOND_TOLERANCE_NAMED
     listed = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {hypothesis(leader)}, errors exceed the tolerances of the record: {listed} (see --instruments)",)
+    return (f"with {hypothesis(leader)}, {EXCEED}: {listed} (see --instruments)",)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import Literal
 
 from pydantic import Field
 
-from brv_hypo.io.text import hypothesis
+from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED
+from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.io.text import hypothesis, number
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
+EXCEED = "errors exceed the tolerances of the record"
+"""In the warning of errors that the conclusion names too."""
 
 
 class TermEstimate(NullIsNaN):
@@ -66,6 +71,13 @@ class MaximumLikelihood(NullIsNaN):
     seconds: float = 0.0
     message: str = ""
 
+    @property
+    def trouble(self) -> str:
+        """Why it is not to be relied on; empty where it converged from every starting point alike."""
+        apart = "starting points disagree" if "Starting points disagree" in self.message else ""
+        ended = "" if self.status == "converged" else f"{self.status}, so coefficients are those of the regression"
+        return "; ".join(filter(None, (ended, apart)))
+
 
 class NetInterval(NullIsNaN):
     """The net values of a hypothesis between two of its knots (s, of the reference flight)."""
@@ -105,6 +117,9 @@ class RankedHypothesis(NullIsNaN):
     criteria: dict[str, float] = Field(default_factory=dict)
     status: Literal["ok", "term limit"] = "ok"
     notes: tuple[str, ...] = ()
+    held_out_gain: float = float("nan")
+    """ln of the predictive density of each stretch of time given the others, over the baseline only's; weighted."""
+    held_out_gain_std_error: float = float("nan")
     ml: MaximumLikelihood | None = None
 
 
@@ -148,13 +163,15 @@ class Adequacy(NullIsNaN):
 class Explained(NullIsNaN):
     """Of the mean square that the baseline's fit has as residual: what the leader explains, and what it does not.
 
-    `share` + `unexplained` is 1: what the leader does not explain is due to processes and noise. `interval_95` of the
-    share.
+    `share` + `unexplained` is 1: what the leader does not explain is due to `processes` and `noise`. `interval_95` of
+    the share.
     """
 
     share: float
     unexplained: float
     interval_95: Interval
+    processes: float = float("nan")
+    noise: float = float("nan")
 
 
 class ProcessEstimate(NullIsNaN):
@@ -178,6 +195,33 @@ class MechanismLimit(NullIsNaN):
 
     mechanism: str
     share_of_moment_95: float
+
+
+class RecordError(NullIsNaN):
+    """An error of record or vehicle as the leader has it, with its 1-sigma `tolerance`.
+
+    `std_error`: beside a model that is known. The `name` has the flight's number where there are several.
+    """
+
+    name: str
+    value: float
+    std_error: float
+    units: str
+    tolerance: float
+
+    @property
+    def tolerances(self) -> float:
+        """Its value in tolerances."""
+        return self.value / self.tolerance
+
+
+class SizedModel(NullIsNaN):
+    """The best subset of `n_terms` of the leader's terms on the grid of knots and delays (Tables 5.5, 5.7)."""
+
+    n_terms: int
+    n_coefficients: int
+    cp: float
+    terms: tuple[str, ...]
 
 
 class RecordFaultSummary(NullIsNaN):
@@ -244,42 +288,18 @@ class Series(NullIsNaN):
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
     mach: tuple[float, ...] = ()
-
-
-class CoefficientSeries(NullIsNaN):
-    """A coefficient or derivative over time, as one hypothesis has it: not part of the JSON.
-
-    `value` and `std_error` over `time_s`, of one segment of flight number `flight`; moment coefficients have
-    no unit, derivatives by alpha and the normal-force slope are in 1/rad. The band is two `std_error` wide.
+    dynamic_pressure_pa: tuple[float, ...] = ()
+    channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
+    """Of the leader, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled, processes left out.
     """
-
-    mechanism: str
-    method: Literal["regression", "maximum likelihood"]
-    flight: int
-    name: str
-    time_s: tuple[float, ...]
-    value: tuple[float, ...]
-    std_error: tuple[float, ...]
-
-
-class SizeSeries(NullIsNaN):
-    """The in-plane moment of the leader with `n_terms` terms over time, of one flight: not part of the JSON.
-
-    `at_zero` is C_N' at no angle of attack, `slope` its derivative by alpha in 1/rad; the model that was `chosen` has
-    its knots and delays refined, the others are the best subsets on the grid.
-    """
-
-    mechanism: str
-    n_terms: int
-    chosen: bool
-    flight: int
-    time_s: tuple[float, ...]
-    at_zero: tuple[float, ...]
-    slope: tuple[float, ...]
+    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""
 
 
 def _percent(share: float) -> str:
     """Whole; near nothing and near all to hundredths."""
+    if 0.0 < share < 5e-5:
+        return "<0.01"
     return f"{100.0 * share:.{0 if 0.01 <= share <= 0.99 else 2}f}"
 
 
@@ -303,9 +323,14 @@ class Comparison(HasCharts, Result):
     seconds: Seconds
     warnings: tuple[str, ...] = ()
     disagreements: tuple[str, ...] = ()
+    record_errors: tuple[RecordError, ...] = ()
+    """The largest in tolerances first."""
+    best_by_size: tuple[SizedModel, ...] = ()
+    collinear: tuple[str, ...] = ()
+    """Pairs of the leader's coefficients that are not to be read by themselves: correlation (variance inflations)."""
+    functions: dict[Literal["C_m0", "C_malpha", "C_mq"], tuple[Derivative, ...]] = Field(default_factory=dict)
+    """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)
-    coefficients: tuple[CoefficientSeries, ...] = Field(default=(), exclude=True)
-    sizes: tuple[SizeSeries, ...] = Field(default=(), exclude=True)
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
@@ -317,13 +342,34 @@ class Comparison(HasCharts, Result):
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {headline}{explains}"
 
+    @property
+    def beyond_tolerances(self) -> tuple[RecordError, ...]:
+        """Errors that exceed what the record allows."""
+        return tuple(each for each in self.record_errors if abs(each.tolerances) > BEYOND_TOLERANCE)
+
     def conclusion(self) -> str:
-        """The reason of the verdict, and on a line of its own what the leader explains."""
-        if (found := self.verdict.explained) is None or not found.share:
-            return self.verdict.reason
-        share, low, high, rest = map(_percent, (found.share, *found.interval_95, found.unexplained))
-        explains = f"{self.ranking[0].mechanism} explains {share} % ({low} to {high} %) of the residual of the baseline"
-        return f"{self.verdict.reason}\n{explains}; {rest} % is due to processes and noise."
+        """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
+        lines, found = [self.verdict.reason], self.verdict.explained
+        if found is not None and (found.share or isfinite(found.processes)):
+            share, low, high = map(_percent, (found.share, *found.interval_95))
+            leader = [f"{self.ranking[0].mechanism} {share} % ({low} to {high} %)"] if found.share else []
+            parts = {"processes and noise": found.unexplained}  # of an earlier version
+            if isfinite(found.processes):
+                parts = {"processes": found.processes, "noise": found.noise}
+            rest = [f"{name} {_percent(part)} %" for name, part in parts.items()]
+            lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
+        if beyond := self.beyond_tolerances:
+            said = [
+                f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
+                f"({abs(each.tolerances):.1f} times)"
+                for each in beyond[:BEYOND_TOLERANCE_NAMED]
+            ]
+            listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
+            poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
+            lines.append(f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}.")
+        if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
+            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}.")
+        return "\n".join(lines)
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

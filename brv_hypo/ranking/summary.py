@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +14,7 @@ from brv_hypo.identification import Identification
 from brv_hypo.io.text import hypothesis
 from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.kinematics import plane_from_body
-from brv_hypo.ranking.histories import drawn
-from brv_hypo.ranking.intervals import Interval, intervals
+from brv_hypo.ranking.intervals import intervals
 from brv_hypo.ranking.maximum_likelihood import Likelihoods
 from brv_hypo.ranking.result import (
     BaselineSummary,
@@ -39,6 +39,7 @@ from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
+MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 
 
 def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
@@ -80,7 +81,6 @@ def summarise(
     seconds: Seconds,
     likelihoods: Likelihoods,
     verdict: Verdict,
-    warnings: Sequence[str] = (),
 ) -> Comparison:
     """Rank the fits, and gather all that the result holds.
 
@@ -113,7 +113,6 @@ def summarise(
         verdict=verdict,
         seconds=seconds,
         series=_series(problem, fits),
-        warnings=tuple(warnings),
         disagreements=criteria_disagree(ranking, verdict.probability),
     )
 
@@ -137,13 +136,7 @@ def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
     return RecordSummary(
         sound=all(trial.sound for trial in trials),
         faults=tuple(
-            RecordFaultSummary(
-                channel=fault.channel,
-                fault=fault.fault,
-                start_s=fault.start_s,
-                stop_s=fault.stop_s,
-                action=fault.action,
-            )
+            RecordFaultSummary.model_validate(fault, from_attributes=True)
             for fault in sorted((f for trial in trials for f in trial.faults), key=lambda fault: not fault.decisive)
         ),
     )
@@ -205,20 +198,17 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
     for j in indices:
         column, value = fit.columns[j], float(fit.values[j])
         sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
-        found.append(
-            TermEstimate(
-                name=column.label,
-                mechanism=BASELINE if j < fit.baseline_size else column.mechanism,
-                channel=_channel(fit, column),
-                value=value,
-                std_error=sigma,
-                f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
-                units=column.units,
-                region_s=_region(fit, column),
-                delay_s=column.delay,
-            )
-        )
+        mechanism = BASELINE if j < fit.baseline_size else column.mechanism
+        where = {"channel": _channel(fit, column), "region_s": _region(fit, column), "delay_s": column.delay}
+        found.append(_term(column.label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
+
+
+def _term(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
+    """An estimate; `where`: its channel, region and delay."""
+    f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
+    known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
+    return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
 
 
 def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
@@ -247,39 +237,13 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
 
 def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
     """Net values in time order, with what mechanisms derive from them."""
-    return tuple(
-        NetInterval(
-            start_s=each.start,
-            stop_s=each.stop,
-            values=(
-                *(
-                    _net(net.term, net.mechanism, net.value, net.std_error, net.units, each, net.delay)
-                    for net in each.values
-                ),
-                *(
-                    _net(derived.name, mechanism, derived.value, derived.std_error, derived.units, each, None)
-                    for mechanism, derived in each.derived
-                ),
-            ),
-        )
-        for each in intervals(fit)
-    )
-
-
-def _net(
-    name: str, mechanism: str, value: float, sigma: float, units: str, where: Interval, delay: float | None
-) -> TermEstimate:
-    return TermEstimate(
-        name=name,
-        mechanism=mechanism,
-        channel="both",
-        value=value,
-        std_error=sigma,
-        f_ratio=(value / sigma) ** 2 if sigma > 0 else float("nan"),
-        units=units,
-        region_s=(where.start, where.stop),
-        delay_s=delay,
-    )
+    found = []
+    for each in intervals(fit):
+        where = {"channel": "both", "region_s": (each.start, each.stop)}
+        net = [_term(n.term, n.mechanism, n.value, n.std_error, n.units, delay_s=n.delay, **where) for n in each.values]
+        net += [_term(d.name, name, d.value, d.std_error, d.units, **where) for name, d in each.derived]
+        found.append(NetInterval(start_s=each.start, stop_s=each.stop, values=tuple(net)))
+    return tuple(found)
 
 
 def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
@@ -315,16 +279,7 @@ def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> 
             DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units) for e in found.nonlinear
         ),
         instrument=tuple(
-            TermEstimate(
-                name=e.name,
-                mechanism="instrument",
-                channel="record",
-                value=e.value,
-                std_error=e.std_error,
-                f_ratio=e.f_ratio,
-                units=e.units,
-            )
-            for e in found.instruments
+            _term(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
         ),
         seconds=found.seconds,
     )
@@ -343,14 +298,8 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
     found = []
     end = float(fit.frame.coefficient_time.max())
     for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
-        found.append(
-            DerivedEstimate(
-                name=f"{parameter.mechanism} {parameter.name}",
-                value=parameter.value,
-                std_error=sigma,
-                units=parameter.units,
-            )
-        )
+        name = f"{parameter.mechanism} {parameter.name}"
+        found.append(DerivedEstimate(name=name, value=parameter.value, std_error=sigma, units=parameter.units))
     vectors: dict[Vector, list[int]] = {}
     for j, column in enumerate(fit.columns):
         if column.grouped:
@@ -374,6 +323,11 @@ def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
     values, others = problem.solution(fit.frame, fit.columns)
     rest = problem.left(fit.frame, fit.columns, values, others)
     return residual_moments(fit.frame, problem.records, rest.rates).body
+
+
+def drawn(samples: int) -> slice:
+    """Which of so many samples of a stretch of time are drawn: all of them, or every so many-th."""
+    return slice(None, None, max(1, -(-samples // MOST_DRAWN)))
 
 
 def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:

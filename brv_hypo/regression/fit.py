@@ -28,26 +28,13 @@ from brv_hypo.regression.search import extended, on_grid
 
 
 @dataclass(frozen=True)
-class DesignMoment:
-    """What belongs to the moment of the vehicle's shape and has a prior: columns and values.
-
-    `covariance` is that of the fit's coefficients and then of these.
-    """
-
-    columns: tuple[Regressor, ...]
-    values: FloatArray
-    covariance: FloatArray
-
-
-@dataclass(frozen=True)
 class HypothesisFit:
     """A fitted hypothesis in the whitened frame.
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
-    `joint_covariance`, of values and then those, is empty until `with_errors`; `design` is what the design of the
-    vehicle has beside them within priors, and `others` all nuisances (unknowns,), found there too. `bound_cost` is the
-    fall of 2 ln L where coefficients are held within their mechanism's bounds.
+    `joint_covariance`, of values and then those, and `others`, all nuisances, are empty until `with_errors`.
+    `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds.
     """
 
     name: str
@@ -63,18 +50,9 @@ class HypothesisFit:
     nonlinear: tuple[Nonlinear, ...] = ()
     joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     bound_cost: float = 0.0
-    design: DesignMoment | None = None
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
     log_evidence: float | None = None
     """Beside processes, over that of the baseline only, as it counts; None before they are known."""
-
-    @property
-    def moment(self) -> tuple[tuple[Regressor, ...], FloatArray, FloatArray]:
-        """Columns, coefficients (k,) and their covariance (k, k) of the whole moment of the vehicle's shape."""
-        if self.design is None:
-            return self.columns, self.values, self.covariance
-        values = np.append(self.values, self.design.values)
-        return (*self.columns, *self.design.columns), values, self.design.covariance
 
     @property
     def covariance(self) -> FloatArray:

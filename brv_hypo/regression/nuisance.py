@@ -123,16 +123,6 @@ class Nuisances:
         items = tuple(self.items[k] for k in kept)
         return Nuisances(items, Histories(self.histories.rows, Rows(rates, force)), correlated, self.noise)
 
-    def beyond_tolerance(self, fitted: FloatArray, flights: int) -> tuple[str, ...]:
-        """In words, which errors are beyond what tolerances allow by fitted unknowns (unknowns,), the worst first."""
-        values = zip(self.items, fitted.tolist(), strict=True)
-        stated = [(item.whole(value), item) for item, value in values if item.stated]
-        found = (
-            beyond_tolerance(item.label if flights > 1 else item.plain_label, whole, item.size, item.units)
-            for whole, item in sorted(stated, key=lambda each: -abs(each[0]) / each[1].size)
-        )
-        return tuple(text for text in found if text is not None)
-
     def values(self, fitted: FloatArray, flights: int) -> tuple[Errors, ...]:
         """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
         found: list[dict[tuple[str, str], float]] = [{} for _ in range(flights)]

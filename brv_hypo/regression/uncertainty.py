@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import derivatives
-from brv_hypo.regression.fit import DesignMoment, HypothesisFit
+from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import covariance_of, variance_of
+from brv_hypo.regression.linear import covariance_of
 from brv_hypo.regression.nuisance import Errors
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import prediction_slopes
@@ -57,7 +57,7 @@ def residual_moments(frame: RateFrame, records: Sequence[InertialRecord], rates:
 
 def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit with the uncertainty of all that it says, at the problem's effective sample size."""
-    return with_design(problem, with_covariance(problem, fit))
+    return with_others(problem, with_covariance(problem, fit))
 
 
 def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -70,33 +70,9 @@ def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
 
 
-def with_design(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the nuisances beside it, and of these the tolerated moments that all flights share."""
-    items = problem.rows.nuisances.items
-    others = problem.others_beside(fit.frame, fit.columns, fit.values)
-    fit = replace(fit, others=others)
-    shared = [k for k, item in enumerate(items) if item.flight is None]
-    if not shared:
-        return fit
-    always = TimeBasis("constant")
-    columns = tuple(Regressor(items[k].name, items[k].component, (), always, items[k].units) for k in shared)
-    sizes = np.array([items[k].size for k in shared])
-    covariance = _with_unknowns(problem, fit, sizes, [2 * len(problem.rows.part.levels) + k for k in shared])
-    return replace(fit, design=DesignMoment(columns, sizes * others[shared], covariance))
-
-
-def _with_unknowns(problem: Problem, fit: HypothesisFit, sizes: FloatArray, chosen: Sequence[int]) -> FloatArray:
-    """Covariance (columns + chosen,) squared of the coefficients and then some unknowns, of these sizes."""
-    rows, design = problem.rows, problem.raw_design(fit.frame, fit.columns)
-    samples = problem.samples - rows.basis.shape[1]
-    known = covariance_of(rows.projected(design), fit.residual, samples, problem.efficiency)
-    made = sizes[:, np.newaxis] * rows.unknowns[chosen]
-    follow = np.concatenate([np.eye(len(fit.columns)), -made @ (rows.basis.T @ design)])
-    covariance = follow @ known @ follow.T
-    own = slice(len(fit.columns), None)
-    variance = variance_of(fit.residual, samples - len(fit.columns), problem.efficiency)
-    covariance[own, own] += variance * made @ made.T
-    return np.asarray(covariance, dtype=float)
+def with_others(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the nuisances beside it."""
+    return replace(fit, others=problem.others_beside(fit.frame, fit.columns, fit.values))
 
 
 # ---- What a regression says beside its coefficients ----

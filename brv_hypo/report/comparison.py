@@ -1,106 +1,76 @@
-"""A comparison as a document: ranking, verdict, terms and criteria, and the charts of each flight.
+"""A comparison as a document: verdict, ranking and overview, then the evidence in sections with charts of each flight.
 
 `comparison_document` is the entrance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.io.text import counted, hypothesis, probability
-from brv_hypo.ranking.result import CoefficientSeries, Comparison, FlightSummary, RankedHypothesis, Series, SizeSeries
+from brv_hypo.io.text import hypothesis, probability
+from brv_hypo.ranking.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Band, Bars, Block, Chart, Document, Line, Panel, Picture, Role, Texts, Values
-from brv_hypo.report.motion_charts import PLAIN, Drawn, Scale, Setting, caption, cut_text, framed
+from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Picture, Role, Section, Texts
+from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 LEADING = 2  # hypotheses that are drawn besides the baseline only; more lines than this hide each other
-CLOSE = 0.1  # share of the axis within which two dots are so close that their names would hide each other
-ROUNDING = 1e-9  # a coefficient that stays below this, its error included, is none of the model's and is not drawn
-COEFFICIENTS = {
-    "C_N'": "C<sub>m,in</sub>",
-    "C_Z'": "C<sub>n,side</sub>",
-    "C_N' by alpha": "∂C<sub>m,in</sub>/∂α, 1/rad",
-    "C_Z' by alpha": "∂C<sub>n,side</sub>/∂α, 1/rad",
-    "C_Nalpha_force": "force C<sub>Nα</sub>, 1/rad",
+WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
+FUNCTIONS = {"C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"), "C_malpha": STATIC, "C_mq": DAMPING}
+"""Name, heading and axis of a function of Mach number and angle of attack."""
+CHANNELS = {
+    "measured-rates": {"q": ("q, deg/s", 180.0 / np.pi), "r": ("r, deg/s", 180.0 / np.pi)},
+    "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
-"""By name, the title of a coefficient's axis."""
-MOMENTS = ("C_N'", "C_Z'")  # coefficients that may be drawn in thousandths
-BY_MACH = ("C_N' by alpha", "C_Nalpha_force")  # coefficients that are drawn over Mach number too
+"""By chart and channel, title and scale of an axis."""
+EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
 
 
-def comparison_charts(comparison: Comparison) -> list[Chart]:
-    """Every chart that the comparison has the data for, in the order of a page."""
-    verdict = comparison.verdict
-    ranked = [row.mechanism for row in comparison.ranking if row.mechanism in verdict.probability]
-    chances = {name: verdict.probability[name] for name in (*ranked, *verdict.probability)}
-    likeliest = sorted(chances, key=lambda name: -chances[name])  # of equals as they are ranked
-    texts = [probability(chances[name]) for name in likeliest]
-    names, values = list(map(hypothesis, likeliest)), [chances[name] for name in likeliest]
-    over = "Over the hypotheses compared and other: something that is not on the list."
-    limits = {limit.mechanism: limit.share_of_moment_95 for limit in verdict.limits}
-    title, read = "largest share of the moment's rms, %", "How large each mechanism may be, whatever won."
-    drawn = [
-        Chart("probability", "Probability", "probability", [Panel("", [Bars(names, values, texts)])] if names else [],
-              range=(0.0, 1.08), caption=over),
-        Chart("limits", "Limits at 95 %", title, charts.share_bars(limits, "third"), caption=read),
-        _sizes(comparison),
-    ]  # fmt: skip
-    for index, series in enumerate(comparison.series):
-        drawn += _of_flight(comparison, index, series)
-    return [chart for chart in drawn if chart.panels]
+def _probability(comparison: Comparison) -> Chart:
+    """Of each hypothesis, the likeliest first, of equals as they are ranked."""
+    chances = comparison.verdict.probability
+    order = [*(row.mechanism for row in comparison.ranking if row.mechanism in chances), *chances]
+    shares = {hypothesis(name): chances[name] for name in sorted(dict.fromkeys(order), key=lambda name: -chances[name])}
+    panels, over = charts.share_bars(shares, "first", probability), "Other: something that is not on the list."
+    return Chart("probability", "Probability", "probability, %", panels, range=(0.0, 108.0), caption=over)
 
 
-def _families(comparison: Comparison) -> Chart:
-    """The share of the static moment's rms of each family's processes, largest first."""
-    shares: dict[str, float] = {}
-    for each in comparison.verdict.processes:
-        shares[each.family] = float(np.hypot(shares.get(each.family, 0.0), each.share_of_moment))
-    panels = charts.share_bars(dict(sorted(shares.items(), key=lambda item: -item[1])), "second")
-    read = "What a family's processes make of the record: rms (root of the sum of squares) over the static moment's."
-    return Chart("families", "Processes by family", "of the static moment, %", panels, caption=read)
+def _evidence(comparison: Comparison) -> Chart:
+    """ln evidence, and how much better stretches held out are predicted, over the baseline only."""
+    rows = [row for row in comparison.ranking if np.isfinite(row.held_out_gain)]
+    held_out, wide = [row.held_out_gain for row in rows], [2.0 * row.held_out_gain_std_error for row in rows]
+    places, level = list(range(len(rows))), [row.log_evidence for row in rows]
+    gains = Line(held_out, places, "first", "held out, ± 2 sigma", dots=True, large=True, spread=wide)
+    evidence = Line(level, places, "second", "ln evidence", dots=True, large=True)
+    panels = [Panel("", [gains, evidence], categories=[hypothesis(row.mechanism) for row in rows])] if rows else []
+    read = "Held out: ln of the probability of each stretch of time given the others."
+    return Chart("evidence", "Evidence and prediction", "nats over the baseline only", panels, caption=read)
 
 
 def _sizes(comparison: Comparison) -> Chart:
-    """Mallows' C_p over the number of terms, counted from the least so that a logarithmic axis holds all."""
-    rows = [row for row in comparison.ranking if np.isfinite(row.cp)]
-    if len(rows) < 2:
+    """Mallows' C_p over the number of coefficients: hypotheses, best subsets of the leader by size, and C_p = p."""
+    sized, rows = comparison.best_by_size, [row for row in comparison.ranking if np.isfinite(row.cp)]
+    if len(rows) < 2 or not sized:
         return Chart("cp", "", "", ())
-    lowest = min(row.cp for row in rows)
-    terms, spread = [row.n_terms for row in rows], [row.cp - lowest + 1.0 for row in rows]
-    labels = _together([hypothesis(row.mechanism) for row in rows], terms, np.log10(spread))
-    points = Line(terms, spread, "first", dots=True, large=True, labels=labels)
-    return Chart(
-        "cp",
-        "C_p over size",
-        "terms besides the baseline",
-        [Panel("C<sub>p</sub> − least + 1", [points], log=True)],
-        caption="Mallows' criterion. Far above the least, terms are missing.",
-        range=(-0.5, max(terms) + 1.0),  # room for the label of the last
-        counted=True,
-    )
-
-
-def _together(names: Sequence[str], columns: Sequence[int], heights: FloatArray) -> list[str]:
-    """The names as labels of dots: those of dots in one column that lie close to each other stand in one label, the
-    uppermost first, beside the middle one of these dots.
-    """
-    labels = [""] * len(names)
-    close = CLOSE * float(np.ptp(heights))
-    groups: list[list[int]] = []
-    for i in sorted(range(len(names)), key=lambda i: (columns[i], -heights[i])):
-        last = groups[-1][-1] if groups else None
-        if last is not None and columns[last] == columns[i] and heights[last] - heights[i] <= close:
-            groups[-1].append(i)
-        else:
-            groups.append([i])
-    for group in groups:
-        labels[group[len(group) // 2]] = "\n".join(names[i] for i in group)
-    return labels
+    found: dict[tuple[int, bool], list[RankedHypothesis]] = {}
+    for row in sorted(rows, key=lambda row: -row.cp):
+        found.setdefault((sized[0].n_coefficients + row.n_terms, row is rows[0]), []).append(row)
+    p = np.arange(sized[0].n_coefficients, max(max(found)[0], sized[-1].n_coefficients) + 1.0)
+    layers = [
+        Line(p, p, "guide", "C_p = p", dashed=True),
+        Line([each.n_coefficients for each in sized], [max(each.cp, 1.0) for each in sized], "third", "best of a size"),
+    ]
+    for (count, _), some in found.items():  # rivals of one size in one label, beside the middle one of its dots
+        heights, labels = [max(row.cp, 1.0) for row in some], [""] * len(some)
+        labels[len(some) // 2] = "\n".join(hypothesis(row.mechanism) for row in some)
+        layers.append(Line([count] * len(some), heights, "first", "hypotheses", dots=True, large=True, labels=labels))
+    read = "Mallows' criterion. Far above the line, terms are missing. Best of a size: on the grid of knots and delays."
+    panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 0.5, p[-1] + 1.5)  # room for the last label
+    return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
 
 
 def _own_knots(row: RankedHypothesis | None, index: int, flight: FlightSummary) -> list[float]:
@@ -113,158 +83,202 @@ def _own_knots(row: RankedHypothesis | None, index: int, flight: FlightSummary) 
     return [time for time in own if time is not None and flight.start_s < time < flight.stop_s]
 
 
-def _of_flight(comparison: Comparison, index: int, series: Series) -> list[Chart]:
-    flight, rows = comparison.flights[index], {row.mechanism: row for row in comparison.ranking}
-    several = len(comparison.flights) > 1
-    setting = Setting(
+def _setting(comparison: Comparison, index: int, row: RankedHypothesis | None) -> Setting:
+    """What charts over time of one flight share, with the knots of a hypothesis."""
+    flight, several = comparison.flights[index], len(comparison.flights) > 1
+    return Setting(
         (flight.start_s, flight.stop_s),
-        _own_knots(next((row for name, row in rows.items() if name != "none"), None), index, flight),
+        _own_knots(row, index, flight),
         charts.masked(comparison.record.faults, flight.stop_s - flight.start_s),
         f"-{index + 1}" if several else "",
         f": {flight.title or flight.path}" if several else "",
     )
+
+
+def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
+    """Charts of one flight, by what they are of."""
+    series, ranked = comparison.series[index], [row for row in comparison.ranking if row.mechanism != "none"]
+    setting = _setting(comparison, index, ranked[0] if ranked else None)
     time, measured, sigma = series.time_s, series.measured, series.sigma
     angles = (series.alpha_rad, series.windward_meridian_rad)
     # the baseline below, for contrast, and the leader last, on top
-    first = [row.mechanism for row in comparison.ranking if row.mechanism != "none"][:LEADING]
     roles: tuple[Role, ...] = ("first", "second")
-    leading: list[tuple[str, Role]] = [("none", "none"), *reversed(list(zip(first, roles, strict=False)))]
-    fitted = {name: series.fitted[name] for name, _ in leading if name in series.fitted}
-    models = [Drawn(hypothesis(name), fitted[name], role) for name, role in leading if name in fitted]
+    leading = list(zip((row.mechanism for row in ranked[:LEADING]), roles, strict=False))
+    shown: list[tuple[str, Role]] = [("none", "none"), *reversed(leading)]
+    models = [Drawn(hypothesis(name), series.fitted[name], role) for name, role in shown if name in series.fitted]
     residuals = [replace(m, moments=charts.difference(measured, m.moments)) for m in models]
-    drawn = [
+    moments = [
         charts.moment_chart(setting, time, measured, sigma, models),
         charts.residual_chart(setting, time, sigma, residuals),
-        charts.motion_chart(setting, time, *angles, series.alpha_sigma_rad, series.windward_meridian_sigma_rad),
-        charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
+        charts.moment_by_alpha_chart(setting, angles[0], measured, models[-1:]),
     ]
-    if "none" in fitted and len(fitted) > 1:  # what the leader makes of the baseline's residual (Figure 5.18)
-        beyond = replace(models[-1], moments=charts.difference(models[-1].moments, fitted["none"]))
-        residual = charts.difference(measured, fitted["none"])
-        heading = "Moments less the baseline"
-        drawn.append(charts.moment_by_alpha_chart(setting, angles[0], residual, [beyond], "excess-by-alpha", heading))
-    if series.roll_rate_rad_s:
-        drawn.append(charts.attitude_chart(setting, time, *angles, series.roll_rate_rad_s))
-    drawn += _by_size(setting, [s for s in comparison.sizes if s.flight == index])
-    histories = [Drawn("measured", measured, "measured"), *(replace(m, name=f"less {m.name}") for m in residuals)]
-    rates = charts.turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
-    drawn.append(charts.spectrum_chart(setting, time, histories, rates))
-    for name, _ in reversed(leading):
-        own = [s for s in comparison.coefficients if (s.flight, s.mechanism) == (index, name)]
-        knots = _own_knots(rows.get(name), index, flight)
-        drawn += _coefficients(replace(setting, knots=knots), own, series)
-    return drawn
-
-
-def _by_size(setting: Setting, series: Sequence[SizeSeries]) -> list[Chart]:
-    """The in-plane moment at no angle of attack and its slope, by the number of terms (Figures 5.12 to 5.15)."""
-    if len(series) < 2:
-        return []
-    roles: tuple[Role, ...] = ("none", "third", "second", "first")  # the fewest terms below
-    scale = charts.scale_of(*(each.at_zero for each in series))
-    at_zero: list[Line] = []
-    slopes: list[Line] = []
-    for each, role in zip(series, roles, strict=False):
-        name = counted(each.n_terms, "term") + (", chosen" if each.chosen else "")
-        shown: Role = "first" if each.chosen else role
-        at_zero.append(Line(each.time_s, scale.drawn(each.at_zero), shown, name))
-        slopes.append(Line(each.time_s, each.slope, shown, name))
-    titles = (f"C<sub>m0</sub>{scale.suffix}", COEFFICIENTS["C_N' by alpha"])
-    panels = [framed(Panel(title, layers)) for title, layers in zip(titles, (at_zero, slopes), strict=True)]
-    heading = f"In-plane moment of {series[-1].mechanism} by its terms"
-    read = "Above: at no angle of attack. Where two sizes differ by much, do not rely on the smaller."
-    return [setting.chart("coefficients-by-size", heading, panels, read, cut_text(panels))]
-
-
-def _coefficients(setting: Setting, series: Sequence[CoefficientSeries], motion: Series) -> list[Chart]:
-    """Coefficients and derivatives of one hypothesis over time and over Mach number; nothing where it has none."""
-    shown = [s for s in series if max(map(abs, s.value)) > ROUNDING or max(s.std_error) > ROUNDING]
-    if not shown:
-        return []
-    scale = charts.scale_of(*(s.value for s in shown if s.name in MOMENTS))
-    panels = []
-    for name in dict.fromkeys(s.name for s in shown):
-        own = scale if name in MOMENTS else PLAIN
-        layers = [layer for s in shown if s.name == name for layer in _estimate(s, s.time_s, own)]
-        panels.append(framed(Panel(f"{COEFFICIENTS.get(name, name)}{own.suffix}", layers)))
-    heading = f"Coefficients of {hypothesis(shown[0].mechanism)}"
-    bands, stem, by = "Bands: two standard deviations.", shown[0].mechanism, shown[0].method
-    drawn = [setting.chart(f"coefficients-{stem}", f"{heading} by {by}", panels, bands, cut_text(panels))]
-    by_mach = [s for s in shown if s.name in BY_MACH]
-    if by_mach and len(motion.mach) and np.all(np.isfinite(motion.mach)) and np.ptp(motion.mach) > 0.0:
+    overview = replace(moments[0], name=f"overview{setting.suffix}")
+    if "none" in series.fitted and len(models) > 1:  # what the leader makes of the baseline's residual (Figure 5.18)
+        beyond = replace(models[-1], moments=charts.difference(models[-1].moments, series.fitted["none"]))
+        heading = f"Moments less the baseline, and {beyond.name}{setting.which}"
+        drawn = charts.moment_chart(setting, time, residuals[0].moments, sigma, [beyond])
+        overview = replace(drawn, name=overview.name, heading=heading)
+        named = ("excess-by-alpha", "Moments less the baseline")
+        moments.append(charts.moment_by_alpha_chart(setting, angles[0], residuals[0].moments, [beyond], *named))
+    sigmas, rolls = (series.alpha_sigma_rad, series.windward_meridian_sigma_rad), series.roll_rate_rad_s
+    motion = charts.air_chart(setting, time, series.mach, series.dynamic_pressure_pa)
+    motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
+    if rolls:
+        motion.append(charts.attitude_chart(setting, time, *angles, rolls))
+    channels = []
+    for stem, axes in CHANNELS.items() if series.channels else ():
         panels = []
-        for name in dict.fromkeys(s.name for s in by_mach):
-            layers = []
-            for s in (s for s in by_mach if s.name == name):
-                mach = np.interp(s.time_s, motion.time_s, motion.mach)
-                order = np.argsort(mach, kind="stable")
-                layers += _estimate(s, mach[order], PLAIN, order)
-            panels.append(framed(Panel(COEFFICIENTS[name], layers)))
-        file, title = f"coefficients-by-mach-{stem}{setting.suffix}", f"{heading} by Mach number{setting.which}"
-        drawn.append(Chart(file, title, "Mach number", panels, caption=caption(bands, cut_text(panels))))
-    return drawn
+        for name, (title, scale) in axes.items():
+            read, fitted = (scale * np.asarray(each) for each in series.channels[name])
+            dots = Line(time, read, "measured", "measured", dots=True)
+            panels.append(Panel(title, [dots, Line(time, fitted, "first", models[-1].name)]))
+        text = "At the c.g., fitted errors of the record taken out; the model without processes."
+        channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
+    ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's
+    histories = [
+        Drawn("measured", measured, "measured"),
+        *(replace(m, name=f"less {m.name.removesuffix(' only')}") for m in ends),
+    ]
+    rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
+    spectrum = charts.spectrum_chart(setting, time, histories, rates)
+    return {
+        "overview": [overview],
+        "motion": motion,
+        "moments": moments,
+        "channels": channels,
+        "residual": [*charts.whiteness_charts(setting, series.whitened), spectrum],
+    }
 
 
-def _estimate(
-    series: CoefficientSeries, x: Values, scale: Scale, order: IntArray | slice = slice(None)
-) -> list[Band | Line]:
-    value, sigma = scale.drawn(series.value)[order], scale.drawn(series.std_error)[order]
-    return charts.estimate(x, value, sigma, band="± 2 sigma")
+def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
+    """Net values of a hypothesis over time, interval by interval between its knots."""
+    found: dict[str, list[tuple[float, float, float]]] = {}
+    for each in row.intervals:
+        for value in each.values:
+            steps = found.setdefault(f"{value.name}{'' if value.units == '1' else f', {value.units}'}", [])
+            steps += [(at, value.value, value.std_error) for at in (each.start_s, each.stop_s)]
+    histories = {name: np.array(steps).T for name, steps in found.items()}
+    panels = [Panel(name, charts.estimate(t, y, sigma, band="± 2 sigma")) for name, (t, y, sigma) in histories.items()]
+    heading = f"Coefficients of {hypothesis(row.mechanism)}"
+    return setting.chart(f"coefficients-{row.mechanism}", heading, panels, "Net values between the knots.")
 
 
 # ---- A comparison as a document ----
 
 
 def comparison_document(comparison: Comparison) -> Document:
-    """Ranking, verdict and warnings; in detail every term, criterion and note; on a page the charts."""
-    verdict, seconds = comparison.verdict, comparison.seconds
-    faults = tables.fault_texts(comparison.record, verdict.reason)
-    warnings = (*faults, *comparison.reconstruction.warnings, *comparison.warnings)
-    notes = [note for flight in comparison.flights for note in flight.notes]
-    notes += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
-    took = (
-        f"{seconds.total:.2f} s in all: reconstruction {seconds.reconstruct:.2f}, selection "
-        f"{seconds.select:.2f}, maximum likelihood {seconds.ml:.2f}"
-    )
-    evidence = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
-    withheld = any(np.isnan(limit.share_of_moment_95) for limit in verdict.limits)
-    no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
+    """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
+    verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
+    flights = [_of_flight(comparison, index) for index in range(len(comparison.series))]
+
+    def drawn(some: Iterable[Chart]) -> list[Block]:
+        return [Picture(chart) for chart in some]
+
+    def of(kind: str) -> list[Block]:
+        return drawn(flights[0][kind]) if flights else []
+
+    def functions(flight: int) -> list[Block]:
+        known = comparison.functions.items()
+        return drawn(derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known)
+
+    others = [
+        Section(f"Flight {k + 1}", [*drawn(chain(*flights[k].values())), *functions(k)], folded=True)
+        for k in range(1, len(flights))
+    ]
     return Document(
         title="Mechanisms compared: " + ", ".join(flight.title or flight.path for flight in comparison.flights),
         subtitle=tables.flight_texts(comparison),
         conclusion_title=f"Verdict: {hypothesis(verdict.winner or verdict.outcome)}",
         conclusion=comparison.conclusion(),
         decided=verdict.winner is not None,
-        blocks=(
+        ahead=(
+            *of("overview"),
             tables.ranking_table(comparison),
-            Texts((evidence,), bullets=False, shown="page"),
-            Texts(comparison.disagreements, "Disagreements"),
-            Texts(warnings, "Warnings", warning=True),
-            Texts(no_limits, "Limits at 95 %", bullets=False, shown="page"),
-            *(Picture(chart) for chart in comparison_charts(comparison)),
-            tables.term_table("baseline, as fitted with the most probable hypothesis", comparison.baseline.terms),
-            *(block for row in comparison.ranking for block in _of_hypothesis(row)),
-            tables.criteria_table(comparison),
-            Texts(notes, "Notes", shown="verbose"),
-            Texts((took,), bullets=False, shown="verbose"),
+            Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
-        beside=(*tables.process_blocks(comparison), Picture(_families(comparison))),
+        beside=tables.process_blocks(comparison),
+        blocks=(
+            Section("Data quality", _quality(comparison)),
+            Section("Air data and motion", of("motion"), folded=True),
+            Section("Moments, measured and modelled", of("moments")),
+            Section("Measured channels", of("channels"), folded=True),
+            Section("Residual diagnostics", of("residual")),
+            Section("Hypotheses and limits", _compared(comparison)),
+            Section("Models by size", [Picture(_sizes(comparison)), tables.size_table(comparison)]),
+            Section("Errors of instruments and vehicle", _of_record(comparison)),
+            Section(
+                "Coefficients",
+                [
+                    *functions(0),
+                    tables.function_table(comparison),
+                    Texts(comparison.collinear, tables.COLLINEAR, shown="verbose"),
+                ],
+            ),
+            *others,
+            *(
+                Section(f"Terms of {hypothesis(row.mechanism)}", _of_hypothesis(comparison, row), True)
+                for row in ranking
+            ),
+        ),
     )
 
 
-def _of_hypothesis(row: RankedHypothesis) -> list[Block]:
-    """Terms, derived quantities and likelihood fit of one hypothesis."""
+def _quality(comparison: Comparison) -> list[Block]:
+    """Faults of the record, and what limits the result."""
+    faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
+    known = [text for text in comparison.warnings if not (comparison.beyond_tolerances and EXCEED in text)]
+    warnings = (*faults, *comparison.reconstruction.warnings, *known)
+    none = () if warnings else ("The record shows no fault.",)
+    seconds = comparison.seconds
+    took = f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"
+    return [
+        Texts(none, bullets=False, shown="page"),
+        Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
+        Texts([*(note for flight in comparison.flights for note in flight.notes), took], "Notes", shown="verbose"),
+    ]
+
+
+def _compared(comparison: Comparison) -> list[Block]:
+    """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
+    withheld = any(np.isnan(limit.share_of_moment_95) for limit in comparison.verdict.limits)
+    no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
+    shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
+    title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
+    return [
+        Picture(_evidence(comparison)),
+        Picture(_probability(comparison)),
+        Picture(Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read)),
+        Texts(no_limits, "Limits", bullets=False, shown="page"),
+        Texts(comparison.disagreements, "Disagreements"),
+    ]
+
+
+def _of_record(comparison: Comparison) -> list[Block]:
+    """Errors over tolerances, and what the maximum likelihood says of its own fit."""
+    rows = [(hypothesis(row.mechanism), row.ml) for row in comparison.ranking]
+    said = [
+        f"{name}: {fit.status}, {fit.iterations} iterations: {fit.message}" for name, fit in rows if fit is not None
+    ]
+    said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
+    return [
+        Picture(charts.errors_chart(comparison.record_errors)),
+        tables.error_table(comparison.record_errors),
+        Texts(said, shown="verbose"),
+    ]
+
+
+def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
+    """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
     name, fit = hypothesis(row.mechanism), row.ml
+    net = [value for each in row.intervals for value in each.values]
     blocks: list[Block] = [
-        tables.term_table(name, row.terms, knots=row.knots),
+        Picture(_coefficients(_setting(comparison, (comparison.reference_flight or 1) - 1, row), row)),
+        tables.term_table(f"Net values of {name}", net, "page"),
+        tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]
     if fit is not None:
-        ended = f"{name} by maximum likelihood: {fit.status}, {fit.iterations} iterations"
-        blocks += [
-            tables.term_table(ended, fit.terms, knots=fit.knots),
-            Texts((*tables.derived_texts(fit.derived), *filter(None, (fit.message,))), shown="verbose"),
-            tables.term_table(f"{ended}: errors of the record", fit.instrument),
-        ]
+        blocks.append(tables.term_table(f"{name} by maximum likelihood: {fit.status}", fit.terms, knots=fit.knots))
+        blocks.append(Texts(tables.derived_texts(fit.derived), shown="verbose"))
     return blocks

@@ -3,14 +3,14 @@
 A `Chart` is what is drawn, apart from how: panels of lines, bands and bars over a common axis, with marks and shaded
 spans. Colours go by role, so that light, dark and print have their own; later layers lie on top of earlier ones.
 
-A `Document` is title, conclusion and blocks (`Table`, `Texts`, `Picture`). `terminal`, `html` and `figures`
-render the same document. A block without content is left out; `shown` says where it appears: "always", with
--v in the terminal ("verbose"), or on the page alone ("page"). A page shows everything.
+A `Document` is title, conclusion and blocks (`Table`, `Texts`, `Picture`), in sections that a page folds. `terminal`,
+`html` and `figures` render the same document. A block without content is left out; `shown` says where it appears:
+"always", with -v in the terminal ("verbose"), or on the page alone ("page"). A page shows everything.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -38,6 +38,7 @@ class Line:
     large: bool = False  # of dots that are few
     labels: Sequence[str] = ()  # to the right of each dot, of a line or more
     error: tuple[Values, Values] | None = None  # how far y may lie below and above
+    spread: Values | None = None  # how far x may lie to either side
 
 
 @dataclass(frozen=True)
@@ -222,10 +223,23 @@ class Picture:
 Block = Table | Texts | Picture
 
 
-def shown_of(blocks: Sequence[Block]) -> list[Block]:
-    """The blocks that have something to show: a row, a sentence, a panel."""
+@dataclass(frozen=True)
+class Section:
+    """Blocks under one heading, which a page folds; `folded`: as it is opened."""
+
+    heading: str
+    blocks: Sequence[Block]
+    folded: bool = False
+
+
+def flat(blocks: Sequence[Block | Section]) -> Iterator[Block]:
+    """The blocks of all sections that have something to show: a row, a sentence, a panel."""
     held = {Table: lambda b: b.rows, Texts: lambda b: b.texts, Picture: lambda b: b.chart.panels}
-    return [block for block in blocks if held[type(block)](block)]
+    for block in blocks:
+        if isinstance(block, Section):
+            yield from flat(block.blocks)
+        elif held[type(block)](block):
+            yield block
 
 
 @dataclass(frozen=True)
@@ -237,10 +251,13 @@ class Document:
     conclusion_title: str
     conclusion: str  # the terminal shows it last, a page first
     decided: bool  # whether the conclusion names something
-    blocks: Sequence[Block]
+    blocks: Sequence[Block | Section]
     beside: Sequence[Block] = ()  # what belongs to the conclusion, and follows it
+    ahead: Sequence[Block] = ()  # what a page shows right after the conclusion, a terminal before it
 
     @property
     def charts(self) -> tuple[Chart, ...]:
-        """The charts that have something to show."""
-        return tuple(block.chart for block in shown_of((*self.beside, *self.blocks)) if isinstance(block, Picture))
+        """The charts that have something to show, in the order of a page."""
+        return tuple(
+            block.chart for block in flat((*self.ahead, *self.beside, *self.blocks)) if isinstance(block, Picture)
+        )

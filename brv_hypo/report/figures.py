@@ -150,9 +150,9 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
         return
     size = 5.0 if layer.large else 1.2
     axes.plot(layer.x, layer.y, "o", color=colour, markersize=size, markeredgewidth=0.0, label=name)
-    if layer.error is not None:
-        spread = np.asarray(layer.error, dtype=float)
-        axes.errorbar(layer.x, layer.y, yerr=spread, fmt="none", ecolor=colour, linewidth=1.0)
+    if layer.error is not None or layer.spread is not None:
+        error = None if layer.error is None else np.asarray(layer.error, dtype=float)
+        axes.errorbar(layer.x, layer.y, yerr=error, xerr=layer.spread, fmt="none", ecolor=colour, linewidth=1.0)
     for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
         axes.annotate(label, (x, y), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8, clip_on=False)
 

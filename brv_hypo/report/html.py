@@ -8,8 +8,10 @@ a chart; colours are names of CSS variables; histories are single precision, thi
 from __future__ import annotations
 
 import base64
+import csv
 import gzip
 import hashlib
+import io
 import json
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -17,6 +19,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import yaml
@@ -38,17 +41,18 @@ from brv_hypo.report.document import (
     Line,
     Panel,
     Picture,
+    Section,
     Table,
     Values,
+    flat,
     named,
-    shown_of,
     thinned,
 )
 
 _UNEVEN = 1e-3  # share of a step by which times may be uneven and still be given as start and step
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
-_HEIGHT = {"panel": 190, "frame": 105, "bar": 26, "gap": 32}
+_HEIGHT = {"panel": 175, "frame": 105, "bar": 26, "gap": 32}
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
 """Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
 _AXIS = {
@@ -113,6 +117,9 @@ def _line(layer: Line) -> list[dict[str, Any]]:
         trace["error_y"] = {
             "type": "data", "symmetric": False, "array": above, "arrayminus": below, "color": colour
         }  # fmt: skip
+    if layer.spread is not None:
+        across = np.asarray(layer.spread, dtype=float).tolist()
+        trace["error_x"] = {"type": "data", "array": across, "color": colour, "thickness": 1.5}
     return [trace]
 
 
@@ -277,13 +284,14 @@ _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 
 
 def page(document: Document, provenance: Provenance) -> str:
-    """The whole file: conclusion first, blocks, and at the foot where it came from and how to make it again."""
+    """The whole file: conclusion, contents, sections, and at the foot where it came from and how to make it again."""
     drawn = [plotly_chart(chart) for chart in document.charts]
     data = json.dumps(drawn, separators=(",", ":"), allow_nan=False).encode()
     return render(
         "page.html.j2",
         document=document,
-        sections=[_section(group) for group in _groups((*document.beside, *document.blocks))],
+        answer=list(map(_cell, _groups((*document.ahead, *document.beside)))),
+        parts=_parts(document.blocks),
         provenance=provenance,
         library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),
         charts=base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii") if drawn else "",
@@ -295,6 +303,7 @@ def render(template: str, **values: Any) -> str:
     loader = PackageLoader("brv_hypo.report", "page")
     known = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
+    known.filters |= {"csv": _as_csv, "slug": _slug}
     known.tests["table"] = lambda block: isinstance(block, Table)
     known.tests["picture"] = lambda block: isinstance(block, Picture)
     known.globals["resource"] = lambda name: Markup(resource(name).decode())
@@ -306,10 +315,17 @@ def resource(name: str) -> bytes:
     return (files("brv_hypo.report") / "page" / name).read_bytes()
 
 
+def _parts(blocks: Sequence[Block | Section]) -> list[dict[str, Any]]:
+    """What has something to show: blocks that are in no section, then each section with its cells."""
+    loose = Section("", [block for block in blocks if not isinstance(block, Section)])
+    every = (loose, *(block for block in blocks if isinstance(block, Section)))
+    return [{"section": each, "cells": list(map(_cell, _groups(each.blocks)))} for each in every if any(flat([each]))]
+
+
 def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
     """Blocks that belong together: one without a heading goes with what stands before it, unless that is a chart."""
     groups: list[list[Block]] = []
-    for block in shown_of(blocks):
+    for block in flat(blocks):
         alone = block.heading or isinstance(block, Picture)
         if alone or not groups or isinstance(groups[-1][-1], Picture):
             groups.append([block])
@@ -318,13 +334,23 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
     return groups
 
 
-def _section(group: Sequence[Block]) -> dict[str, Any]:
-    """Blocks, whether they take the whole width, and how many rows of the page, by about the height that they have."""
-    heights = [
-        chart_height(block.chart)
-        if isinstance(block, Picture)
-        else _LINE * len(block.rows if isinstance(block, Table) else block.texts)
-        for block in group
-    ]
-    wide = any(isinstance(block, Table) and len(block.headings) > _WHOLE for block in group)
-    return {"blocks": group, "wide": wide, "rows": max(1, round(sum(heights) / _ROW))}
+def _cell(group: Sequence[Block]) -> dict[str, Any]:
+    """Blocks, whether they want half of the page or all of it, and how many of its rows, by about their height."""
+    pictures = [block.chart for block in group if isinstance(block, Picture)]
+    heights = [_LINE * len(b.rows if isinstance(b, Table) else b.texts) for b in group if not isinstance(b, Picture)]
+    rows = round(sum((*heights, *map(chart_height, pictures))) / _ROW)
+    columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
+    wide = columns > _WHOLE or any(chart.over_time or chart.path or chart.counted for chart in pictures)
+    return {"blocks": group, "columns": columns, "whole": columns > _WHOLE, "wide": wide, "rows": max(1, rows)}
+
+
+def _slug(heading: str) -> str:
+    """The heading as an id: in small letters, figures and hyphens."""
+    return re.sub(r"[^a-z0-9]+", "-", re.sub(r"<.*?>", "", heading).lower()).strip("-")
+
+
+def _as_csv(table: Table) -> str:
+    """The table as a link that holds it as CSV."""
+    content = io.StringIO()
+    csv.writer(content, lineterminator="\n").writerows([table.headings, *(row.values() for row in table.rows)])
+    return "data:text/csv;charset=utf-8," + quote(content.getvalue())

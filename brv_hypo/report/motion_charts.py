@@ -8,11 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.signal import welch
+from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
+from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
-from brv_hypo.ranking.result import RecordFaultSummary, TermEstimate
+from brv_hypo.ranking.result import RecordError, RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -95,6 +98,9 @@ _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
 _WHOLE = 0.99  # share of the record from which on a fault is one of the record as such, and no part of it is masked
 _NARROWEST = 0.003  # share of the record that a shaded interval takes at least, to be seen
+_ONE_MACH = 0.05  # range of Mach numbers over the largest, below which a flight has one, and is drawn over time
+_ERRORS = 12  # of the record, that are drawn
+_LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 
 Moments = tuple[Values, Values]  # in-plane and out-of-plane, or pitch and yaw, moment coefficient over time
@@ -282,6 +288,45 @@ def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], r
     )
 
 
+def whiteness_charts(setting: Setting, whitened: Mapping[str, Values]) -> list[Chart]:
+    """Autocorrelation and quantiles of a residual at unit noise by channel; nothing where it is not known."""
+    known = {name: np.asarray(values, dtype=float) for name, values in whitened.items() if len(values) > _LAGS}
+    if not known:
+        return []
+    wide = np.full(_LAGS, 2.0 / np.sqrt(min(values.size for values in known.values())))
+    lags, shares = np.arange(1.0, _LAGS + 1.0), (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    correlations: list[Layer] = [Band(lags, -wide, wide, "± 2 sigma")]
+    quantiles: list[Layer] = [Line([-3.0, 3.0], [-3.0, 3.0], "guide", "normal", dashed=True)]
+    roles: tuple[Role, ...] = ("measured", "first", "second", "third")
+    for (name, values), role in zip(known.items(), roles, strict=False):
+        products = np.correlate(values, values, "full")[values.size - 1 :]
+        correlations.append(Line(lags, products[1 : _LAGS + 1] / products[0], role, name))
+        quantiles.append(Line(ndtri(shares), np.quantile(values, shares), role, name, dots=True))
+    read = "Whitened residual of model and processes, in axes that do not roll."
+    named = {
+        "autocorrelation": ("Autocorrelation of the residual", "lag, rows", Panel("correlation", correlations)),
+        "quantiles": ("Quantiles of the residual", "quantile of normal noise", Panel("over the noise", quantiles)),
+    }
+    return [
+        Chart(f"{name}{setting.suffix}", f"{heading}{setting.which}", x, [panel], caption=read)
+        for name, (heading, x, panel) in named.items()
+    ]
+
+
+def errors_chart(errors: Sequence[RecordError]) -> Chart:
+    """Errors of record and vehicle in units of their tolerances, the largest first."""
+    known = errors[:_ERRORS]
+    values, wide = [e.tolerances for e in known], [2.0 * e.std_error / e.tolerance for e in known]
+    places = list(range(len(known)))
+    dots = Line(values, places, "first", "± 2 sigma", dots=True, large=True, spread=wide)
+    panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
+    most = 1.1 * max([BEYOND_TOLERANCE, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
+    marks = [Mark(side * BEYOND_TOLERANCE) for side in (-1.0, 1.0)]
+    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; the verdict names errors beyond."
+    title = "error over its tolerance"
+    return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
+
+
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
     """Intervals to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
     the record as a whole, none.
@@ -313,6 +358,42 @@ def estimate(
 ) -> list[Band | Line]:
     """An estimate within two standard deviations, whose band has a name of its own where it is in the legend."""
     return [Band(x, value - 2.0 * sigma, value + 2.0 * sigma, band, role), Line(x, value, role, name)]
+
+
+STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
+DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
+
+
+def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
+    """The moment or a derivative of it by Mach number, or by time where that is not known or stays about the same."""
+    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > _ONE_MACH * max(slope.mach)
+    x = np.array(slope.mach if by_mach else slope.time_s)
+    order = np.argsort(x, kind="stable")
+    flown, flown_sigma, zero, zero_sigma = (
+        np.array(values)[order]
+        for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
+    )
+    layers = [
+        *estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
+        *estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
+    ]
+    panel = Panel(axis, layers)
+    edges = _values(panel, Band)
+    panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]
+    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
+    stable = "Negative is stable." if axis.endswith("1/rad") else ""
+    read = caption(stable, "Bands: two standard deviations.", cut_text(panels))
+    title = "Mach number" if by_mach else TIME
+    return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
+
+
+def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) -> list[Chart]:
+    """Mach number and dynamic pressure (Pa); nothing where they are not known."""
+    if not len(pressure) or not np.all(np.isfinite(mach)):
+        return []
+    histories = {"Mach number": mach, "q<sub>∞</sub>, kPa": 1e-3 * np.asarray(pressure, dtype=float)}
+    panels = [Panel(title, [Line(time, history, "measured")]) for title, history in histories.items()]
+    return [setting.chart("air", "Mach number and dynamic pressure", panels)]
 
 
 # ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----

@@ -7,28 +7,34 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
-from brv_hypo.ranking.result import Comparison, DerivedEstimate, FlightSummary, Knot, RecordSummary, TermEstimate
+from brv_hypo.ranking.result import (
+    Comparison,
+    DerivedEstimate,
+    FlightSummary,
+    Knot,
+    RecordError,
+    RecordSummary,
+    TermEstimate,
+)
 from brv_hypo.report.document import Block, Shown, Table, Texts
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
-_DIFFERENCES = ("aic", "bic")  # criteria of which differences alone count
-_OF_WHITENED_RATES = {
-    "r2": "R² of whitened rates",
-    "adjusted_r2": "adjusted R² of whitened rates",
-    "prediction_error": "Akaike prediction error",
-}
-"""Criteria whose short names stand for another quantity in the ranking."""
 
+PROCESSES_AT_FIRST = 4  # processes that the terminal shows; all of them with -v and on the page
+FUNCTION_ROWS = 6  # places of a flight in the table of functions
+LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
     "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
 )
 
+COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
@@ -56,7 +62,7 @@ def ranking_table(comparison: Comparison) -> Table:
         for row in comparison.ranking
     ]
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
-    return Table(rows, words=("mechanism",), marked=credible)
+    return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
 
 
 def process_blocks(comparison: Comparison) -> list[Block]:
@@ -77,21 +83,48 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     none = (f"No process makes more than {share(LEAST_PROCESS)} of the static moment.",) if processes else ()
-    table = Table(rows, beside, ("process", "family", "unit"), most=6)
+    table = Table(rows, beside, ("process", "family", "unit"), most=PROCESSES_AT_FIRST)
     return [table, Texts((_PROCESSES,) if rows else none, bullets=False, shown="page" if rows else "always")]
 
 
-def criteria_table(comparison: Comparison) -> Table:
-    """One row for each criterion, with its value for each hypothesis; information criteria less the least of them."""
+def size_table(comparison: Comparison) -> Table:
+    """One row for each number of terms of the leader, with the best subset of that size (Tables 5.5, 5.7)."""
+    rows = [
+        {"terms": str(each.n_terms), "C_p": number(each.cp), "best": ", ".join(each.terms) or "baseline only"}
+        for each in comparison.best_by_size
+    ]
+    return Table(rows, "Best of each size, on the grid of knots and delays", ("best",), shown="verbose")
+
+
+def error_table(errors: Sequence[RecordError]) -> Table:
+    """One row for each error of record and vehicle that is worth one, the largest in tolerances first."""
+    rows = [
+        {
+            "error": each.name,
+            "value": known_to(each.value, each.std_error),
+            "sigma": number(each.std_error, 2),
+            "unit": each.units,
+            "tolerances": f"{each.tolerances:.2f}",
+        }
+        for each in errors
+        if abs(each.tolerances) > LEAST_ERROR
+    ]
+    heading = "Errors of more than one tolerance"
+    beyond = [k for k, each in enumerate(errors) if abs(each.tolerances) > BEYOND_TOLERANCE]
+    return Table(rows, heading, ("error", "unit"), beyond, shown="verbose")
+
+
+def function_table(comparison: Comparison) -> Table:
+    """C_m,in and its derivatives at no angle of attack, at places along each flight, each with its standard error."""
     rows = []
-    for name in dict.fromkeys(name for row in comparison.ranking for name in row.criteria):
-        values = {row.mechanism: row.criteria.get(name, np.nan) for row in comparison.ranking}
-        label = _OF_WHITENED_RATES.get(name, name)
-        if name in _DIFFERENCES and np.any(np.isfinite(list(values.values()))):
-            label = f"{name} - least"
-            values = {each: value - np.nanmin(list(values.values())) for each, value in values.items()}
-        rows.append({"criterion": label, **{hypothesis(each): number(value, 4) for each, value in values.items()}})
-    return Table(rows, "criteria in whitened rates", ("criterion",), shown="verbose")
+    for found in zip(*comparison.functions.values(), strict=True):
+        whole, place = found[0], {"flight": str(found[0].flight + 1)} if len(comparison.flights) > 1 else {}
+        for k in np.unique(np.linspace(0, len(whole.time_s) - 1, FUNCTION_ROWS).round().astype(int)).tolist():
+            pairs = [(each.at_zero[k], each.at_zero_std_error[k]) for each in found]
+            values = (f"{known_to(value, sigma)} ± {number(sigma, 2)}" for value, sigma in pairs)
+            place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
+            rows.append(place | dict(zip(map(str, comparison.functions), values, strict=True)))
+    return Table(rows, "At no angle of attack", shown="verbose")
 
 
 # ---- Terms of a model ----

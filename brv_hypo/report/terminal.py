@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from brv_hypo.io.text import printable
-from brv_hypo.report.document import Block, Document, Picture, Table, Texts, shown_of
+from brv_hypo.report.document import Block, Document, Picture, Table, Texts, flat
 
 _BETWEEN = 2  # characters between columns
 _LEAST_TEXT = 12  # characters below which a column of words is not folded further
@@ -25,7 +25,7 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
     shown = ("always", "verbose") if verbose else ("always",)
     parts: list[Block] = []
     late = [block for block in document.beside if block.shown in shown]
-    for block in document.blocks:
+    for block in flat((*document.ahead, *document.blocks)):
         if block.shown in shown:
             (late if isinstance(block, Texts) and block.warning else parts).append(block)
     panel = Panel(
@@ -40,7 +40,7 @@ def terminal_view(document: Document, *, verbose: bool = False) -> RenderableTyp
 
 def blocks_view(blocks: Sequence[Block], verbose: bool) -> Group:
     """Tables and texts, each under its heading, without those that are empty."""
-    return Group(*(line for block in shown_of(blocks) for line in _lines(block, verbose)))
+    return Group(*(line for block in flat(blocks) for line in _lines(block, verbose)))
 
 
 def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:

@@ -9,42 +9,47 @@ import numpy as np
 
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
-from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Table, Texts, thinned
-from brv_hypo.report.motion_charts import BODY, TIME, Drawn, Setting, caption, cut_text, framed, scale_of
-from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, fault_texts, flight_line, term_table
+from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
+from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
+from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
-from brv_hypo.residuals.result import Derivative, ProcessHistory, Residual, Step, Trace
+from brv_hypo.residuals.result import ProcessHistory, Residual, Step, Trace
 
 
-def trace_charts(result: Trace) -> list[Chart]:
-    """Every chart that the trace has the data for; none where the residual was not kept."""
+def _charts(result: Trace) -> dict[str, list[Chart]]:
+    """Charts by the section that they are in."""
     kept = result.picture
     if kept is None:
-        return []
+        return {}
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
     time, measured = kept.time_s, kept.measured
     residuals = [Drawn("before", kept.before, "second"), Drawn("after", kept.after, "first")]
-    histories = [Drawn("measured", measured, "measured"), *residuals]
     model = Drawn("model", charts.difference(measured, kept.after), "first")
     rates = charts.turning_rates(kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     heading = "Residual moments, before and after"
-    drawn = [
-        charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY),
-        charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading),
-        *(
+    angles = (kept.alpha_rad, kept.windward_meridian_rad)
+    motion = charts.air_chart(setting, time, kept.mach, kept.dynamic_pressure_pa)
+    if kept.alpha_rad:
+        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
+        motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
+        motion.append(charts.attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
+    return {
+        "Air data and motion": motion,
+        "Moments, measured and modelled": [
+            charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY),
+            charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading),
+        ],
+        "Residual diagnostics": [
+            *charts.whiteness_charts(setting, kept.whitened),
+            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates),
+        ],
+        "Static slope and damping": [
             derivative_chart(each, len(some), *named)
             for some, named in ((result.static_slopes, STATIC), (result.damping, DAMPING))
             for each in some
-        ),
-        charts.spectrum_chart(setting, time, histories, rates),
-    ]
-    if kept.alpha_rad:
-        angles = (kept.alpha_rad, kept.windward_meridian_rad)
-        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
-        drawn.append(charts.motion_chart(setting, time, *angles, *sigmas))
-        drawn.append(charts.attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
-    return drawn
+        ],
+    }
 
 
 def families_chart(step: Step) -> Chart:
@@ -77,30 +82,6 @@ def _history_text(history: ProcessHistory) -> str:
     return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
 
 
-STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alpha, 1/rad")
-DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
-
-
-def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
-    """A derivative of the moment by Mach number, or by time where that is not known or stays the same."""
-    by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > 0.0
-    x = np.array(slope.mach if by_mach else slope.time_s)
-    order = np.argsort(x, kind="stable")
-    flown, flown_sigma, zero, zero_sigma = (
-        np.array(values)[order]
-        for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
-    )
-    layers = [
-        *charts.estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
-        *charts.estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
-    ]
-    panels = [framed(Panel(axis, layers))]
-    suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
-    read = caption("Negative is stable. Bands: two standard deviations.", cut_text(panels))
-    title = "Mach number" if by_mach else charts.TIME
-    return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
-
-
 # ---- A trace as a document ----
 
 LEAST_FAMILY = 0.005  # of a residual, which is worth a word
@@ -128,6 +109,7 @@ def trace_document(result: Trace) -> Document:
         result.dynamic_stability,
         _STOPPED[result.stopped],
         result.unexplained,
+        f"Maximum likelihood: {result.ml.trouble}." if result.ml is not None and result.ml.trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
@@ -135,25 +117,32 @@ def trace_document(result: Trace) -> Document:
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
     errors = Table(account, "mean square of the moment error, model by model", ("model",))
-    blocks: list[Block] = [errors, *map(Picture, trace_charts(result))]
-    for step in result.steps:
-        blocks += _step(step)
-    if result.final_residual is not None:
-        blocks.append(Texts((residual_text(result.final_residual),), "Final residual", bullets=False))
-    blocks.append(term_table("model, fitted to the whole record", result.model.terms))
+    drawn, known = _charts(result), result.record_errors
+    final = () if result.final_residual is None else (residual_text(result.final_residual),)
+    model: list[Block] = [
+        term_table("model, fitted to the whole record", result.model.terms),
+        Texts(result.collinear, COLLINEAR, shown="verbose"),
+    ]
     if (fit := result.ml) is not None:
         ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
-        said = f"Maximum likelihood of the final model: {ended}"
-        blocks.append(Texts((said,), bullets=False, shown="verbose"))
-        blocks.append(term_table("model, by maximum likelihood", fit.terms))
-    blocks.append(Texts((*fault_texts(result.record), *result.caveats), "Warnings", warning=True))
+        model.append(term_table(f"model, by maximum likelihood: {ended}", fit.terms))
+    warnings = (*fault_texts(result.record), *result.caveats)
+    sections = [
+        Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
+        *(Section(name, list(map(Picture, some)), name.startswith("Air")) for name, some in drawn.items()),
+        Section("Errors of instruments and vehicle", [Picture(charts.errors_chart(known)), error_table(known)]),
+        Section("Steps", [block for step in result.steps for block in _step(step)]),
+        Section("Final residual", [Texts(final, "Final residual", bullets=False)]),
+        Section("Model", model, folded=True),
+    ]
     return Document(
         title=f"Residual traced: {name}",
         subtitle=tuple(flight_line(flight) for flight in result.flights),
         conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
         conclusion=" ".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
-        blocks=blocks,
+        blocks=sections,
+        ahead=(errors,),
         beside=() if result.picture is None else (Picture(families_chart(result.steps[0])),),
     )
 

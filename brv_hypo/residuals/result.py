@@ -7,9 +7,10 @@ from typing import Literal
 
 from pydantic import Field
 
+from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
-from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordSummary, TermEstimate
+from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordError, RecordSummary, TermEstimate
 from brv_hypo.residuals.candidates import Kind
 from brv_hypo.residuals.saved import SavedModel
 from brv_hypo.results import HasCharts, Row
@@ -161,24 +162,6 @@ class ModelSummary(NullIsNaN):
     definition: SavedModel
 
 
-class Derivative(NullIsNaN):
-    """A derivative of C_m,in (1/rad) along one flight; negative is stable.
-
-    At no angle of attack, and at that flown (`alpha_rad`, rms about the place); `mach` is NaN where it is not known.
-    By alpha: of the model's static moment, standard errors those of the coefficients, of a model without lack of fit.
-    By the transverse rate times d / 2V: of model and processes together, with the errors of both.
-    """
-
-    flight: int
-    time_s: tuple[float, ...]
-    mach: tuple[float, ...]
-    alpha_rad: tuple[float, ...]
-    at_zero: tuple[float, ...]
-    at_zero_std_error: tuple[float, ...]
-    at_flown: tuple[float, ...]
-    at_flown_std_error: tuple[float, ...]
-
-
 class Picture(NullIsNaN):
     """Residual moments (pitch, yaw) before and after, for pictures of the report: not part of the JSON.
 
@@ -196,6 +179,10 @@ class Picture(NullIsNaN):
     windward_meridian_sigma_rad: tuple[float, ...] = ()
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
+    mach: tuple[float, ...] = ()
+    dynamic_pressure_pa: tuple[float, ...] = ()
+    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    """As that of a comparison's `Series`."""
 
 
 class Trace(HasCharts, Result):
@@ -211,6 +198,8 @@ class Trace(HasCharts, Result):
     families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
     account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
     model: ModelSummary
+    record_errors: tuple[RecordError, ...] = Field(default=(), description="of the model, the largest first")
+    collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients, as those of a comparison")
     static_slopes: tuple[Derivative, ...] = ()
     static_stability: str = Field(default="", description="where the static moment is not significantly stable")
     damping: tuple[Derivative, ...] = Field(default=(), description="C_mq along each flight, processes included")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import REPORTED_SLOPES, STABLE_SIGMAS
+from brv_hypo.constants import STABLE_SIGMAS
+from brv_hypo.inference.derivatives import Derivative, along_flight
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import YamlMechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis
@@ -22,7 +23,6 @@ from brv_hypo.residuals.baseline import TOLERATED
 from brv_hypo.residuals.candidates_at_step import Analysis
 from brv_hypo.residuals.linearisation import Corrected
 from brv_hypo.residuals.problem import with_efficiency
-from brv_hypo.residuals.result import Derivative
 
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
@@ -106,29 +106,6 @@ def _of_flight(data: Corrected, found: Coefficients, number: int) -> Derivative:
         motion,
         number,
         lambda alpha, places: _with_error(slopes_at(data, motion, found.columns, number, alpha)[places], found),
-    )
-
-
-def along_flight(
-    motion: Motion, number: int, at: Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
-) -> Derivative:
-    """A derivative at places of a flight: `at` angles of attack (samples,) rad, its values and errors (places,)."""
-    stretches = np.array_split(np.arange(motion.time.size), REPORTED_SLOPES)
-    places = np.array([stretch[stretch.size // 2] for stretch in stretches])
-    flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
-    everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
-    at_zero, at_flown = (
-        [tuple(part.tolist()) for part in at(alpha, places)] for alpha in (np.zeros_like(everywhere), everywhere)
-    )
-    return Derivative(
-        flight=number,
-        time_s=tuple(motion.time[places].tolist()),
-        mach=tuple(motion.mach[places].tolist()),
-        alpha_rad=tuple(flown.tolist()),
-        at_zero=at_zero[0],
-        at_zero_std_error=at_zero[1],
-        at_flown=at_flown[0],
-        at_flown_std_error=at_flown[1],
     )
 
 

@@ -11,16 +11,18 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import REPORTED_DRAG, REPORTED_MERIDIAN, REPORTED_PER_CYCLE
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.derivatives import along_flights, damping
+from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import BASELINE, Regressor
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.ranking.diagnostics import collinear, record_errors, whitened
 from brv_hypo.ranking.result import TermEstimate
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.residuals.candidates_at_step import GENERIC, Analysis, baseline_analysis
 from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.damping import damping_along
 from brv_hypo.residuals.diagnostics import find
 from brv_hypo.residuals.discover import Discovery, as_terms
 from brv_hypo.residuals.families import beside_processes
@@ -77,7 +79,9 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         ),
     )
     terms = (*term_estimates(last, moments.columns, moments.values, moments.covariance), *_record_terms(here, model))
-    slopes, damping = static_slopes(last, moments), damping_along(beside_processes(state, state.model, end.config))
+    own = beside_processes(state, state.model, end.config).null
+    slopes = static_slopes(last, moments)
+    damped = along_flights(own, own.rows.problem.baseline, own.rows.frame, damping)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -85,17 +89,19 @@ def summary(flights: Sequence[Flight], before: ResidualMoments, end: LoopEnd) ->
         findings=findings,
         hints=tuple(name for name in _added(end.steps, "hint") if name not in findings),
         model=ModelSummary(terms=terms, definition=definition),
+        record_errors=record_errors(own),
+        collinear=collinear(moments.columns, moments.covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
-        damping=damping,
-        dynamic_stability=stability_in_words(damping, "damping moment", doubt=False),
+        damping=damped,
+        dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=end.stopped,
         unexplained=_unexplained(final),
         caveats=_caveats(flights, last),
         noise=noise_floor(last.held_out, state.left),
         final_residual=final,
         discovered=_described(end, moments),
-        picture=_picture(before, end, final.flight or 0),
+        picture=_picture(before, end, final.flight or 0, own),
     )
 
 
@@ -296,7 +302,7 @@ def _drag_spread(flight: Flight) -> float | None:
     return None if centre == 0.0 else float(np.std(share) / abs(centre))
 
 
-def _picture(before: ResidualMoments, end: LoopEnd, number: int) -> Picture:
+def _picture(before: ResidualMoments, end: LoopEnd, number: int, own: Evidence) -> Picture:
     """Of several flights, that of the one with this number."""
     after, data = end.state.left, end.state.data
     reconstruction = data.reconstructions[number]
@@ -317,4 +323,7 @@ def _picture(before: ResidualMoments, end: LoopEnd, number: int) -> Picture:
         windward_meridian_sigma_rad=tuple(reconstruction.phi_w_sigma[samples].tolist()),
         roll_rate_rad_s=tuple(motion.p[samples].tolist()),
         windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[samples].tolist()),
+        mach=tuple(motion.mach[samples].tolist()),
+        dynamic_pressure_pa=tuple(motion.dynamic_pressure[samples].tolist()),
+        whitened=whitened(own, number),
     )

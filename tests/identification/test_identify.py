@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.identification import coefficient_histories, identify
+from brv_hypo.identification import identify
 from brv_hypo.identification.parameters import tolerated_mechanisms
 from brv_hypo.mechanisms import record_effects
 from tests.studies.identification.study import errors, flights, regress, trial
@@ -136,25 +136,6 @@ def test_flights_share_coefficients_and_keep_their_own_gravity():
     for together, single, true in zip(both.terms, alone.terms, pair[0].coefficients, strict=True):
         assert together.std_error < single.std_error
         assert abs(together.value - true) < 4.0 * together.std_error
-
-
-def test_histories_have_bands_that_hold_the_moment(bodyfixed):
-    simulated, _, found = bodyfixed
-    histories = {history.name: history for history in coefficient_histories(found)}
-    assert set(histories) == {"C_N'", "C_Z'", "C_N' by alpha", "C_Z' by alpha", "C_Nalpha_force"}
-    moment, truth = histories["C_N'"], simulated.truth
-    expected = np.interp(moment.time, truth.time, truth.C_N)
-    # Pressure and inertia are known to their tolerances, and the band says so.
-    inside = np.abs(moment.value - expected) < 2.0 * moment.std_error
-    assert np.mean(inside) > 0.97
-    assert np.median(moment.std_error) < 0.03 * np.std(expected)
-    assert np.median(np.abs(moment.value - expected)) < 1e-3 * np.std(expected)
-    force = histories["C_Nalpha_force"]
-    low, high = force.band
-    assert np.all(low < 1.9 + 2.0 * force.std_error)
-    assert np.all(high > 1.9 - 2.0 * force.std_error)
-    slope = histories["C_N' by alpha"]
-    np.testing.assert_allclose(slope.value, -0.0883, rtol=2e-3)
 
 
 def test_a_record_too_short_is_a_status_not_an_exception(bodyfixed):

@@ -96,7 +96,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "stability",
         "reason",
     }
-    assert set(content["verdict"]["explained"]) == {"share", "unexplained", "interval_95"}
+    assert set(content["verdict"]["explained"]) == {"share", "unexplained", "interval_95", "processes", "noise"}
     assert set(content["verdict"]["processes"][0]) == {
         "name",
         "family",

@@ -11,14 +11,13 @@ import pytest
 
 import brv_hypo
 from brv_hypo.docs.manual import site
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Picture, Span
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Picture, Section, Span
 from brv_hypo.report.html import Provenance, page
 from brv_hypo.report.many_flights import study_document
 from brv_hypo.report.motion_charts import Setting, attitude_chart, motion_chart
 from brv_hypo.report.write import document_of
 from brv_hypo.study import StudyConfig, summarise
-from tests.chains import traced_trim, trimmed
+from tests.chains import compared_sticking, reconstructed, traced_trim, trimmed
 from tests.study.outcomes import outcome
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
@@ -34,6 +33,9 @@ WATCH = """<script>
 </script>"""
 COLOURS = """<script>(async () => {
   while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  document.getElementById("unfold")?.click();
+  const count = document.querySelectorAll(".chart").length;
+  while (Number(root.dataset.drawn) < count) await new Promise((done) => setTimeout(done, 20));
   root.dataset.paper = getComputedStyle(document.body).backgroundColor;
   root.dataset.wide = document.documentElement.scrollWidth > innerWidth;
   root.dataset.ink = document.querySelector(".chart .xtick text").style.fill;
@@ -50,7 +52,15 @@ ZOOM = """<script>(async () => {
   await new Promise((done) => setTimeout(done, 100));
   root.dataset.zoomed = [...nodes].map((node) => node.layout.xaxis.range.map((x) => x.toFixed(1)).join("-")).join(" ");
 })();</script>"""
-
+FOLD = """<script>(async () => {
+  while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
+  const nodes = document.querySelectorAll(".chart");
+  root.dataset.before = root.dataset.drawn;
+  await Plotly.relayout(nodes[0], { "xaxis.range": [1, 2] });
+  document.querySelector("nav a[href='#second']").click();
+  while (root.dataset.drawn < 2) await new Promise((done) => setTimeout(done, 20));
+  root.dataset.zoomed = [...nodes].map((node) => node.layout.xaxis.range.map((x) => x.toFixed(1)).join("-")).join(" ");
+})();</script>"""
 STRETCHES = """<script>(async () => {
   while (!root.dataset.drawn) await new Promise((done) => setTimeout(done, 20));
   const [time, path] = document.querySelectorAll(".chart");
@@ -124,14 +134,11 @@ def test_every_chart_is_drawn_without_an_error(shown, width) -> None:
 @pytest.fixture(scope="module")
 def pages() -> dict[str, str]:
     """The pages of real results: flights reconstructed, compared, traced and predicted; and of a study."""
-    sticking = {"mechanism": "sticking", "theta": {"delay": 0.12}, "terms": {"eps": 0.6}, "start": 1.0, "stop": 2.5}
-    short = {"base": "research_cone", "duration": 3.0, "sample_rate": 100.0, "mechanisms": [sticking]}
-    flown = brv_hypo.simulate(short, seed=4)
     results = {
-        "compare": brv_hypo.compare(flown, CompareConfig(mechanisms=("sticking",), maximum_likelihood="none")),
+        "compare": compared_sticking(),
         "trace": traced_trim(),
         "predict": brv_hypo.predict(trimmed().flight, traced_trim()),
-        "reconstruct": brv_hypo.reconstruct(flown),
+        "reconstruct": reconstructed(),
     }
     drawn = {name: page(document_of(result), Provenance()) for name, result in results.items()}
     outcomes = [outcome("lag", "lag", winner="lag", repeat=i, effect=0.1 + 0.02 * i) for i in range(6)]
@@ -150,6 +157,16 @@ def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages,
     assert 'data-wide="false"' in root
     assert f'data-paper="{SCHEMES[scheme][1]}"' in root
     assert f'data-ink="{SCHEMES[scheme][2]}"' in root
+
+
+def test_a_folded_chart_is_drawn_at_the_zoom_of_the_others_when_its_section_is_linked_to(shown) -> None:
+    one, two, _ = (Picture(chart) for chart in charts())
+    document = Document("t", (), "c", "words", True, [Section("First", [one]), Section("Second", [two], folded=True)])
+    root = shown(page(document, Provenance()).replace("</body>", f"{FOLD}</body>"))
+    assert "data-failed" not in root
+    assert 'data-before="1"' in root
+    assert 'data-drawn="2"' in root
+    assert 'data-zoomed="1.0-2.0 1.0-2.0"' in root
 
 
 def test_charts_over_time_are_zoomed_together_and_the_others_are_not(shown) -> None:

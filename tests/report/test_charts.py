@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 from dataclasses import replace
@@ -10,11 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from brv_hypo.docs import text
 from brv_hypo.io.text import hypothesis
 from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.report.comparison import comparison_charts, comparison_document
+from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import (
     MOST_POINTS,
     Band,
@@ -34,9 +36,10 @@ from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import Provenance, page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
+from brv_hypo.report.terminal import terminal_view
 from brv_hypo.report.write import draw_into, drawn
 from brv_hypo.simulation import load_config, simulate
-from tests.chains import compared_nominal, reconstructed
+from tests.chains import compared_sticking, reconstructed
 from tests.flights import nominal
 
 
@@ -48,8 +51,18 @@ def comparison() -> Comparison:
 
 
 @pytest.fixture(scope="module")
+def planted() -> Comparison:
+    return compared_sticking()
+
+
+@pytest.fixture(scope="module")
+def planted_charts(planted) -> dict[str, Chart]:
+    return {chart.name: chart for chart in comparison_document(planted).charts}
+
+
+@pytest.fixture(scope="module")
 def charts(comparison) -> dict[str, Chart]:
-    return {chart.name: chart for chart in comparison_charts(comparison)}
+    return {chart.name: chart for chart in comparison_document(comparison).charts}
 
 
 def values(packed) -> np.ndarray:
@@ -61,19 +74,20 @@ def test_every_flight_has_its_histories(charts) -> None:
         assert {f"{name}-1", f"{name}-2"} <= set(charts)
 
 
-def test_the_in_plane_moment_is_drawn_for_several_numbers_of_terms(comparison, charts) -> None:
-    """The baseline alone first, the chosen model last, of either flight; the slopes are the coefficients' own."""
-    for flight in (0, 1):
-        lines = charts[f"coefficients-by-size-{flight + 1}"].panels[1].layers
-        counts = [int(line.name.split()[0]) for line in lines]
-        assert counts[0] == 0
-        assert len(set(counts)) == len(counts)
-        assert lines[-1].name.endswith("chosen")
-        assert all(len(line.x) == len(line.y) for line in lines)
-    baseline = next(s for s in comparison.sizes if (s.flight, s.n_terms) == (0, 0))
-    slope = next(s for s in comparison.coefficients if (s.flight, s.mechanism, s.name) == (0, "none", "C_N' by alpha"))
-    if slope.method == "regression":
-        np.testing.assert_allclose(baseline.slope, slope.value, rtol=1e-6, atol=1e-9)
+def test_best_by_size_begin_with_the_baseline_and_have_the_definition_of_cp(comparison, charts) -> None:
+    """C_p of the baseline only is that of the ranking; a term more lowers the residual, and counts twice."""
+    sized = comparison.best_by_size
+    none = next(row for row in comparison.ranking if row.mechanism == "none")
+    assert [each.n_terms for each in sized] == sorted({each.n_terms for each in sized})
+    assert (sized[0].n_terms, sized[0].terms) == (0, ())
+    assert sized[0].cp == pytest.approx(none.cp, rel=1e-9)
+    assert all(after.cp <= before.cp + 2.0 * (after.n_terms - before.n_terms) for before, after in pairwise(sized))
+    line, best, *dots = charts["cp"].panels[0].layers
+    assert list(line.x) == list(line.y)
+    assert list(best.x) == [each.n_coefficients for each in sized]
+    assert {name for each in dots for label in each.labels for name in label.split("\n") if name} == {
+        hypothesis(row.mechanism) for row in comparison.ranking
+    }
 
 
 def cone(cycles: float) -> Chart:
@@ -142,35 +156,23 @@ def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
             assert drawn == ["baseline only", "bodyfixed"]
 
 
-def test_coefficients_are_those_of_the_method_that_ranks(comparison) -> None:
-    methods = set()
-    for one in (comparison, compared_nominal()):
-        charts = {chart.name: chart for chart in comparison_charts(one)}
-        for row in one.ranking:
-            converged = row.ml is not None and row.ml.status == "converged"
-            method = "maximum likelihood" if converged else "regression"
-            methods.add(method)
-            for flight in ("-1", "-2") if len(one.flights) > 1 else ("",):
-                heading = charts[f"coefficients-{row.mechanism}{flight}"].heading
-                assert heading.startswith(f"Coefficients of {hypothesis(row.mechanism)} by {method}")
-    assert methods == {"maximum likelihood", "regression"}
+def test_coefficients_are_the_net_values_between_knots(planted, planted_charts) -> None:
+    row = planted.ranking[0]
+    panels = planted_charts[f"coefficients-{row.mechanism}"].panels
+    drawn = [(line.x[k], line.y[k]) for panel in panels for line in panel.layers[1:] for k in range(len(line.x))]
+    known = [
+        (end, value.value) for each in row.intervals for value in each.values for end in (each.start_s, each.stop_s)
+    ]
+    assert sorted(drawn) == sorted(known)
+    assert known
 
 
-def test_a_band_is_two_standard_deviations_to_either_side(comparison, charts) -> None:
-    series = next(s for s in comparison.coefficients if (s.flight, s.mechanism, s.name) == (0, "none", "C_N'"))
-    band, line = charts["coefficients-none-1"].panels[0].layers[:2]
-    np.testing.assert_allclose(band.high - line.y, 2e3 * np.asarray(series.std_error), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(line.y - band.low, 2e3 * np.asarray(series.std_error), rtol=1e-9, atol=1e-12)
-
-
-def test_what_a_model_does_not_have_is_not_drawn(comparison) -> None:
-    """Without a mechanism nothing out of plane depends on alpha: the difference quotient is rounding."""
-    alone = comparison.model_copy(
-        update={"coefficients": tuple(s for s in comparison.coefficients if s.mechanism == "none")}
-    )
-    titles = [panel.title for chart in comparison_charts(alone) for panel in chart.panels]
-    assert "∂C<sub>m,in</sub>/∂α, 1/rad" in titles
-    assert "∂C<sub>n,side</sub>/∂α, 1/rad" not in titles
+def test_a_band_is_two_standard_deviations_to_either_side(planted, planted_charts) -> None:
+    (known,) = planted.functions["C_malpha"]
+    _, _, band, line = planted_charts["static-slope"].panels[0].layers
+    np.testing.assert_allclose(line.y, known.at_zero)
+    np.testing.assert_allclose(band.high - line.y, 2.0 * np.array(known.at_zero_std_error))
+    np.testing.assert_allclose(line.y - band.low, 2.0 * np.array(known.at_zero_std_error))
 
 
 def test_a_meridian_is_wrapped_with_a_break_where_it_passes_the_end() -> None:
@@ -234,6 +236,43 @@ class TestPlotlyChart:
         ]
         assert [(s["type"], s["x0"], s["x1"]) for s in layout["shapes"]] == [("rect", 3, 4), ("line", 2.0, 2.0)]
         assert {a["text"] for a in layout["annotations"]} == {"knot", "masked"}
+
+
+def test_pages_of_results_have_links_that_resolve_and_ids_given_once(comparison, planted) -> None:
+    for one in (comparison, planted):
+        html = page(comparison_document(one), Provenance())
+        ids, links = (re.findall(pattern, html) for pattern in (r' id="([^"]*)"', r' href="#([^"]*)"'))
+        assert len(set(ids)) == len(ids)
+        assert set(links) <= set(ids)
+        assert html.count("<table>") == html.count('class="csv"') > 3
+        assert re.search(r'<details>\s*<summary>\s*<h2 id="air-data-and-motion">', html)
+
+
+def test_a_comparison_is_one_screen_of_80_columns(planted) -> None:
+    console = Console(width=80, file=io.StringIO(), highlight=False, markup=False)
+    console.print(terminal_view(comparison_document(planted)))
+    lines = console.file.getvalue().splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+
+
+def test_the_residual_is_white_where_all_is_explained(planted, planted_charts) -> None:
+    """Within its band in nine of ten lags, and along the line; the channels as measured are those of the model."""
+    band, *lines = planted_charts["autocorrelation"].panels[0].layers
+    inside = [np.mean(np.abs(line.y) < 1.5 * band.high) for line in lines]
+    assert min(inside) > 0.8
+    for line in planted_charts["quantiles"].panels[0].layers[1:]:
+        assert np.polyfit(line.x, line.y, 1)[0] == pytest.approx(1.0, abs=0.2)
+    for measured, modelled in planted.series[0].channels.values():
+        assert np.std(np.subtract(measured, modelled)) < 0.05 * np.std(measured)
+
+
+def test_functions_are_the_planted_ones(planted) -> None:
+    """C_malpha and C_mq of the research cone, at no angle of attack."""
+    for name, true in (("C_malpha", -0.0883), ("C_mq", -1.0)):
+        (known,) = planted.functions[name]
+        off = (np.array(known.at_zero) - true) / np.array(known.at_zero_std_error)
+        assert np.sqrt(np.mean(off**2)) < 3.0
 
 
 class TestPage:

@@ -1,6 +1,29 @@
-// Draws the page's charts with the page's own colours, and keeps charts over time at one zoom and one cursor.
+// Opens what is linked to. Draws the page's charts with its own colours, those of a folded section when it is opened, and
+// keeps charts over time at one zoom and one cursor.
 (async () => {
   const root = document.documentElement;
+  const folds = [...document.querySelectorAll("details")];
+  const reveal = () => {
+    const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    for (let node = target; node; node = node.parentElement) if (node.tagName === "DETAILS") node.open = true;
+    if (target) target.scrollIntoView();
+  };
+  const unfold = document.getElementById("unfold");
+  if (unfold) unfold.addEventListener("click", () => {
+    const open = unfold.getAttribute("aria-pressed") !== "true";
+    for (const fold of folds) fold.open = open;
+    unfold.setAttribute("aria-pressed", open);
+    unfold.textContent = open ? "Fold all" : "Open all";
+  });
+  addEventListener("hashchange", reveal);
+  reveal();
+  let before = [];  // what was folded before printing
+  addEventListener("beforeprint", () => {
+    before = folds.filter((fold) => !fold.open);
+    for (const fold of before) fold.open = true;
+  });
+  addEventListener("afterprint", () => { for (const fold of before) fold.open = false; });
+
   const unpacked = async (id) => {
     const packed = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
     return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
@@ -40,11 +63,14 @@
   const config = { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "resetScale2d"]] };
   const linked = nodes.filter((node, index) => charts[index].time);
   const paths = nodes.filter((node, index) => charts[index].path);
+  const drawn = new Set();
+  const visible = (node) => node.checkVisibility ? node.checkVisibility() : node.offsetParent !== null;
   let leading = null;
   const others = (node, act) => {
     if (leading) return;
     leading = node;
-    Promise.all(linked.filter((other) => other !== node).map(act)).finally(() => { leading = null; });
+    Promise.all(linked.filter((other) => other !== node && drawn.has(other)).map(act))
+      .finally(() => { leading = null; });
   };
   const listenToPath = (node) => {
     node.on("plotly_hover", (event) => {
@@ -53,6 +79,24 @@
     node.on("plotly_unhover", () => others(node, (other) => Plotly.Fx.unhover(other)));
   };
   let shown = null;  // the times that charts over time are zoomed to
+  const showOnPaths = (range) => {
+    if (String(range) === String(shown)) return;
+    shown = range;
+    for (const node of paths) if (drawn.has(node)) drawOne(node, getComputedStyle(root));
+  };
+  const listen = (node) => {
+    node.on("plotly_relayout", (change) => {
+      const range = change["xaxis.range"] ||
+        ("xaxis.range[0]" in change ? [change["xaxis.range[0]"], change["xaxis.range[1]"]] : null);
+      if (range) others(node, (other) => Plotly.relayout(other, { "xaxis.range": range }));
+      else if (change["xaxis.autorange"]) others(node, (other) => Plotly.relayout(other, { "xaxis.autorange": true }));
+      if (range || change["xaxis.autorange"]) showOnPaths(range);
+    });
+    node.on("plotly_hover", (event) => {
+      others(node, (other) => Plotly.Fx.hover(other, { xval: event.xvals[0] }, "xy"));
+    });
+    node.on("plotly_unhover", () => others(node, (other) => Plotly.Fx.unhover(other)));
+  };
   const drawOne = async (node, style) => {
     let chart = charts[nodes.indexOf(node)];
     const height = "printing" in root.dataset
@@ -67,35 +111,23 @@
       layout.font.size = SMALLER;
     }
     if (node.layout && node.layout.xaxis && chart.time) layout.xaxis.range = node.layout.xaxis.range;
+    else if (chart.time && shown) layout.xaxis.range = shown;
     // Axes that are tied to each other keep old ranges when they are drawn over.
     await Plotly[chart.path ? "newPlot" : "react"](node, painted(chart.traces, style), layout, config);
     if (chart.path) listenToPath(node);
+    else if (chart.time && !drawn.has(node)) listen(node);
+    drawn.add(node);
   };
-  const draw = async () => {
-    for (const node of nodes) await drawOne(node, getComputedStyle(root));
-    root.dataset.drawn = nodes.length;
+  const draw = async (some = nodes) => {
+    for (const node of some) {
+      if (visible(node)) await drawOne(node, getComputedStyle(root));
+      else if (drawn.delete(node)) Plotly.purge(node);  // drawn anew when it is opened, at the size and in the colours of then
+    }
+    root.dataset.drawn = drawn.size;
   };
   await draw();
-
-  const showOnPaths = (range) => {
-    if (String(range) === String(shown)) return;
-    shown = range;
-    for (const node of paths) drawOne(node, getComputedStyle(root));
-  };
-  for (const node of linked) {
-    node.on("plotly_relayout", (change) => {
-      const range = change["xaxis.range"] ||
-        ("xaxis.range[0]" in change ? [change["xaxis.range[0]"], change["xaxis.range[1]"]] : null);
-      if (range) others(node, (other) => Plotly.relayout(other, { "xaxis.range": range }));
-      else if (change["xaxis.autorange"]) others(node, (other) => Plotly.relayout(other, { "xaxis.autorange": true }));
-      if (range || change["xaxis.autorange"]) showOnPaths(range);
-    });
-    node.on("plotly_hover", (event) => {
-      others(node, (other) => Plotly.Fx.hover(other, { xval: event.xvals[0] }, "xy"));
-    });
-    node.on("plotly_unhover", () => others(node, (other) => Plotly.Fx.unhover(other)));
-  }
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  document.addEventListener("toggle", (event) => draw(nodes.filter((node) => event.target.contains(node))), true);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => draw());
   addEventListener("beforeprint", () => { root.dataset.printing = ""; draw(); });
   addEventListener("afterprint", () => { delete root.dataset.printing; draw(); });
 })();

@@ -1,0 +1,164 @@
+"""C_m,in along a flight, and its derivatives by alpha and by the transverse rate times d / 2V.
+
+A model with one C_mq and the processes `damping_change` and `damping_bend` are one estimate, with one standard error;
+so are C_malpha and `static_change`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import REPORTED_SLOPES
+from brv_hypo.inference.evidence import Evidence
+from brv_hypo.json_result import NullIsNaN
+from brv_hypo.mechanisms.contract import rms_of_shapes
+from brv_hypo.mechanisms.registry import moment_processes
+from brv_hypo.model.term import Regressor
+from brv_hypo.motion.interpolation import time_splines
+from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.frame import RateFrame
+
+_RATE = 1.0  # of the transverse rate, rad/s: moments of it are linear
+_ANGLE = 1e-4  # of the angle of attack, rad: the moment of a power of it is linear over less than 1e-7 of itself
+
+
+class Derivative(NullIsNaN):
+    """C_m,in or a derivative of it (1/rad) along one flight; negative derivatives are stable.
+
+    At no angle of attack, and at that flown (`alpha_rad`, rms about the place); `mach` is NaN where it is not known.
+    By alpha: of the model's static moment, standard errors those of the coefficients, of a model without lack of fit.
+    By the transverse rate times d / 2V: of model and processes together, with the errors of both.
+    """
+
+    flight: int
+    time_s: tuple[float, ...]
+    mach: tuple[float, ...]
+    alpha_rad: tuple[float, ...]
+    at_zero: tuple[float, ...]
+    at_zero_std_error: tuple[float, ...]
+    at_flown: tuple[float, ...]
+    at_flown_std_error: tuple[float, ...]
+
+
+def along_flight(
+    motion: Motion, number: int, at: Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
+) -> Derivative:
+    """A function at places of a flight: `at` angles of attack (samples,) rad, its values and errors (places,)."""
+    stretches = np.array_split(np.arange(motion.time.size), REPORTED_SLOPES)
+    places = np.array([stretch[stretch.size // 2] for stretch in stretches])
+    flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
+    everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
+    found = [tuple(part.tolist()) for alpha in (np.zeros_like(everywhere), everywhere) for part in at(alpha, places)]
+    names = ("at_zero", "at_zero_std_error", "at_flown", "at_flown_std_error")
+    return Derivative(
+        flight=number,
+        time_s=tuple(motion.time[places].tolist()),
+        mach=tuple(motion.mach[places].tolist()),
+        alpha_rad=tuple(flown.tolist()),
+        **dict(zip(names, found, strict=True)),
+    )
+
+
+class Change(NamedTuple):
+    """From one motion to another, by `unit` (samples,); `less` None for the moment itself."""
+
+    less: Motion | None
+    more: Motion
+    unit: FloatArray | float
+    at_rest: bool
+
+
+def value(motion: Motion, alpha: FloatArray) -> Change:
+    """The moment at rest about angles of attack (samples,) rad."""
+    still = np.zeros_like(alpha)
+    return Change(None, replace(motion, alpha=alpha, alpha_rate=still, q=still, r=still, history=None), 1.0, True)
+
+
+def slope(motion: Motion, alpha: FloatArray) -> Change:
+    """Its derivative by the angle of attack."""
+    return Change(value(motion, alpha).more, value(motion, alpha + _ANGLE).more, _ANGLE, True)
+
+
+def damping(motion: Motion, alpha: FloatArray) -> Change:
+    """Its derivative by the transverse rate in the plane of alpha."""
+    slower = replace(motion, alpha=alpha)
+    turned = slower.to_body(np.full_like(alpha, _RATE), np.zeros_like(alpha))
+    faster = replace(slower, alpha_rate=motion.alpha_rate + _RATE, q=motion.q + turned.real, r=motion.r + turned.imag)
+    return Change(slower, faster, _RATE * motion.rate_factor, False)
+
+
+def along_flights(
+    own: Evidence,
+    columns: Sequence[Regressor],
+    frame: RateFrame,
+    by: Callable[[Motion, FloatArray], Change],
+    weight: float = 1.0,
+) -> tuple[Derivative, ...]:
+    """What `by` asks for on each flight, at no angle of attack and at that flown; `columns` are those of the evidence.
+
+    At rest it is the static moment: terms in the plane of alpha without a delay, and processes of the stiffness.
+    `weight`: what a nat counts in the errors.
+    """
+    motions = enumerate(own.rows.frame.motions)
+    return tuple(
+        along_flight(each, k, partial(_along, own, columns, frame, k, each, by, weight)) for k, each in motions
+    )
+
+
+def _along(
+    own: Evidence,
+    columns: Sequence[Regressor],
+    frame: RateFrame,
+    flight: int,
+    motion: Motion,
+    by: Callable[[Motion, FloatArray], Change],
+    weight: float,
+    alpha: FloatArray,
+    places: IntArray,
+) -> tuple[FloatArray, FloatArray]:
+    """The function about angles of attack (samples,) rad and its standard errors, at some places (places,)."""
+    less, more, unit, at_rest = by(motion, alpha)
+    unit = np.broadcast_to(unit, alpha.shape)[places]
+
+    def rise(slow: ComplexArray | FloatArray | float, fast: ComplexArray | FloatArray) -> FloatArray:
+        return np.asarray(np.real(fast - slow)[places] / unit, dtype=float)
+
+    def made(column: Regressor) -> FloatArray | float:
+        mechanism, theta = frame.mechanisms.get(column.mechanism), dict(column.theta)
+        if mechanism is None or mechanism.parameters():
+            return 0.0
+        slow, fast = (
+            None if each is None else next(t for t in mechanism.terms(each, theta) if t.name == column.term)
+            for each in (less, more)
+        )
+        if fast is None or (at_rest and np.any(fast.out_of_plane)):
+            return 0.0
+        basis = column.time_basis(motion.coefficient_time)[places]
+        return rise(0.0 if slow is None else slow.in_plane, fast.in_plane) * basis
+
+    values = np.zeros((places.size, own.values.size))
+    for j, column in enumerate(columns):
+        if column.acts_on(flight):
+            values[:, j] = made(column)
+    allowed = np.zeros((places.size, len(own.shared_tolerances)))
+    for j, item in enumerate(own.shared_tolerances if at_rest else ()):
+        allowed[:, j] = item.size * made(Regressor(item.name, item.component, (), columns[0].time_basis, item.units))
+    groups, splines = {group.name: k for k, group in enumerate(own.rows.groups)}, dict[int, FloatArray]()
+    for process in moment_processes():
+        if at_rest and process.family != "stiffness":
+            continue
+        scale = rms_of_shapes(process, motion)
+        histories = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), process.splines)
+        fast = process.shapes(more)
+        slow = [0.0 * each for each in fast] if less is None else process.shapes(less)
+        splines[groups[process.name]] = np.concatenate(
+            [rise(a, b)[:, np.newaxis] * histories / scale for a, b in zip(slow, fast, strict=True)], axis=1
+        )
+    found, sigma = own.along(flight, values, splines, allowed)
+    return found, sigma / np.sqrt(weight)
