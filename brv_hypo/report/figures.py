@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -60,21 +60,6 @@ def chart_figure(chart: Chart) -> ChartFigure:
         figure = ChartFigure(figsize=(WIDTH, height), layout="constrained")
         FigureCanvasAgg(figure)
         _fill(figure, chart)
-    return figure
-
-
-def scores_figure(names: Sequence[str], scores: Mapping[str, Sequence[float]]) -> ChartFigure:
-    """A row of dots for each name, the first on top, in a panel for each score; what is not a number has no dot."""
-    with mpl.rc_context(STYLE):
-        figure = ChartFigure(figsize=(WIDTH, FRAME + BAR * len(names)), layout="constrained")
-        FigureCanvasAgg(figure)
-        for axes, (title, values) in zip(figure.subplots(1, len(scores), sharey=True), scores.items(), strict=True):
-            axes.plot(values, range(len(names)), "o", color=COLOURS["first"])
-            axes.set_xlabel(title)
-            axes.margins(x=0.1)
-            axes.grid(axis="y", color="#e3e3e3")
-            axes.set_yticks(range(len(names)), names)
-            axes.set_ylim(len(names) - 0.5, -0.5)
     return figure
 
 

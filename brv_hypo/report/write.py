@@ -13,12 +13,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from brv_hypo.errors import UsageError, missing_package
 from brv_hypo.flight import Flight
 from brv_hypo.io.files import check_target, make_folder, write_whole
-from brv_hypo.io.text import hypothesis
 from brv_hypo.motion import Reconstruction
 from brv_hypo.ranking.result import Comparison
 from brv_hypo.report.comparison import comparison_document
@@ -144,22 +141,11 @@ def plot_compare(comparison: Comparison) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Panels of probability, ln evidence less the leader's, and mean square error on held-out blocks over that of the
-        baseline only.
+        ln evidence, and by how much held-out stretches are predicted better, +- 2 sigma, over the baseline only.
 
     Raises
     ------
     UsageError
         matplotlib is not installed.
     """
-    require_matplotlib("plot_compare")
-    from brv_hypo.report.figures import scores_figure
-
-    rows = comparison.rows()
-    evidence = np.array([row["log_evidence"] for row in rows])
-    scores = {
-        "probability": [row["probability"] for row in rows],
-        "ln evidence\nless the leader's": evidence - np.fmax.reduce(evidence, initial=np.nan),
-        "held-out error\nover baseline's": [row["prediction_ratio"] for row in rows],
-    }
-    return scores_figure([hypothesis(row["mechanism"]) for row in rows], scores)
+    return plot(comparison, "evidence")
