@@ -46,18 +46,15 @@ _GAPS = "tests/flight/test_gaps.py and tests.studies.independent.faulty_records"
 _SPIKES = "tests/flight/test_spikes.py and tests.studies.independent.faulty_records"
 _LIMITS = "tests/motion/test_limits.py"
 _FORMAT = "judgement; tests/flight/test_store.py"
+_FAULTY = "tests.studies.independent.faulty_records"
+_DERIVE = "judgement; tests/flight/test_derive.py"
 _USABLE = "judgement; tests/motion/test_answerable.py"
 
 # ---- Trial of the record, channel by channel: clock, stuck, spikes, bursts, gaps ----
 
 CLOCK_MOST_STEPS = threshold(5, "intervals", "so many odd intervals, or fewer, are clock steps", _FAULTS)
 CLOCK_RUNS_ON = threshold(2.0, "noise variances", "continuous with the interval closed: the clock stepped", _FAULTS)
-CLOCK_FAR_BETTER = threshold(
-    0.01,
-    "1",
-    "or continuous relative to the misfit with the interval as stamped",
-    "tests.studies.independent.faulty_records",
-)
+CLOCK_FAR_BETTER = threshold(0.01, "1", "or continuous relative to the misfit as stamped", _FAULTY)
 CLOCK_WORST_CHANNEL = threshold(2.0, "1", "part of the mean misfit that one channel may have", _FAULTS)
 CLOCK_FEWEST_MOVED = threshold(2, "channels", "channels that a clock step would have moved", _FAULTS)
 CLOCK_MOVED_SIGMAS = threshold(8.0, "noise sigmas", "a channel would have moved in the time of the interval", _FAULTS)
@@ -96,12 +93,7 @@ LARGEST_GROWTH = threshold(50, "1", "stamps are refused: samples of an even grid
 BRIDGED_SAMPLES = threshold(5, "samples", "a gap in rates and forces is bridged instead of cut", _GAPS)
 BRIDGED_CYCLES = threshold(1.0 / 8.0, "cycles of the transverse motion", "or is so short: bridged, not cut", _GAPS)
 BRIDGED_SECONDS = threshold(1.0, "s", "a gap in the air data is bridged instead of cut", _GAPS)
-PRESSURE_CONSISTENT = threshold(
-    0.05,
-    "1",
-    "recorded dynamic pressure contradicts density and velocity: a note",
-    "judgement; tests/flight/test_derive.py",
-)
+PRESSURE_CONSISTENT = threshold(0.05, "1", "dynamic pressure contradicts density and speed: a note", _DERIVE)
 
 # ---- Trial of the record: gyros against accelerometers against air data ----
 
@@ -114,9 +106,7 @@ COMPATIBILITY_NORMAL_SLOPE = threshold(1.2, "1/rad", "normal-force slope of any 
 COMPATIBILITY_NORMAL_SPREAD = threshold(1.3, "1", "1-sigma of the logarithm of that slope among bodies", _TRIAL)
 COMPATIBILITY_WIND = threshold(10.0, "m/s", "sigma of the wind along the path, which may decelerate", _TRIAL)
 COMPATIBILITY_WIND_TOLERANCES = threshold(2.0, "sigmas", "the same in tolerances, where that is more", _TRIAL)
-COMPATIBILITY_AXIAL_SPREAD = threshold(
-    0.25, "1", "log sigma of true over sensed deceleration of a sound record", _TRIAL
-)
+COMPATIBILITY_AXIAL_SPREAD = threshold(0.25, "1", "log sigma of true over sensed deceleration", _TRIAL)
 COMPATIBILITY_DENSITY_SPREAD = threshold(0.35, "1", "1-sigma of the logarithm of the density of the day", _TRIAL)
 COMPATIBILITY_NOISE_SPREAD = threshold(0.5, "1", "log sigma of noise among three instruments of one make", _TRIAL)
 COMPATIBILITY_STEADY = threshold(3.0, "1", "constant transverse force counts against a correction", _TRIAL)
@@ -125,16 +115,10 @@ COMPATIBILITY_BROKEN = threshold(0.012, "1", "relation 1 is broken: unexplained 
 COMPATIBILITY_TIMES_NOISE = threshold(4.0, "1", "noise counts so many times before a share is unexplained", _TRIAL)
 COMPATIBILITY_STRAINED = threshold(0.003, "1", "relation 1 is strained: unexplained share beyond the noise", _TRIAL)
 COMPATIBILITY_BROKEN_ALONE = threshold(0.7, "1", "gyros contradict themselves: unexplained share", _TRIAL)
-COMPATIBILITY_AXIAL_WITHIN = threshold(
-    (0.5, 2.0), "1", "axial force or speed is wrong: true over sensed deceleration", _TRIAL
-)
+COMPATIBILITY_AXIAL_WITHIN = threshold((0.5, 2.0), "1", "sound deceleration: true over sensed", _TRIAL)
 COMPATIBILITY_AXIAL_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that ratio", _TRIAL)
-COMPATIBILITY_PRESSURE_WITHIN = threshold(
-    (0.3, 3.0), "1", "dynamic pressure or altitude is wrong: density over that of the standard atmosphere", _TRIAL
-)
-COMPATIBILITY_NORMAL_WITHIN = threshold(
-    (0.04, 30.0), "1/rad", "accelerometers or pressure are wrong: normal-force slope", _TRIAL
-)
+COMPATIBILITY_PRESSURE_WITHIN = threshold((0.3, 3.0), "1", "sound density over the standard atmosphere's", _TRIAL)
+COMPATIBILITY_NORMAL_WITHIN = threshold((0.04, 30.0), "1/rad", "sound normal-force slope", _TRIAL)
 COMPATIBILITY_DECISIVE = threshold(2.2, "nats", "a mistake of sign, axis or unit: gain by undoing it", _TRIAL)
 COMPATIBILITY_DECISIVE_IF_STRAINED = threshold(4.5, "nats", "the same, of a strained record", _TRIAL)
 COMPATIBILITY_CORRECTED = threshold(0.4, "1", "a correction restores a relation: unexplained part", _TRIAL)
@@ -168,31 +152,17 @@ WARNED_GRAVITY = threshold(2.0, "1", "warning: gravity found over gravity expect
 # ---- Format of a record ----
 
 MINIMUM_SAMPLES = threshold(16, "samples", "a record, or a segment of it, is too short to use", _FORMAT)
-SLOWEST = threshold(
-    0.1,
-    "m/s",
-    "a slower vehicle is at rest and its sample is refused: coefficients are per speed and dynamic pressure",
-    _FORMAT,
-)
+SLOWEST = threshold(0.1, "m/s", "a slower vehicle is at rest: its sample is refused", _FORMAT)
 SHORTEST_STEP = threshold(1e-7, "s", "time is in a larger unit than stated and the record is refused", _FORMAT)
 LARGEST_PROPERTY = threshold(1e9, "SI", "a property of the vehicle is a fill value (or its inverse)", _FORMAT)
-LEAST_SEGMENT_SAMPLES = threshold(
-    16,
-    "samples",
-    "the longest segment is too short to be integrated and the record is refused",
-    "tests/motion/test_answerable.py",
-)
+LEAST_SEGMENT_SAMPLES = threshold(16, "samples", "the longest segment is too short to be integrated", _USABLE)
 
 # ---- Priors of what a hypothesis may have beside it: centre and 1-sigma of the logarithm of an amplitude ----
 
 _FLIGHTS = "judgement; held by tests.studies.independent.imperfect_study"
-RECORD_AMPLITUDE = threshold(
-    (-2.3, 2.0), "log units", "size of drifts of instruments and air, in ordinary ones", _FLIGHTS
-)
+RECORD_AMPLITUDE = threshold((-2.3, 2.0), "log units", "size of drifts of instruments and air, in usual ones", _FLIGHTS)
 MOMENT_AMPLITUDE = threshold((-4.6, 1.5), "log units", "size of moment processes, of the static moment's", _FLIGHTS)
-MECHANISM_AMPLITUDE = threshold(
-    (-2.3, 1.2), "log units", "size of a mechanism's terms, of the static moment's", _FLIGHTS
-)
+MECHANISM_AMPLITUDE = threshold((-2.3, 1.2), "log units", "of a mechanism's terms, of the static moment's", _FLIGHTS)
 BOUND_COSTS = threshold(0.5, "1", "a mechanism is impossible: part of its gain that bounds cost", _FLIGHTS)
 SPECIFIC = threshold(5.0, "nats", "terms of a mechanism are significant", "Kass and Raftery 1995: very strong")
 FAMILY_SIGNIFICANT = threshold(3.0, "nats", "a family explains some of a residual", "Kass and Raftery 1995: strong")

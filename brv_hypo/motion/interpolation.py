@@ -1,7 +1,7 @@
 """Interpolation of sampled signals: one cubic spline, its integral, and sparse interpolation matrices.
 
-`Spline` and `running_integral` are cubic splines without a knot at the second and the last but one sample; signals on
-the same samples share one factorisation (de Boor, A Practical Guide to Splines, Chapter IV). `lagrange` is the
+`SplineGrid` and `running_integral` are cubic splines without a knot at the second and the last but one sample; signals
+on the same samples share one factorisation (de Boor, A Practical Guide to Splines, Chapter IV). `lagrange` is the
 polynomial through the six nearest nodes as one sparse matrix, with an error of 2e-6 of a sine at 24 nodes a cycle.
 By that matrix a `Quadrature` has nodes between the samples, and a `DecimatedGrid` keeps only those that a motion needs.
 """
@@ -109,33 +109,6 @@ def time_splines(time: FloatArray, start: float, stop: float, count: int) -> Flo
     cells = count - 3
     design = BSpline.design_matrix(cells * place.ravel(), np.arange(-3.0, count + 1.0), 3)
     return np.asarray(design.toarray().reshape(*place.shape, count))
-
-
-class Spline:
-    """Cubic spline through `values` (m, ...) at `time` (m,) s; its coefficients are made when it is first asked for."""
-
-    def __init__(self, time: FloatArray, values: FloatArray) -> None:
-        self._time, self._values = time, values
-
-    def __call__(self, time: FloatArray) -> FloatArray:
-        """Values (n, ...) at these times (n,) s; outside of the samples the outermost piece goes on."""
-        i, u = among(self._time, time)
-        c0, c1, c2, c3 = (each.take(i, axis=-1) for each in self._powers)
-        return np.asarray((c0 + u * (c1 + u * (c2 + u * c3))).T, dtype=float)
-
-    @cached_property
-    def _powers(self) -> tuple[FloatArray, ...]:
-        """Coefficients (..., m - 1) of the powers of the time since each sample, the constant first."""
-        time, values = self._time, self._values
-        if time.size < _FEWEST:
-            return tuple(np.moveaxis(c, 0, -1).copy() for c in CubicSpline(time, values).c[::-1])
-        flat = np.ascontiguousarray(values).reshape(time.size, -1)
-        grid = SplineGrid.on(time)
-        slopes, h = grid.slopes(flat), grid.steps
-        chord = np.diff(flat, axis=0) / h
-        bend = (slopes[:-1] + slopes[1:] - 2.0 * chord) / h
-        found = (flat[:-1], slopes[:-1], (chord - slopes[:-1]) / h - bend, bend / h)
-        return tuple(np.ascontiguousarray(c.T).reshape(*values.shape[1:], time.size - 1) for c in found)
 
 
 def among(samples: FloatArray, time: FloatArray) -> tuple[IntArray, FloatArray]:

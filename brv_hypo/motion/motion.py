@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.interpolation import Quadrature, Spline, lagrange
+from brv_hypo.motion.interpolation import Quadrature, lagrange
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, crossflow, plane_from_body, windward_meridian
 
 # Way of the crossflow from node to node, of its least distance from zero on that way: the meridian turns by no more,
@@ -198,7 +199,7 @@ class _Past:
     def __init__(
         self,
         motion: Motion,
-        splines: dict[str, Spline] | None = None,
+        splines: dict[str, CubicSpline] | None = None,
         kept: OrderedDict[tuple[float, str], Any] | None = None,
         ago: float = 0.0,
     ) -> None:
@@ -250,7 +251,7 @@ class _Past:
         if name not in self.splines:
             xi = crossflow(motion.alpha, motion.windward_meridian) if name == _CROSSFLOW else None
             values = getattr(motion, name) if xi is None else np.stack([xi.real, xi.imag], axis=1)
-            self.splines[name] = Spline(samples, values)
+            self.splines[name] = CubicSpline(samples, values)
         return self.splines[name](np.maximum(time, samples[0]))
 
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray, Values
 from brv_hypo.constants import MOMENT_SLOPE_STEP
@@ -20,7 +21,6 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, evaluated, summed
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.interpolation import Spline
 from brv_hypo.motion.kinematics import CROSSFLOW_FLOOR, crossflow
 from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -132,7 +132,7 @@ class MomentModel:
         time = self.motion.time
         since = time - ago - time[0]
         places = time[0] + np.maximum(since, 0.0)
-        found = {name: Spline(time, change)(places) for name, change in known.items()}
+        found = {name: CubicSpline(time, change)(places) for name, change in known.items()}
         early = since < 0.0
         xi, rate = (each[0] for each in _crossflow(self.motion))
         xi = xi if abs(xi) > CROSSFLOW_FLOOR else CROSSFLOW_FLOOR  # the meridian is undefined there
