@@ -36,6 +36,10 @@ LARGEST_GROWTH = 0.7  # e-folds that a nominal amplitude may add to the coning o
 SMALLEST_AMPLITUDE = 3e-3  # of a nominal one, drawn by `draw_flight`
 # What feeds or brakes the coning in proportion to it, rather than pushing it.
 _GROWING = ("damping", "lag", "sticking", "magnus", "vortex", "mach_damping", "reynolds_damping")
+OF_AN_INERTIAL_UNIT = (
+    *("gyro_bias", "gyro_scale", "gyro_misalignment", "time_skew"),
+    *("accel_bias", "accel_scale", "accel_misalignment", "accel_position"),
+)
 _STREAMS = {"start": 1, "mechanism": 2, "errors": 3, "noise": 4, "imperfections": 6}
 
 
@@ -138,6 +142,7 @@ def make_flight(
     planted: Planted | None = None,
     imperfect: tuple[str, ...] = (),
     imperfect_size: float = 1.0,
+    unit: int = 0,
 ) -> Made:
     """Fly and record one case.
 
@@ -145,7 +150,8 @@ def make_flight(
     grade's tolerances, a number or a mapping by key; `errors` sets actual errors by key, SI (a number fills the
     vector); `region`, `values` (angle, delay, ...) and `start` replace what is drawn; `beside` acts as well; `planted`
     in place of all that would be drawn; `imperfect` names kinds of `imperfections.KINDS`, at `imperfect_size` times
-    their ordinary size. The same seed gives the same start, errors and noise whatever is planted.
+    their ordinary size. The same seed gives the same start, errors and noise whatever is planted; an inertial `unit`
+    with another number has errors and noise of its own.
     """
     if truth not in (*TRUTHS, *THROUGHOUT):
         raise ValueError(f"got the truth '{truth}', expected one of {', '.join((*TRUTHS, *THROUGHOUT))}")
@@ -153,6 +159,9 @@ def make_flight(
     craft = replace(craft, duration=duration or craft.duration, sample_rate=sample_rate or craft.sample_rate)
     start = start or draw_start(craft, stream(seed, "start"))
     drawn = draw_errors(grade, factor, stream(seed, "errors"), errors)
+    if unit:
+        other = draw_errors(grade, factor, stream(seed, "errors", unit), errors)
+        drawn = replace(drawn, **{key: getattr(other, key) for key in OF_AN_INERTIAL_UNIT})
     noise = noise.louder(noise_factor)
     time = np.arange(round(craft.duration * craft.sample_rate) + 1) / craft.sample_rate
     share = 0.0
@@ -164,7 +173,7 @@ def make_flight(
         planted = replace(planted, onset=flaws.onset)
     body = flown(craft, start, drawn, planted, max(PAD, 1.5 * abs(drawn.time_skew)), flaws)
     true = _truth(body, time, drawn, noise, share)
-    rng = stream(seed, "noise")
+    rng = stream(seed, "noise", unit)
     flight = _record(true, body.history, grade, rng, f"independent {craft.name}, seed {seed}")
     if flaws is not None:
         flight = flaws.recorded(flight, rng, (noise.gyro, noise.accel))
@@ -180,8 +189,8 @@ def draw_flight(seed: int, **options: Any) -> Made:
     return make_flight(**{**drawn, "seed": seed, **options})
 
 
-def stream(seed: int, purpose: str) -> np.random.Generator:
-    return np.random.default_rng([seed, _STREAMS[purpose]])
+def stream(seed: int, purpose: str, unit: int = 0) -> np.random.Generator:
+    return np.random.default_rng([seed, _STREAMS[purpose], *([unit] if unit else [])])
 
 
 def _nominal(

@@ -61,8 +61,9 @@ class Outcome:
     """Of a right name: estimate less truth, over its standard error."""
 
 
-def drawn_flight(seed: int, number: int, grade: str, world: str) -> tuple[Made, str, float]:
-    """The flight of this number, the kind of its imperfection, and the mechanism's part of its full size.
+def drawn_flight(seed: int, number: int, grade: str, world: str, unit: int = 0) -> tuple[Made, str, float]:
+    """The flight of this number, the kind of its imperfection, and the mechanism's part of its full size; the record is
+    that of an inertial unit aboard.
 
     Raises RuntimeError where none can be flown.
     """
@@ -76,7 +77,7 @@ def drawn_flight(seed: int, number: int, grade: str, world: str) -> tuple[Made, 
     kind = KINDS[number % len(KINDS)] if world == "one" else world
     kinds = {"tolerances": (), "all": KINDS}.get(world, (kind,))
     size = HALF if world == "all" else 1.0
-    made = make_flight(vehicle, truth, amplitude, seed, grade, imperfect=kinds, imperfect_size=size)
+    made = make_flight(vehicle, truth, amplitude, seed, grade, imperfect=kinds, imperfect_size=size, unit=unit)
     return made, kind, amplitude
 
 
