@@ -184,7 +184,7 @@ def _segments(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Seg
     for start, stop in cuts[:MOST_CUTS_NAMED]:
         lacking = ", ".join(name for name, finite in known.items() if not np.all(finite[start:stop]))
         inside = start > 0 and stop < time.size
-        why = f"a gap too long to bridge in {lacking}" if inside else f"at the record's end, without {lacking}"
+        why = f"a gap too long to bridge in {lacking}" if inside else f"at an end of the record, without {lacking}"
         span = f"{time[start]:.3f} to {time[stop - 1]:.3f} s ({counted(stop - start, 'sample')})"
         notes.append(f"{span} left out: {why}")
     if len(cuts) > MOST_CUTS_NAMED:

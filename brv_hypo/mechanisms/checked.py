@@ -246,7 +246,7 @@ def _problem(method: str, shape: tuple[int, ...], given: Any) -> str:
         columns = {name: getattr(given, name) for name in CHANNELS}
     elif method == "shapes":
         sides = (("C_m,in", np.real), ("C_n,side", np.imag))
-        columns = {f"{side} of shape {k}": part(each) for k, each in enumerate(given) for side, part in sides}
+        columns = {f"{side} of `shapes(...)[{k}]`": part(each) for k, each in enumerate(given) for side, part in sides}
     elif method == "components":
         columns, shape = {"sizes": [size for _, _, size in given]}, (len(given),)
     elif method in ("knots", "tolerance") and given is not None:

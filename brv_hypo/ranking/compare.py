@@ -181,16 +181,11 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     listed = [
         Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, _impossible(fit, own.level - null.level))
         for fit, own in zip(beside.fits, beside.evidences, strict=True)
-        if fit.selected or not fit.mechanisms  # of a mechanism that the data do not determine nothing is known
+        if not fit.mechanisms or (fit.selected and not _has_idle_part(fit, beside.fits))  # of others nothing is known
     ]
     instead = [
-        Candidate(
-            each.fit.name,
-            weighed(each.evidence.level - null.level, weight, acting_in(each.fit)),
-            weight * each.evidence.held_out,
-            words=each.words,
-        )
-        for each in outside(beside, hypotheses)
+        Candidate(fit.name, weighed(fit, own.level - null.level, weight), weight * own.held_out, words=words)
+        for words, fit, own in outside(beside, hypotheses)
     ]
     leader, share = beside.evidences[beside.leader], explained(beside)
     squares = share.share * beside.squares * beside.rows.noise_ratio**2
@@ -200,6 +195,11 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     if verdict.outcome == "none adequate":
         found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)
     return verdict.model_copy(update={"limits": found})
+
+
+def _has_idle_part(fit: HypothesisFit, fits: Sequence[HypothesisFit]) -> bool:
+    """Whether a joined hypothesis is one of the others: the same mechanisms act, and it has more."""
+    return any(len(e.mechanisms) < len(fit.mechanisms) and acting_in(e) == acting_in(fit) for e in fits)
 
 
 def _impossible(fit: HypothesisFit, gain: float) -> str | None:

@@ -141,10 +141,9 @@ def judged(
         scale, independent = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
         shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
         weight = independent * shares[place]
-        fits = [
-            with_others(problem, _estimated(fit, own, own.level - null.level, weight, independent * share, scale))
-            for (fit, own), share in zip(pairs, shares, strict=True)
-        ]
+        each = [(pair, weighed(pair[0], level(pair) - null.level, weight)) for pair in pairs]
+        stated = [_estimated(*pair, own, independent * s, scale) for (pair, own), s in zip(each, shares, strict=True)]
+        fits = [with_others(problem, fit) for fit in stated]
         there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
             found = there
@@ -180,23 +179,21 @@ def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
     return fit.information <= leader.information + SEARCH_OUT_OF_REACH
 
 
-def weighed(gain: float, weight: float, acting: int) -> float:
-    """The log evidence over the baseline's as it counts: everything that acts has its price."""
-    return weight * gain - acting * MECHANISM_ACTS
+def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
+    """The log evidence over the baseline's as it counts: every mechanism that acts has its price."""
+    return weight * gain - len(acting_in(fit)) * MECHANISM_ACTS
 
 
-def acting_in(fit: HypothesisFit) -> int:
-    """How many mechanisms of a hypothesis act."""
-    return len({column.mechanism for column in fit.selected})
+def acting_in(fit: HypothesisFit) -> set[str]:
+    """The mechanisms of a hypothesis that act."""
+    return {column.mechanism for column in fit.selected}
 
 
-def _estimated(
-    fit: HypothesisFit, own: Evidence, gain: float, weight: float, own_weight: float, scale: float
-) -> HypothesisFit:
-    """The fit with the coefficients of its evidence and its weighed gain; a nat counts as `own_weight` in their errors,
-    for the same reason; `scale`: see `scale_variance`.
+def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
+    """The fit with the coefficients of its evidence, and errors in which a nat counts as its own `weight`; `level`: its
+    weighed log evidence; `scale`: see `scale_variance`.
     """
-    count, covariance = len(fit.columns), own.covariance / own_weight
+    count, covariance = len(fit.columns), own.covariance / weight
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):
         terms = np.arange(fit.baseline_size, count)
@@ -204,7 +201,7 @@ def _estimated(
     knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
     step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
     covariance[knots, knots] += step**2 / 12.0
-    found = replace(fit, log_evidence=weighed(gain, weight, acting_in(fit)), values=values, joint_covariance=covariance)
+    found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
 
 

@@ -43,8 +43,8 @@ Pair = tuple[HypothesisFit, Evidence]
 def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> list[Pair]:
     """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
 
-    Where that gains most beside processes as large as they are without it; where these are larger than ordinary ones,
-    they may have made up for it, and it is searched beside ordinary ones too: the evidence has a maximum at each.
+    Beside processes as large as without it, and beside ordinary ones where those are larger: the evidence has a maximum
+    at each, and large processes may have made up for it.
     """
     fit = pair[0]
     if len(fit.mechanisms) != 1:

@@ -196,7 +196,7 @@ def comparison_document(comparison: Comparison) -> Document:
             tables.ranking_table(comparison),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
-        beside=tables.process_blocks(comparison),
+        beside=[*tables.estimate_blocks(comparison), *tables.process_blocks(comparison)],
         blocks=(
             Section("Data quality", _quality(comparison)),
             Section("Air data and motion", of("motion"), folded=True),

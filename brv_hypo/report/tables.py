@@ -82,9 +82,19 @@ def process_blocks(comparison: Comparison) -> list[Block]:
         if each.share_of_moment > LEAST_PROCESS
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
-    none = (f"No process makes more than {share(LEAST_PROCESS)} of the static moment.",) if processes else ()
+    small = ", ".join(each.name for each in processes if each.share_of_moment <= LEAST_PROCESS)
+    others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
     table = Table(rows, beside, ("process", "family", "unit"), most=PROCESSES_AT_FIRST)
-    return [table, Texts((_PROCESSES,) if rows else none, bullets=False, shown="page" if rows else "always")]
+    text = Texts((_PROCESSES,) if rows else (), bullets=False, shown="page")
+    return [table, text, Texts(others, "", bullets=False, shown="verbose" if rows else "always")]
+
+
+def estimate_blocks(comparison: Comparison) -> list[Block]:
+    """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
+    leader = comparison.ranking[:1]
+    net = [v for row in leader for each in row.intervals for v in each.values if abs(v.value) > 2.0 * v.std_error]
+    whole = [each for row in leader for each in row.derived if each.region_s is None]
+    return [term_table("Estimates of the leader", net, "always"), Texts(derived_texts(whole), bullets=False)]
 
 
 def size_table(comparison: Comparison) -> Table:
