@@ -77,7 +77,7 @@ def noise_in_moments(flight: Flight, noise: ComplexArray) -> float:
     return float(np.mean(rate[:, spin.interior] ** 2))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_a_known_model_leaves_of_noise_is_what_the_band_says(exact: SavedModel) -> None:
     """Of the noise that there is: how loud it came out on a few seconds is no part of it."""
     config = trimmed_cone(TRIM)

@@ -69,7 +69,7 @@ def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
         assert abs(found[name].value - planted) < 4.0 * found[name].std_error
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_better() -> None:
     """Three powers of a Mach number that changes by 2 % are nearly one column.
 

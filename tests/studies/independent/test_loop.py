@@ -12,7 +12,7 @@ from tests.studies.independent.oracle import DETECTED
 from tests.studies.independent.record_oracle import f_ratios_in_record
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [43016, pytest.param(43134, marks=pytest.mark.slow)])
 def test_a_slope_that_follows_the_speed_is_no_finding(seed: int) -> None:
     """A light biconic: the temperature of the air moves its Mach number as much as its speed does."""

@@ -33,6 +33,7 @@ def test_a_third_harmonic_is_no_mechanism_of_the_list(seed: int) -> None:
     assert verdict.probability["other"] + verdict.probability["none"] > 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [46086, pytest.param(46128, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("truth", ["vortex"])
 def test_side_moments_are_not_named_sticking(seed: int, truth: str) -> None:
@@ -109,6 +110,7 @@ def test_coloured_noise_is_no_mechanism(seed: int) -> None:
     assert said(made).winner in (None, "none")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "truth"),
     [
