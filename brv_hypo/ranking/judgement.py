@@ -25,7 +25,7 @@ from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.limits import scale_variance
 from brv_hypo.ranking.preparation import cleaned, shared_problem, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
-from brv_hypo.ranking.with_processes import in_one_region, level, moved, plainest, widened
+from brv_hypo.ranking.with_processes import Pair, in_one_region, level, moved, plainest, widened
 from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -73,7 +73,7 @@ class Judged:
     @property
     def leader(self) -> int:
         """The place of the most probable hypothesis."""
-        return min(range(len(self.fits)), key=lambda k: self.fits[k].information)
+        return min(range(len(self.fits)), key=lambda k: (self.fits[k].information, len(self.fits[k].mechanisms)))
 
     @property
     def misfit(self) -> float:
@@ -137,6 +137,7 @@ def judged(
         pairs = [widened(problem, each) if level(each) > high else each for each in pairs]
         place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
         pairs[place] = moved(problem, pairs[place], closely=True)
+        pairs = [_without_idle_part(each, pairs) for each in pairs]
         evidences = [own for _, own in pairs]
         scale, independent = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
         shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
@@ -161,7 +162,8 @@ def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[Hypothe
         for fit in fits
     ]
     first = likeliest(there)
-    return [renewed(problem, fit, FINAL if fit is first else ROUGH) if _in_reach(fit, first) else fit for fit in there]
+    worst = first.information + SEARCH_OUT_OF_REACH
+    return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
 
 
 def _searched(problem: Problem, hypotheses: Hypotheses, say: Say) -> list[HypothesisFit]:
@@ -174,9 +176,10 @@ def _searched(problem: Problem, hypotheses: Hypotheses, say: Say) -> list[Hypoth
     return fits
 
 
-def _in_reach(fit: HypothesisFit, leader: HypothesisFit) -> bool:
-    """Whether a fit may still come near the leader."""
-    return fit.information <= leader.information + SEARCH_OUT_OF_REACH
+def _without_idle_part(pair: Pair, pairs: Sequence[Pair]) -> Pair:
+    """A joined hypothesis of which a part does not act has the fit of the one without that part."""
+    like, own = min((e for e in pairs if acting_in(e[0]) == acting_in(pair[0])), key=lambda e: len(e[0].mechanisms))
+    return replace(like, name=pair[0].name, mechanisms=pair[0].mechanisms), own
 
 
 def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
@@ -190,9 +193,7 @@ def acting_in(fit: HypothesisFit) -> set[str]:
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
-    """The fit with the coefficients of its evidence, and errors in which a nat counts as its own `weight`; `level`: its
-    weighed log evidence; `scale`: see `scale_variance`.
-    """
+    """The fit as its evidence has it: a nat counts as `weight` in its errors; `level` is weighed; see `scale_variance`."""
     count, covariance = len(fit.columns), own.covariance / weight
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):

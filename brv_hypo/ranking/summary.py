@@ -88,7 +88,7 @@ def summarise(
     make up for that.
     """
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
-    order = sorted(range(len(fits)), key=lambda i: fits[i].information)
+    order = sorted(range(len(fits)), key=lambda i: (fits[i].information, len(fits[i].mechanisms)))
     ranking = tuple(
         _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
             update={

@@ -59,3 +59,16 @@ def test_two_flights_are_fitted_jointly() -> None:
     alone = compare(flights[:1]).ranking[0]
     pairs = zip(comparison.ranking[0].terms, alone.terms, strict=False)
     assert all(joint.std_error < single.std_error for joint, single in pairs)
+
+
+@pytest.mark.thorough
+def test_a_joined_hypothesis_of_which_a_part_does_not_act_is_no_rival() -> None:
+    """It had the evidence of the other, and half of its probability: one that is certain was undecided."""
+    flight, names = flown("research_cone", "bodyfixed").flight, ("bodyfixed+damping", "bodyfixed")
+    found = compare([flight], CompareConfig(mechanisms=names, maximum_likelihood="none"))
+    first, joined, _ = found.ranking
+    assert (first.mechanism, joined.mechanism) == ("bodyfixed", "bodyfixed+damping")
+    assert {term.mechanism for term in joined.terms} == {"bodyfixed"}
+    assert joined.log_evidence == first.log_evidence
+    assert found.verdict.equivalent == ("bodyfixed",)
+    assert set(found.verdict.probability) == {"none", "bodyfixed", "other"}
