@@ -193,7 +193,7 @@ def acting_in(fit: HypothesisFit) -> set[str]:
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
-    """The fit as its evidence has it: a nat counts as `weight` in its errors; `level` is weighed; see `scale_variance`."""
+    """The fit as its evidence has it: a nat counts as `weight` in errors; `level` is weighed; see `scale_variance`."""
     count, covariance = len(fit.columns), own.covariance / weight
     values = own.values[:count] if fit.selected else own.values
     if fit.selected and not follows_static_moment(fit.mechanisms):
