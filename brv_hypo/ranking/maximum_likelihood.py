@@ -35,6 +35,7 @@ def identify_credible(
     if config.maximum_likelihood == "none":
         return Likelihoods({}, frozenset())
     chances, adequate = verdict.probability, verdict.outcome != "none adequate"
+    fits = [fit for fit in fits if fit.name in chances]
     credible = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
     credible.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
