@@ -393,7 +393,7 @@ def test_shapes_that_are_not_finite_are_said():
 
     early, whole = sample_motion(0.5 * uniform_time()), sample_motion(uniform_time())
     assert len(checked(_NotAlways()).shapes(early)) == 1
-    with pytest.raises(MechanismError, match=r"C_m,in of shape 0 with 100 values that are not finite"):
+    with pytest.raises(MechanismError, match=r"C_m,in of `shapes\(...\)\[0\]` with 100 values that are not finite"):
         checked(_NotAlways()).shapes(whole)
 
 

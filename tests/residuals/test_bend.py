@@ -91,7 +91,7 @@ def test_a_moment_in_proportion_is_not_said_to_bend() -> None:
     assert trace(nominal().flight, settings).added == ()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_saved_model_predicts_a_sister_by_its_bend(tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("bent") / "model.yaml"
     path.write_text(model_text(traced(*OTHERS).model.definition), encoding="utf-8")

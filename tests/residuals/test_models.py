@@ -36,7 +36,7 @@ def traced_errors() -> Trace:
     return trace(flight_with_errors(), QUICK)
 
 
-ANY_TRACE = pytest.mark.parametrize("made", [traced_trim, pytest.param(traced_errors, marks=pytest.mark.thorough)])
+ANY_TRACE = pytest.mark.parametrize("made", [traced_trim, pytest.param(traced_errors, marks=pytest.mark.slow)])
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def flight() -> Flight:
     return nominal().flight
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_both_effects_are_added(result: Trace) -> None:
     assert set(result.added) == {"trim", "accel_scale"}
 
@@ -70,7 +70,7 @@ def test_the_added_effect_is_the_first_candidate(made: Callable[[], Trace]) -> N
     assert all(step.candidates[0].effect == step.added for step in added)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(result: Trace) -> None:
     step = next(step for step in result.steps if step.added == "accel_scale")
     assert step.force_error_after is not None
@@ -79,7 +79,7 @@ def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(resu
     assert step.held_out_score > 5.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_error_of_the_record_has_a_standard_error(result: Trace) -> None:
     term = next(t for t in result.model.terms if t.channel == "record")
     # A scale common to both axes is that of the normal force: y reads too much as much as z reads too little.
@@ -88,7 +88,7 @@ def test_the_error_of_the_record_has_a_standard_error(result: Trace) -> None:
     assert abs(term.value - expected) < 5.0 * term.std_error
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
     assert result.ml is not None
     # Of Mach and Reynolds number, which move together, the search may run to its limit along what neither tells.
@@ -118,7 +118,11 @@ def test_after_the_limit_the_residual_is_that_of_the_final_model() -> None:
     [
         pytest.param(lambda: trimmed().flight, traced_trim, ONE_EFFECT, id="one effect"),
         pytest.param(
-            flight_with_errors, traced_errors, QUICK.model_copy(update={"maximum_likelihood": False}), id="two effects"
+            flight_with_errors,
+            traced_errors,
+            QUICK.model_copy(update={"maximum_likelihood": False}),
+            id="two effects",
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -101,6 +101,7 @@ def test_a_single_flight_takes_what_is_shared(result: Trace) -> None:
     assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
 
 
+@pytest.mark.slow
 def test_one_flight_in_a_sequence_is_that_flight() -> None:
     alone, listed = traced_trim(), trace([trimmed().flight], ONE_EFFECT)
     assert alone.model_dump(exclude={"seconds"}) == listed.model_dump(exclude={"seconds"})

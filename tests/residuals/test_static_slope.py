@@ -16,7 +16,7 @@ from tests.studies.independent.vehicles import CAPSULE
 BARE = TraceConfig(effects=("trim",), discover=False, max_steps=1, maximum_likelihood=False)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_the_slope_is_that_of_the_vehicle(seed: int) -> None:
     """At no angle of attack and at that flown, of a moment that bends."""

@@ -76,7 +76,7 @@ def test_nor_is_a_model_that_two_ways_of_searching_found():
     assert reordered(case, (1, 2, 0)).within(SUMMED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
     [

@@ -15,7 +15,7 @@ def flight_with(amplitude: float) -> Made:
     return make_flight("cone", "bodyfixed", amplitude, 7, region=REGION)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_goes_with_the_square_of_the_size_and_is_less_than_what_the_motion_would_tell() -> None:
     little, more = flight_with(0.02), flight_with(0.04)
     (first,), (second,) = f_ratios_in_record(little), f_ratios_in_record(more)

@@ -23,6 +23,7 @@ def said(made: Made) -> Verdict:
     return compare(made.flight, CompareConfig(mechanisms=LISTED, maximum_likelihood="none")).verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [46203, pytest.param(46036, marks=pytest.mark.slow), pytest.param(46102, marks=pytest.mark.slow)]
 )
@@ -67,6 +68,7 @@ def test_a_moment_that_turns_in_the_body_is_not_named_body_fixed() -> None:
     assert float(found[1]) == pytest.approx(3.0, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "grade"), [(68139, "tactical"), pytest.param(68214, "industrial", marks=pytest.mark.slow)]
 )
@@ -102,6 +104,7 @@ def test_a_damping_that_turns_abruptly_is_named() -> None:
     assert said(made).winner == "damping"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [49002, pytest.param(49004, marks=pytest.mark.slow), pytest.param(49006, marks=pytest.mark.slow)]
 )
@@ -140,6 +143,7 @@ def test_a_transverse_force_that_is_read_along_the_axis_is_no_course_of_the_axia
     assert truth in verdict.equivalent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "number", "truth", "drawn"),
     [(163158, 158, "inplane", False), pytest.param(132146, 26, "inplane", True, marks=pytest.mark.slow)],
@@ -192,6 +196,7 @@ def windy() -> Made:
     return made
 
 
+@pytest.mark.slow
 def test_a_wind_along_the_track_is_no_damping() -> None:
     """It changes the speed that turns the air's flow: it was named `damping` at F 46."""
     verdict = said(windy())

@@ -41,7 +41,7 @@ def test_nothing_planted_changes_nothing(state: State) -> None:
         np.testing.assert_array_equal(getattr(again, name), getattr(flight, name))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
     flight = with_moment(base.flight, base.state, find("magnus"), [MAGNUS])
     settings = TraceConfig(effects=("magnus", "trim"), discover=False, max_steps=2, maximum_likelihood=False)
