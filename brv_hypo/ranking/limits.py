@@ -55,7 +55,7 @@ def limits(
 ) -> tuple[MechanismLimit, ...]:
     """The share of the moment's rms that each hypothesis may have at 95 %; a joined one has that of its largest.
 
-    One of the leader has what was fitted and its margin; others what they may have beside it; a nat counts as `weight`.
+    One of the leader: as fitted, with its margin; another: beside the leader. A nat counts as `weight`.
     """
     rows = evidence.rows
     frame, moment = rows.frame_of(leader), rows.moment

@@ -25,7 +25,7 @@ from brv_hypo.report.document import Block, Shown, Table, Texts
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}
 _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader needs, in the name of what was discovered
 
-PROCESSES_AT_FIRST = 4  # processes that the terminal shows; all of them with -v and on the page
+ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
@@ -84,7 +84,7 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     small = ", ".join(each.name for each in processes if each.share_of_moment <= LEAST_PROCESS)
     others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
-    table = Table(rows, beside, ("process", "family", "unit"), most=PROCESSES_AT_FIRST)
+    table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
     text = Texts((_PROCESSES,) if rows else (), bullets=False, shown="page")
     return [table, text, Texts(others, "", bullets=False, shown="verbose" if rows else "always")]
 
@@ -93,8 +93,8 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
     leader = comparison.ranking[:1]
     net = [v for row in leader for each in row.intervals for v in each.values if abs(v.value) > 2.0 * v.std_error]
-    whole = [each for row in leader for each in row.derived if each.region_s is None]
-    return [term_table("Estimates of the leader", net, "always"), Texts(derived_texts(whole), bullets=False)]
+    table = term_table("Estimates of the leader", net, "always", most=ROWS_AT_FIRST)
+    return [table, Texts(derived_texts(e for row in leader for e in row.derived if e.region_s is None), bullets=False)]
 
 
 def size_table(comparison: Comparison) -> Table:
