@@ -375,7 +375,7 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
     )
     layers = [
         *estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
-        *estimate(x[order], zero, zero_sigma, "first", "at no angle of attack"),
+        *estimate(x[order], zero, zero_sigma, "first", "at alpha = 0"),
     ]
     panel = Panel(axis, layers)
     edges = _values(panel, Band)

@@ -134,7 +134,7 @@ def function_table(comparison: Comparison) -> Table:
             values = (f"{known_to(value, sigma)} ± {number(sigma, 2)}" for value, sigma in pairs)
             place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
             rows.append(place | dict(zip(map(str, comparison.functions), values, strict=True)))
-    return Table(rows, "At no angle of attack", shown="verbose")
+    return Table(rows, "At alpha = 0", shown="verbose")
 
 
 # ---- Terms of a model ----

@@ -162,7 +162,7 @@ def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
     unstable = values[worst] > STABLE_SIGMAS * errors[worst]
     said = "is unstable" if unstable else "is not significantly stable"
     return (
-        f"At no angle of attack the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
+        f"At alpha = 0 the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
         f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "
         f"{slope.at_flown[worst]:.2g} ± {slope.at_flown_std_error[worst]:.1g} at the "
         f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."

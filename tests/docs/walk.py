@@ -87,7 +87,7 @@ def opportunity(walk: Walk) -> None:
     """Table, record, verdict, page, figures."""
     _copied(walk, "opportunity", "*.csv")
     walk.measured("opportunity", "opportunity_entry.map.yaml", 0)
-    walk.typed("reconstruct", "opportunity.h5", "--figures", "figures")
+    walk.typed("reconstruct", "opportunity_entry.h5", "--figures", "figures")
 
 
 def rocket(walk: Walk) -> None:

@@ -61,6 +61,6 @@ def test_where_it_is_unstable_is_told_with_its_size() -> None:
 
 def test_where_it_is_not_told_to_be_stable_is_told_flight_by_flight() -> None:
     said = stability_in_words([sloped([-0.1, -0.1]), sloped([-0.01, -0.1, -0.019], flight=1, mach=float("nan"))])
-    assert said.startswith("At no angle of attack the static moment of flight 2 is not significantly stable")
+    assert said.startswith("At alpha = 0 the static moment of flight 2 is not significantly stable")
     assert "from 0 to 0 s and from 20 to 20 s: " in said
     assert "Mach" not in said
