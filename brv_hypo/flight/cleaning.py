@@ -91,7 +91,7 @@ def interpolated_holds(time: FloatArray, channels: Channels) -> tuple[Channels, 
             line = np.interp(time, at, known)  # and on along the first and the last of its slopes
             line += slopes[0] * np.minimum(time - at[0], 0.0) + slopes[1] * np.maximum(time - at[-1], 0.0)
             out[name] = np.where(np.isfinite(values), line, np.nan)
-            rate = 1.0 / float(np.median(np.diff(time[new])))
+            rate = 1.0 / float(np.median(np.diff(at)))
             action = f"new values at {rate:.3g} Hz, held between: interpolated"
             faults.append(RecordFault(name, "held", float(time[0]), float(time[-1]), action, False))
     return out, tuple(faults)

@@ -199,15 +199,22 @@ def count(what: str, hits: Sequence[bool]) -> str:
     return f"{what}: {k} of {n} ({k / n:.0%}, {low:.0%} to {high:.0%})"
 
 
+def command_line(
+    description: str, flights: int, world: str, arguments: Sequence[str] | None = None
+) -> argparse.Namespace:
+    """What a study of drawn flights is asked for: seed, so many flights unless said, grade, world and jobs."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--flights", type=int, default=flights)
+    parser.add_argument("--grade", default="tactical", choices=GRADES)
+    parser.add_argument("--world", default=world, choices=("one", "all", "tolerances"))
+    parser.add_argument("--jobs", type=int, default=1)
+    return parser.parse_args(arguments)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--flights", type=int, default=len(KINDS))
-    parser.add_argument("--grade", default="tactical", choices=GRADES)
-    parser.add_argument("--world", default="one", choices=("one", "all", "tolerances"))
-    parser.add_argument("--jobs", type=int, default=1)
-    given = parser.parse_args(arguments)
+    given = command_line(__doc__.splitlines()[0], len(KINDS), "one", arguments)
     runs = (delayed(fly)(given.seed + k, k, given.grade, given.world) for k in range(given.flights))
     fly_and_report(runs, given.jobs, line, report)
 

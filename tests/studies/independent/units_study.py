@@ -8,7 +8,6 @@ share vehicle, motion and air data. Two estimates of one quantity agree within 1
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -19,7 +18,7 @@ from joblib import delayed
 from brv_hypo import compare
 from brv_hypo.ranking import CompareConfig, Comparison
 from tests.studies.identification.study import NORMAL_95
-from tests.studies.independent.imperfect_study import count, drawn_flight
+from tests.studies.independent.imperfect_study import command_line, count, drawn_flight
 from tests.studies.independent.mechanisms import LISTED
 from tests.studies.independent.reporting import fly_and_report
 
@@ -88,13 +87,7 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--flights", type=int, default=12)
-    parser.add_argument("--grade", default="tactical")
-    parser.add_argument("--world", default="all", choices=("one", "all", "tolerances"))
-    parser.add_argument("--jobs", type=int, default=1)
-    given = parser.parse_args(arguments)
+    given = command_line(__doc__.splitlines()[0], 12, "all", arguments)
     runs = (delayed(fly)(given.seed + k, k, given.grade, given.world) for k in range(given.flights))
     fly_and_report(runs, given.jobs, line, report)
 
