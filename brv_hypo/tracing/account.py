@@ -230,12 +230,12 @@ def _predicted(fit: Fit, frame: RateFrame, columns: Sequence[Regressor], number:
     """Errors on one flight of the shared coefficients that the others have: 0 is fixed, NaN free."""
     data, items = fit.data, fit.problem.rows.nuisances.items
     flights = [np.array([-1 if each.flight is None else each.flight for each in some]) for some in (columns, items)]
-    others = fit.problem.on(data.part_of([k for k in range(len(data.records)) if k != number]))
+    others = fit.problem.on(data.part_where(data.frame.flight_of_row != number))
     known = constrained(others, frame, columns, *(np.where(each == number, 0.0, np.nan) for each in flights))
     fixed = [
         np.where(each == -1, found, np.where(each == number, np.nan, 0.0))
         for each, found in zip(flights, (known.values, known.others), strict=True)
     ]
-    part = data.part_of([number])
+    part = data.part_where(data.frame.flight_of_row == number)
     left = constrained(fit.problem.on(part), frame, columns, *fixed).left
     return MomentErrors.of(part, data.moments(left.rates))

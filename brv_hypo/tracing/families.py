@@ -23,7 +23,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.rows import Rows, Terms, rows_of
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, rms_of_shapes
+from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Applied, Model
@@ -68,14 +68,11 @@ class Beside:
         rows = self.rows if families is None else self.rows.only(families)
         return maximised(rows, terms, self.start if families is None else None)
 
-    def gain(self, name: str) -> float:
-        """By how much an effect raises the log evidence beside the others."""
-        return self.whole.level - self._without(name).level
-
-    def gain_in_place(self, name: str) -> float:
-        """The same, where it acts instead of the processes of its family."""
+    def gain(self, name: str, in_place: bool = False) -> float:
+        """By how much an effect raises the log evidence beside the others; `in_place` of its family's processes."""
         others = {group.family for group in self.rows.groups} - {self.families[name]}
-        return self.evidence(list(self.terms), sorted(others)).level - self._without(name).level
+        own = self.evidence(list(self.terms), sorted(others)) if in_place else self.whole
+        return own.level - self.evidence([each for each in self.terms if each != name]).level
 
     def rest_of_family(self, name: str) -> float:
         """What processes of an effect's family explain beside it, over what it explains itself."""
@@ -84,9 +81,6 @@ class Beside:
         residuals += [self.evidence(list(self.terms), [self.families[name]]).residual]
         before, after, rest = (float(each @ each) for each in residuals)
         return (after - rest) / max(before - after, 1e-300)
-
-    def _without(self, name: str) -> Evidence:
-        return self.evidence([each for each in self.terms if each != name])
 
     def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
         """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
@@ -161,8 +155,14 @@ class Beside:
             for family in some:  # what two explain together is half of either
                 falls[family] = np.asarray(falls.get(family, 0.0) + (before - after) / len(some))
         histories = self._histories(selected[-1][1])
-        shares = [_share(family, fall, squares[0], histories.get(family)) for family, fall in falls.items()]
-        return tuple(sorted(shares, key=lambda each: -each.share))
+        found = []
+        for family, fall in falls.items():
+            share, left_out = float(fall.sum() / squares[0].sum()), squares[0].sum() - squares[0]
+            error = NORMAL_95 * jackknife_error((fall.sum() - fall) / np.maximum(left_out, 1e-300))
+            low, high = np.clip([share - error, share + error], 0.0, 1.0).tolist()
+            known = {"family": family, "share": min(max(share, 0.0), 1.0), "interval_95": (low, high)}
+            found.append(Family.model_validate({**known, "history": histories.get(family)}))
+        return tuple(sorted(found, key=lambda each: -each.share))
 
     @cached_property
     def majority(self) -> str | None:
@@ -191,8 +191,7 @@ class Beside:
     def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
         """Of each family, the history of the process that makes most of the record, on the first flight."""
         every: tuple[Process, ...] = (*moment_processes(), *record_processes())
-        processes = {process.name: process for process in every}
-        groups = own.rows.groups
+        processes, groups = {process.name: process for process in every}, own.rows.groups
         sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
         largest = {groups[k].family: k for k in np.argsort(sizes).tolist()}
         motion = self.rows.frame.motions[0]
@@ -226,11 +225,18 @@ def beside_processes(
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
     point = replace(point, nonlinear=nonlinear_parameters(point.columns, count, frame, problem.knots))
     rows, start = rows_under_own_noise(problem, point)
-    terms = {each.name: rows.terms(point).only(_places(point, each.name)) for each in mechanisms}
-    families = {each.name: _family_of(point, rows.frame.motions, each.name) for each in mechanisms}
+    terms, families, motions = dict[str, Terms](), dict[str, str](), rows.frame.motions
+    for name in (mechanism.name for mechanism in mechanisms):  # its terms, and what its knots and delays move
+        places = [k for k, column in enumerate(added) if column.mechanism == name]
+        moves = [k for k, each in enumerate(point.nonlinear) if {j - count for j in each.columns} <= set(places)]
+        terms[name] = rows.terms(point).only([*places, *(len(added) + k for k in moves)])
+        families[name] = _family_of(point, motions, name)
     if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
-        effect = next(each.name for each in mechanisms if each.follows == "mach")
-        terms[effect] = terms[effect].beside(_of_schedule(rows, model.mechanisms[SlopeSchedule.name]))
+        effect, schedule = next(m.name for m in mechanisms if m.follows == "mach"), model.mechanisms[SlopeSchedule.name]
+        always, frame = TimeBasis("constant"), rows.frame.with_mechanisms([schedule])
+        x = rows.of_moments(frame, [term_column(schedule, t, (), always) for t in schedule.terms(motions[0], {})])
+        spread = np.array(schedule.tolerance(data.flights[0]))
+        terms[effect] = terms[effect].beside(Terms(x, spread, np.zeros(spread.size, dtype=bool)))
     items = problem.rows.nuisances.items
     bounded = {items[k].name for k in problem.rows.nuisances.bounded.tolist()}
     shift = np.zeros(rows.y.size)
@@ -251,24 +257,8 @@ def _of_record(x: FloatArray, searched: int) -> Terms:
     return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
 
 
-def _of_schedule(rows: Rows, schedule: Mechanism) -> Terms:
-    """A smooth schedule of the slope within its prior."""
-    frame, motion, always = rows.frame.with_mechanisms([schedule]), rows.frame.motions[0], TimeBasis("constant")
-    columns = [term_column(schedule, term, (), always) for term in schedule.terms(motion, {})]
-    x = rows.of_moments(frame, columns)
-    spread = np.array(schedule.tolerance(rows.frame.reconstructions[0].flight))
-    return Terms(x, spread, np.zeros(spread.size, dtype=bool))
-
-
 def _label(applied: Applied) -> str:
     return f"{applied.effect.name} {applied.component} [flight {applied.flight}]"
-
-
-def _places(point: HypothesisFit, name: str) -> list[int]:
-    """The columns of X that belong to a mechanism: its terms, and what its knots and delays move."""
-    first, count = point.baseline_size, len(point.selected)
-    own = [k for k, column in enumerate(point.selected) if column.mechanism == name]
-    return own + [count + k for k, each in enumerate(point.nonlinear) if {j - first for j in each.columns} <= set(own)]
 
 
 def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
@@ -276,14 +266,6 @@ def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
     y = rows.beside_baseline(rows.y)
     x = rows.beside_baseline(np.concatenate([rows.terms(None).x, *(each.x for each in terms)], axis=1))
     return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
-
-
-def _share(family: str, falls: FloatArray, squares: FloatArray, history: ProcessHistory | None) -> Family:
-    """What a family explains of sums of squares by stretches of time (stretches,)."""
-    share = float(falls.sum() / squares.sum())
-    error = jackknife_error((falls.sum() - falls) / np.maximum(squares.sum() - squares, 1e-300))
-    low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
-    return Family(family=family, share=float(np.clip(share, 0.0, 1.0)), interval_95=(low, high), history=history)
 
 
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:

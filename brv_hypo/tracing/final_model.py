@@ -59,7 +59,7 @@ def gathered(
     data, flights, final = fit.data, fit.data.originals, residual_of(fit)
     whole = WholeRecord.of(fit)
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
-    definition, slopes = _definition(whole), static_slopes(data, found)
+    definition, slopes = _definition(fit, whole), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
     findings = _added(steps, "finding")
     return Trace(
@@ -258,11 +258,11 @@ class WholeRecord:
         return tuple(map(term, self.fit.model.applied))
 
 
-def _definition(whole: WholeRecord) -> SavedModel:
+def _definition(fit: Fit, whole: WholeRecord) -> SavedModel:
     """The model as its file, with what is known of it where it was found."""
-    fit, found, flights = whole.fit, whole.coefficients, whole.fit.data.originals
-    elsewhere, left = _elsewhere(fit, found)
-    known = fit.model.but(columns=found.columns).saved()
+    found, flights = whole.coefficients, fit.data.originals
+    elsewhere, left = _elsewhere(fit, whole)
+    known = whole.fit.model.but(columns=found.columns).saved()
     return known.with_coefficients(found.values, found.covariance, elsewhere.values, elsewhere.covariance).model_copy(
         update={
             "error": model_error(fit.data, fit.left, left),
@@ -285,15 +285,16 @@ def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
     return found | ({"mach": (float(mach.min()), float(mach.max()))} if np.all(np.isfinite(mach)) else {})
 
 
-def _elsewhere(whole: Fit, own: Coefficients) -> tuple[Coefficients, ResidualMoments]:
+def _elsewhere(fit: Fit, whole: WholeRecord) -> tuple[Coefficients, ResidualMoments]:
     """The coefficients of the whole model's columns without what belongs to its own flights alone, NaN for what is left
     out (covariance 0), and the residual without it. What stays is fitted anew: it takes over the mean of the rest.
     """
-    lasts = whole.model.lasting
-    if np.all(lasts) and not whole.model.applied:
-        return own, whole.left
-    columns = tuple(itertools.compress(whole.model.columns, lasts))
-    fit = converged(whole.data.originals, whole.model.but(columns=columns, applied=()), whole.data.config)
+    model, own = whole.fit.model, whole.coefficients
+    lasts = model.lasting
+    if np.all(lasts) and not model.applied:
+        return own, fit.left
+    columns = tuple(itertools.compress(model.columns, lasts))
+    fit = converged(fit.data.originals, model.but(columns=columns, applied=()), fit.data.config)
     found = WholeRecord(fit.alone()).coefficients
     # What was refined on the way is the same column still.
     place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}

@@ -7,9 +7,10 @@ are nearly taken out, and about the model's own coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -93,10 +94,6 @@ class Corrected:
         own = [np.arange(s.rows.start, s.rows.stop) for s in self.frame.segments if s.flight == number]
         return np.concatenate(own) if own else np.zeros(0, dtype=int)
 
-    def part_of(self, chosen: Collection[int]) -> Part:
-        """All of some of the flights."""
-        return self.part_where(np.isin(self.frame.flight_of_row, list(chosen)))
-
     def part_where(self, chosen: BoolArray) -> Part:
         """The rows that are chosen (frame rows,)."""
         valid = np.zeros(self.frame.observed.size, dtype=bool)
@@ -125,13 +122,13 @@ class Corrected:
 
     def linearised(self, model: Model, values: FloatArray) -> Linear:
         """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
-        return tuple(self._linearised(number, model, values) for number in range(len(self.records)))
-
-    def _linearised(self, number: int, model: Model, values: FloatArray) -> LinearisedFlight:
-        own = [j for j, column in enumerate(model.columns) if column.acts_on(number)]
-        columns, vehicle = tuple(model.columns[j] for j in own), model.tolerated(self.flights[number])
-        known = with_vehicle(self.frame, columns, values[own], vehicle, self.corrections[number])
-        return linearised(self.records[number], self.reconstructions[number], *known)
+        found = []
+        for number, (record, reconstruction) in enumerate(zip(self.records, self.reconstructions, strict=True)):
+            own = [j for j, column in enumerate(model.columns) if column.acts_on(number)]
+            columns, vehicle = tuple(model.columns[j] for j in own), model.tolerated(reconstruction.flight)
+            known = with_vehicle(self.frame, columns, values[own], vehicle, self.corrections[number])
+            found.append(linearised(record, reconstruction, *known))
+        return tuple(found)
 
     def regression(
         self,
@@ -329,21 +326,20 @@ def _near_its_errors(flights: Sequence[Flight], model: Model, config: TraceConfi
     for _ in range(MODEL_LINEARISATIONS):
         found, before = fit.record_errors, fit.data.corrections
         corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(flights)]
-        nearer = _refined(fitted_about(correct(flights, model, config, corrections), model))
+        nearer = fitted_about(correct(flights, model, config, corrections), model)
+        if (columns := nearer.at_best_knots(nearer.problem)) is not None:
+            own = nearer.model.but(columns=columns), nearer.data.with_in_plane_moment(columns)
+            nearer = Fit(*own, replace(nearer.problem, baseline=columns), nearer.linear)
         if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
-            return _about_its_vehicle(fit, corrections)  # the errors of the record that were found are none
+            # The errors of the record that were found are none; what was found of the vehicle's moments acts.
+            allowed = [{mechanism.name for mechanism in model.tolerated(flight)} for flight in fit.data.flights]
+            acting = tuple(
+                {**known, **{name: value for name, value in more.items() if name[0] in names}}
+                for known, more, names in zip(before, corrections, allowed, strict=True)
+            )
+            return fitted_about(replace(fit.data, corrections=acting), model, fit.values)
         fit, model = nearer, nearer.model
     return fit
-
-
-def _about_its_vehicle(fit: Fit, found: Sequence[Errors]) -> Fit:
-    """The fit of the same records, linearised where what was found of the vehicle's moments acts."""
-    corrections = []
-    for number, flight in enumerate(fit.data.flights):
-        of_vehicle = {mechanism.name for mechanism in fit.model.tolerated(flight)}
-        own = {name: value for name, value in found[number].items() if name[0] in of_vehicle}
-        corrections.append({**fit.data.corrections[number], **own})
-    return fitted_about(replace(fit.data, corrections=tuple(corrections)), fit.model, fit.values)
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
@@ -360,15 +356,6 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
         if (name in most or name[0] in of_vehicle) and name not in free
     }
     return {**before, **within}
-
-
-def _refined(fit: Fit) -> Fit:
-    """The fit with the knots and delays of its model where its regression has them."""
-    found = fit.at_best_knots(fit.problem)
-    if found is None:
-        return fit
-    data = fit.data.with_in_plane_moment(found)
-    return replace(fit, model=fit.model.but(columns=found), data=data, problem=replace(fit.problem, baseline=found))
 
 
 def refitted(fit: Fit) -> Fit:
@@ -401,8 +388,7 @@ def as_regressor(item: Nuisance) -> Regressor:
     return Regressor(item.name, item.component, (), TimeBasis("constant"), item.units)
 
 
-@dataclass(frozen=True)
-class Constrained:
+class Constrained(NamedTuple):
     """Coefficients (columns,), their covariance (0 for those that were fixed), and the residual (frame rows,).
 
     `others` (unknowns,) are the nuisances.

@@ -257,7 +257,7 @@ class _Loop:
         def weighed(found: Fit) -> tuple[float, bool]:
             there = beside_processes(found, fit.model, found.data.fitted)
             gain = there.gain(own := found.model.added[-1])
-            gain = gain if gain >= 0.0 else max(gain, min(there.gain_in_place(own), 0.0))
+            gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
             return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
 
         choice = choose(here, self.config.significance, add, residual.white, known, weighed)
