@@ -23,7 +23,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import try_record
 from brv_hypo.prediction.changes import evidence_here, find_difference, find_local_change, fixed_within
 from brv_hypo.prediction.interval import band_of, noise_of, predictive_sigma
-from brv_hypo.prediction.result import ErrorsOfPrediction, ModelSource, Prediction, Region, Shares, reason
+from brv_hypo.prediction.result import ErrorsOfPrediction, ModelSource, Prediction, Region, reason
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.ranking.summary import flight_summary, record_summary
 from brv_hypo.regression.noise import first_noise
@@ -32,7 +32,16 @@ from brv_hypo.regression.uncertainty import ResidualMoments
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.final_model import Coefficients
-from brv_hypo.tracing.fit import Constrained, Corrected, Fit, constrained, correct, next_corrections, noise_floor
+from brv_hypo.tracing.fit import (
+    Constrained,
+    Corrected,
+    Fit,
+    constrained,
+    correct,
+    fitted_about,
+    next_corrections,
+    noise_floor,
+)
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
 # Stretches of the record whose errors are reported apart.
@@ -130,32 +139,28 @@ def _predict(
     fitted, noise = np.isnan(np.concatenate([freed.fixed, freed.others])), noise_of(fit, measured, within.values)
     sigma = predictive_sigma(fit, covariance[np.ix_(remain, remain)], fitted, noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    shares = Shares(
-        left=_beyond(errors.frozen, errors.without, errors.noise),
-        freed=_beyond(_mean_square(left_within), errors.without, errors.noise),
-        frozen=_explained(measured, left, errors.noise, flown),
-        own=_explained(measured, own, errors.noise, flown),
-        flown=float(flown.mean()),
-    )
     terms = Coefficients(columns, frozen.values, covariance).estimates(data)
-    remedy = _remedy(model, refit, tolerated)
-    return Prediction(
+    found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
         frozen=tuple(terms[k] for k in known),
         refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
         ratio=errors.frozen / errors.without,
-        explained=shares.frozen,
-        flown=shares.flown,
+        explained=_explained(measured, left, errors.noise, flown),
+        flown=float(flown.mean()),
         band=band,
         regions=_regions(data, measured, left),
         local_change=change,
         difference=difference,
         refused=change is not None or (difference is not None and difference.p_value < REFUSED),
         left_out=model.left_out,
-        reason=reason(shares, band, errors.noise, remedy, model.left_out, (change, difference)),
+        reason="",
     )
+    of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(model, refit, tolerated)
+    rest, freely = (_beyond(e, errors.without, errors.noise) for e in (errors.frozen, _mean_square(left_within)))
+    said = reason(found, of_own, rest, freely, remedy)
+    return found.model_copy(update={"reason": said})
 
 
 # ---- The frozen model on this flight ----
@@ -237,12 +242,11 @@ def _read_with(
     data = correct((flight,), model, config, (corrections,))
     there = _flown(flown, data)
     part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
-    linear = data.linearised(model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
-    problem = data.regression(model, linear).on(part)
+    fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
     # What has no prior was found on this very record, and is taken out of it.
-    known = ((i.name, i.present if np.isfinite(i.present) else 0.0) for i in problem.rows.nuisances.items)
+    known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
     others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
-    return _Frozen(Fit(model, data, problem, linear), fixed, others)
+    return _Frozen(replace(fit, problem=fit.problem.on(part)), fixed, others)
 
 
 def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -160,43 +159,32 @@ class Prediction(HasCharts, Result):
 _NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
 
 
-class Shares(NamedTuple):
-    """What the frozen model explains, and the same model refitted; the share of the samples that both are of.
-
-    Of the whole record: what the frozen model leaves (`left`), and what it would if record and vehicle erred within
-    their tolerances (`freed`).
-    """
-
-    left: float
-    freed: float
-    frozen: float
-    own: float
-    flown: float
-
-
-def reason(
-    shares: Shares,
-    band: Band,
-    noise: float,
-    remedy: str,
-    left_out: Sequence[str],
-    differs: tuple[LocalChange | None, Difference | None],
-) -> str:
+def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
     """The outcome in a few sentences.
 
-    `noise` is its mean square, `remedy` what `--refit` would name as well; `left_out` are mechanisms of the model that
-    belong to its own flights; `differs` is where and in what this flight differs.
+    `own` is the share that the same model explains where it is fitted here. Of the whole record, as shares of the mean
+    square: what the frozen model leaves (`left`), and what it would if record and vehicle erred within their tolerances
+    (`freed`); `remedy` is what `--refit` would name as well for that.
     """
-    change, difference = differs
-    if shares.flown == 0.0:
+    band, change, difference, noise = found.band, found.local_change, found.difference, found.error.noise
+    much = left > PREDICTED_SMALL and freed < PREDICTED_GREATLY * left
+    fixed_too_much = ""
+    if remedy and (much or left > 1.0 or found.explained < 0.0):
+        fixed_too_much = (
+            f" Over the whole record its error is {left:.3g} of the mean square. Errors of the record were assumed "
+            "zero, and those of the vehicle as on the flights that the model was found on; "
+            f"`--refit {remedy}` lets this flight have its own"
+            + (f", for an error of about {freed:.2g}." if much else ".")
+        )
+    if found.flown == 0.0:
         nowhere = (
             "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts "
             "nothing about this flight."
         )
-        return nowhere + _fixed_too_much(shares, remedy)
+        return nowhere + fixed_too_much
     said = (
-        f"The frozen model {_explains(shares.frozen)} the moments' mean square, noise aside; "
-        f"the same model fitted to this flight {_explains(shares.own)} it. The frozen model's "
+        f"The frozen model {_explains(found.explained)} the moments' mean square, noise aside; "
+        f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
     if band.inside < PREDICTED_HOLDS:
@@ -207,9 +195,9 @@ def reason(
             f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the prediction "
             "interval includes this residual."
         )
-    if shares.flown < PREDICTED_NEARLY_ALL:
+    if found.flown < PREDICTED_NEARLY_ALL:
         said += (
-            f" {100.0 * (1.0 - shares.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than "
+            f" {100.0 * (1.0 - found.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than "
             "the model was found at, and are not counted in these shares."
         )
     if difference is not None and difference.p_value < REFUSED:
@@ -230,8 +218,8 @@ def reason(
             f"{'larger' if change.value > 0.0 else 'smaller'} there by {abs(change.value):.3g} ± "
             f"{change.std_error:.2g}{units} than elsewhere (F {change.f_ratio:.0f})."
         )
-    said += _fixed_too_much(shares, remedy)
-    if left_out:
+    said += fixed_too_much
+    if left_out := found.left_out:
         act, are, they = ("acts", "is", "it") if len(left_out) == 1 else ("act", "are", "they")
         said += (
             f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left "
@@ -247,16 +235,3 @@ def _explains(share: float) -> str:
     if share >= 0.0:
         return f"explains {100.0 * share:.1f} % of"
     return f"does not hold here: its error is {1.0 - share:.3g} times"
-
-
-def _fixed_too_much(shares: Shares, remedy: str) -> str:
-    """What to do where the model fails, or would fail far less, as record and vehicle are assumed not to err."""
-    much = shares.left > PREDICTED_SMALL and shares.freed < PREDICTED_GREATLY * shares.left
-    if not remedy or not (much or shares.left > 1.0 or shares.frozen < 0.0):
-        return ""
-    return (
-        f" Over the whole record its error is {shares.left:.3g} of the mean square. Errors of the record were assumed "
-        "zero, and those of the vehicle as on the flights that the model was found on; "
-        f"`--refit {remedy}` lets this flight have its own"
-        + (f", for an error of about {shares.freed:.2g}." if much else ".")
-    )

@@ -317,6 +317,11 @@ class Tried:
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
         return self.agreement.fall >= HELD_OUT_SIGMAS and falls
 
+    @property
+    def is_established(self) -> bool:
+        """Whether it has a name that the evidence clearly wants beside all processes."""
+        return self.candidate.kind != "discovered" and (self.gain or 0.0) >= SPECIFIC
+
     def status(self, named_in: float, choices: int, elsewhere: float | None) -> Status:
         """A finding or a hint, one of so many choices; `elsewhere`: the ratio of errors on flights left out."""
         lowers = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0 and (elsewhere is None or elsewhere < 1.0)

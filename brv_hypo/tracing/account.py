@@ -1,7 +1,7 @@
-"""The account of a trace: the residual of a model, and one step with its errors before and after.
+"""The account of a trace: one step with its candidates, the families that hold the residual, errors before and after.
 
-Entrances: `residual_of` and `step_of`. Beside the candidates are those that this flight cannot tell from them, and
-whether each flight needs what was added without having had a part in choosing it (`flight_left_out`).
+Entrance: `step_of`. Beside the candidates are those that this flight cannot tell from them, and whether each flight
+needs what was added without having had a part in choosing it (`flight_left_out`).
 """
 
 from __future__ import annotations
@@ -10,136 +10,23 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import stats
-from statsmodels.stats.diagnostic import acorr_ljungbox
 
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.constants import (
-    REPORTED_FREQUENCY_LINES,
-    REPORTED_FREQUENCY_WITHIN,
-    REPORTED_REGION_SHARE,
-    REPORTED_REGIONS,
-    WHITE_CHANCE,
-    WHITE_LAGS,
-)
+from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.kinematics import plane_from_body
-from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.channels import Part, Rows
-from brv_hypo.regression.frame import RateFrame, remove_levels
+from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.problem import GIVEN
-from brv_hypo.regression.whitening import white
-from brv_hypo.thresholds import NOISE_EXCESS
 from brv_hypo.tracing.acceptance import Candidate, Tried, adjusted, confounded
 from brv_hypo.tracing.additions import Analysis, Choice
+from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Fit, MomentErrors, constrained
-from brv_hypo.tracing.result import Errors, FlightLeftOut, Residual, Step, TriedCandidate, lasting_steps
+from brv_hypo.tracing.result import Errors, FlightLeftOut, Step, TriedCandidate, lasting_steps
 from brv_hypo.tracing.wording import described
 
 _REPORTED = 8  # candidates in a step's table
 
 
-# ---- The residual: whiteness, size, where it is largest, its frequency ----
-
-
-def residual_of(fit: Fit) -> Residual:
-    """Tests of a fit's residual. White is only what is no larger than noise.
-
-    Of several flights, size and place are those of the one with the largest residual against its noise.
-    """
-    data, ratios = fit.data, [_noise_ratio(fit, k) for k in range(len(fit.data.records))]
-    number = int(np.argmax(ratios))
-    rows, samples, motion = data.rows_of(number), data.samples_of(number), data.reconstructions[number].motion
-    usable, sigma, time = fit.left.usable[rows], fit.left.noise[rows], motion.time[samples]
-    body = np.where(usable, fit.left.body[rows], 0.0)
-    plane = plane_from_body(body, motion.windward_meridian[samples])
-    channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
-    p_value, frequency = _whiteness(fit), _dominant(body[usable], float(np.median(np.diff(time))))
-    return Residual(
-        flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
-        white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
-        p_value=p_value,
-        noise_ratio=ratios[number],
-        worst_channel=max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable])),
-        worst_region_s=_worst_region(time, body, usable),
-        dominant_frequency_hz=frequency,
-        dominant_frequency_is=_name_frequency(motion, frequency),
-    )
-
-
-def _noise_ratio(fit: Fit, number: int) -> float:
-    """Mean square of the residual of one flight over that of its noise."""
-    rows = fit.data.rows_of(number)
-    rows = rows[fit.left.usable[rows]]
-    body, sigma = fit.left.body[rows], fit.left.noise[rows]
-    return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
-
-
-def _excess(values: FloatArray, sigma: FloatArray) -> float:
-    return float(np.mean(values**2) / np.mean(sigma**2))
-
-
-def _whiteness(fit: Fit) -> float:
-    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
-    fitted = fit.data.fitted
-    pieces = remove_levels(fit.rest.rates[fitted.rows], fitted.pieces, white())
-    flights = fit.data.frame.flight_of_row[fitted.rows]
-    sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
-    parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
-    chances = [
-        float(acorr_ljungbox(part, lags=[min(WHITE_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
-    ]
-    together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
-    total = sum(float(part @ part) for part in parts)
-    free = sum(part.size - 1 for part in parts)
-    # The noise level is itself estimated, to about one part in the root of the samples.
-    spread = np.sqrt(2.0 * free) * np.sqrt(3.0)
-    return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
-
-
-def _worst_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> tuple[float, float]:
-    """Among equal parts of the record, those about the largest mean square that exceed a share of it."""
-    count = REPORTED_REGIONS
-    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
-    inside = [(which == k) & usable for k in range(count)]
-    size = [float(np.mean(np.abs(body[own]) ** 2)) if own.any() else 0.0 for own in inside]
-    edges = np.linspace(time[0], time[-1], count + 1)
-    first = last = worst = int(np.argmax(size))
-    while first > 0 and size[first - 1] > REPORTED_REGION_SHARE * size[worst]:
-        first -= 1
-    while last < count - 1 and size[last + 1] > REPORTED_REGION_SHARE * size[worst]:
-        last += 1
-    return float(edges[first]), float(edges[last + 1])
-
-
-def _dominant(body: ComplexArray, step: float) -> float:
-    """Frequency (Hz) of the largest line in the residual; negative where it turns from z to y."""
-    values = body - body.mean()
-    spectrum = np.abs(np.fft.fft(values * np.hanning(values.size)))
-    return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
-
-
-def _name_frequency(motion: Motion, frequency: float) -> str:
-    """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
-    resolution = REPORTED_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
-    rates = {"roll rate": motion.p, "windward-meridian rate": motion.windward_meridian_rate}
-    away, name = min(
-        (
-            abs(abs(frequency) - multiple * abs(float(np.mean(rate))) / (2.0 * np.pi)),
-            f"{multiple} x {name}" if multiple > 1 else name,
-        )
-        for name, rate in rates.items()
-        for multiple in (1, 2, 3)
-    )
-    near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
-    return name if near else "not a multiple of the roll or meridian rate"
-
-
-# ---- One step, with its errors before and after ----
-
-
-def step_of(number: int, residual: Residual, here: Analysis, choice: Choice, earlier: Sequence[Step]) -> Step:
+def step_of(number: int, here: Analysis, choice: Choice, earlier: Sequence[Step]) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     fit, leading, accepted = here.fit, choice.leading, choice.accepted
     reported, chances = choice.reported[:_REPORTED], adjusted(choice.ranked)
@@ -149,9 +36,13 @@ def step_of(number: int, residual: Residual, here: Analysis, choice: Choice, ear
         elsewhere = None if without_flight is None else without_flight.ratio
         own = accepted.status(choice.named_in, len(choice.ranked), elsewhere)
         status = "hint" if generic or rests_on_hints(earlier) else own
+    beside = beside_processes(fit if accepted is None else accepted.fit, fit.model)
+    families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_established else [])
     return Step(
         step=number,
-        residual=residual,
+        residual=fit.residual,
+        families={**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in families}},
+        decomposition=families,
         candidates=tuple(
             TriedCandidate(
                 effect=each.name,

@@ -6,8 +6,10 @@ Entrances: `analyse_step` fits them, `choose` tries the best on the blocks held 
 from __future__ import annotations
 
 import itertools
+from collections import ChainMap
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,7 +52,7 @@ from brv_hypo.tracing.acceptance import (
     solved_again,
 )
 from brv_hypo.tracing.description import Discovery, discover
-from brv_hypo.tracing.fit import Fit, MomentErrors, constrained, converged, has_tolerance, left_by, with_efficiency
+from brv_hypo.tracing.fit import Fit, MomentErrors, constrained, converged, fitted_about, has_tolerance, with_efficiency
 
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
@@ -60,13 +62,13 @@ GENERIC = "discovered"
 class Analysis:
     """A model's fit and what every candidate would do beside it, on the fitted part.
 
-    `components` maps the histories of record effects to their flights and components; `discovery` is None where no
-    description in generic terms is wanted.
+    `histories` are those of record effects by name; `discovery` is None where no description in generic terms is
+    wanted.
     """
 
     fit: Fit
     candidates: tuple[Candidate, ...]
-    components: Mapping[str, tuple[int, Component]]
+    histories: Mapping[str, History]
     discovery: Discovery | None = None
 
     def with_candidate(self, candidate: Candidate) -> Fit:
@@ -85,7 +87,7 @@ class Analysis:
         applied = tuple(
             Applied(effect=candidate.effect, component=name, units=units, size=size, value=value, flight=number)
             for column, value in zip(found.selected, values, strict=True)
-            for number, (name, units, size) in [self.components[column.term]]
+            for number, (name, units, size), _ in [self.histories[column.term]]
         )
         model = fit.model + Model(applied=applied, added=(candidate.name,))
         freed = {(each.flight, each.effect.name, each.component) for each in applied}
@@ -93,10 +95,8 @@ class Analysis:
             {name: value for name, value in known.items() if (number, *name) not in freed}
             for number, known in enumerate(fit.data.corrections)
         ]
-        data = fit.data.again(model, corrections)
-        linear = data.linearised(model, fit.values)
-        own = Fit(model, data, data.regression(model, linear, noise=fit.problem.rows.noise), linear)
-        anew = converged(data.originals, model, data.config)
+        own = fitted_about(fit.data.again(model, corrections), model, fit.values, fit.problem.rows.noise)
+        anew = converged(fit.data.originals, model, fit.data.config)
         return anew if anew.errors.mean_square * MODEL_TRIFLE < own.errors.mean_square else own
 
 
@@ -108,14 +108,14 @@ def analyse_step(
     To `describe`: the one entry of the dictionary too that describes best what is unexplained.
     """
     model, linear, frame = fit.model, fit.linear, fit.data.frame
-    catalogue: Catalogue = {}
-    histories: dict[str, Rows] = {}
+    catalogue: dict[str, list[Variant]] = {}
+    given: dict[str, Rows] = {}
     for effect in effects:  # one that the model has on some of the flights is tried on the others
         known = {applied.flight for applied in model.applied if applied.effect.name == effect.name}
         others = {number: flight for number, flight in enumerate(linear) if number not in known}
-        catalogue[effect.name], own = _variants_of(frame, others, effect, "")
-        histories |= own
-    plain = fit.data.regression(model, linear, histories, first_noise(linear))
+        catalogue[effect.name], own = _variants_of(frame, others, effect)
+        given |= own
+    plain = fit.data.regression(model, linear, given, first_noise(linear))
     sharp = plain.under(estimated_noise(plain))
     fit = replace(fit, problem=sharp.under(raised_noise(sharp)))
     tried = [_try_mechanism(fit, sharp, mechanism) for mechanism in mechanisms]
@@ -128,8 +128,7 @@ def analyse_step(
         fit, found = _closer(fit, found, catalogue)
     found = sorted(found, key=lambda candidate: candidate.fit.information)
     discovery = discover(fit.problem, fit.null, generic_name(model)) if describe else None
-    components = _placed([variant for variants in catalogue.values() for variant in variants])
-    return Analysis(fit, tuple(found), components, discovery)
+    return Analysis(fit, tuple(found), dict(ChainMap(*itertools.chain(*catalogue.values()))), discovery)
 
 
 def generic_name(model: Model) -> str:
@@ -141,67 +140,60 @@ def generic_name(model: Model) -> str:
 # ---- Errors of the record ----
 
 
-@dataclass(frozen=True)
-class Variant:
-    """A record effect as it may be set; `histories` map the name of each to its flight and its component."""
+class History(NamedTuple):
+    """What a component of a record effect makes of one flight."""
 
+    flight: int
+    component: Component
     effect: RecordEffect
-    histories: Mapping[str, tuple[int, Component]]
 
 
-Catalogue = dict[str, list[Variant]]
-"""By effect: its variants."""
+Variant = dict[str, History]
+"""A record effect as it may be set: its histories by name."""
 
 
 def _variants_of(
-    frame: RateFrame, flights: Mapping[int, LinearisedFlight], effect: RecordEffect, label: str
+    frame: RateFrame, flights: Mapping[int, LinearisedFlight], effect: RecordEffect, label: str = ""
 ) -> tuple[list[Variant], dict[str, Rows]]:
     """The effect on these flights, as one variant where it has no settings to try, else one flight at a time; and the
-    histories of its components by name.
+    histories themselves.
     """
     settings = {number: effect.variants(flight.record.flight) for number, flight in flights.items()}
-    plain = all(own == (effect,) for own in settings.values())
     found: list[Variant] = []
-    histories: dict[str, Rows] = {}
-    together: dict[str, tuple[int, Component]] = {}
+    given: dict[str, Rows] = {}
     for number, flight in flights.items():
         for place, variant in enumerate(settings[number]):
-            names: dict[str, tuple[int, Component]] = {}
+            own: Variant = {}
             for component in variant.components(flight.record.flight):
                 name = f"{variant.name} {component.name} {label}{place} [flight {number}]"
-                histories[name] = on_frame(frame, number, flight.effect(variant, component.name, component.size))
-                names[name] = (number, component)
-            together |= names
-            if not plain:
-                found.append(Variant(variant, names))
-    return [Variant(effect, together)] if plain else found, histories
-
-
-def _placed(variants: Sequence[Variant]) -> dict[str, tuple[int, Component]]:
-    """The flight and component of each history."""
-    return {name: place for variant in variants for name, place in variant.histories.items()}
+                given[name] = on_frame(frame, number, flight.effect(variant, component.name, component.size))
+                own[name] = History(number, component, variant)
+            found.append(own)
+    together = all(each == (effect,) for each in settings.values())
+    return [{name: each for own in found for name, each in own.items()}] if together else found, given
 
 
 def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | None:
     """A record effect's best components, at its best variant; None where only absurd sizes fit: the record would
     explain itself away.
     """
-    searched = sum(len(variant.histories) for variant in variants)
+    problem, searched = fit.problem, sum(map(len, variants))
     found: list[tuple[HypothesisFit, RecordEffect]] = []
-    for variant in variants:
-        most = {name: RECORD_EFFECT_LARGEST * c.size for name, (_, c) in variant.histories.items()}
-        groups = [(given_column(name, c.units),) for name, (_, c) in variant.histories.items()]
-        for each in forward(fit.problem, variant.effect.name, (), fit.problem.frame, groups, searched):
-            values = zip(each.selected, each.values[each.baseline_size :], strict=True)
+    for variant in filter(None, variants):
+        most = {name: RECORD_EFFECT_LARGEST * each.component.size for name, each in variant.items()}
+        groups = [(given_column(name, each.component.units),) for name, each in variant.items()]
+        effect = next(iter(variant.values())).effect
+        for own in forward(problem, effect.name, (), problem.frame, groups, searched):
+            values = zip(own.selected, own.values[own.baseline_size :], strict=True)
             if all(abs(value) <= most[column.term] for column, value in values):
-                found.append((each, variant.effect))
+                found.append((own, effect))
     if not found:
         return None
     best, effect = min(found, key=lambda pair: pair[0].information)
-    return replace(candidate_of(fit.problem, fit.null, best, effect.name, effect.kind), effect=effect)
+    return replace(candidate_of(problem, fit.null, best, effect.name, effect.kind), effect=effect)
 
 
-def _closer(fit: Fit, found: Sequence[Candidate], catalogue: Catalogue) -> tuple[Fit, list[Candidate]]:
+def _closer(fit: Fit, found: Sequence[Candidate], catalogue: dict[str, list[Variant]]) -> tuple[Fit, list[Candidate]]:
     """The candidates, record effects that come in variants brought closer to their best one.
 
     However little they gain: a quarter of a second off its time, a step of the wind may look like nothing.
@@ -212,9 +204,9 @@ def _closer(fit: Fit, found: Sequence[Candidate], catalogue: Catalogue) -> tuple
             effect = candidate.effect
             if effect is None or len(catalogue[candidate.name]) < 2:
                 break
-            number, _ = _placed(catalogue[candidate.name])[candidate.fit.selected[0].term]
-            variants, histories = _variants_of(fit.problem.frame, {number: fit.linear[number]}, effect, f"{turn}.")
-            fit = replace(fit, problem=replace(fit.problem, given={**fit.problem.given, **histories}))
+            number = ChainMap(*catalogue[candidate.name])[candidate.fit.selected[0].term].flight
+            variants, given = _variants_of(fit.problem.frame, {number: fit.linear[number]}, effect, f"{turn}.")
+            fit = replace(fit, problem=replace(fit.problem, given={**fit.problem.given, **given}))
             catalogue[candidate.name] += variants
             nearer = _try_record_effect(fit, variants)
             if nearer is not None and nearer.gain > candidate.gain:
@@ -407,10 +399,10 @@ def _try(here: Analysis, candidate: Candidate, certain: bool, add: Callable[[Can
         before = constrained(problem, problem.frame, problem.baseline, free, others).left
         moments = data.moments(before.rates)
         errors = MomentErrors.of(data.fitted, moments), MomentErrors.of(data.held_out, moments)
-    after = left_by(problem, candidate.fit)
-    own = agreement(problem, data.held_out, before, after)
-    change = ratio(errors[1], added.held_out)
-    return Tried(candidate, added, own, *change, before, after, errors, certain, tolerance)
+    own = candidate.fit
+    after = problem.left(own.frame, own.columns, *problem.solution(own.frame, own.columns))
+    agrees, change = agreement(problem, data.held_out, before, after), ratio(errors[1], added.held_out)
+    return Tried(candidate, added, agrees, *change, before, after, errors, certain, tolerance)
 
 
 def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -454,12 +446,11 @@ def _ranked(here: Analysis, known: Collection[str]) -> list[Candidate]:
     if here.discovery is None:
         return ranked
     described = here.discovery.candidate
-    place = next((k for k, candidate in enumerate(ranked) if _gives_way(candidate, described)), len(ranked))
+
+    def comes_later(candidate: Candidate) -> bool:
+        if candidate.evidence is not None and described.evidence is not None:
+            return described.evidence - candidate.evidence >= SPECIFIC
+        return described.gain - candidate.gain >= CONFOUNDED_NEAR
+
+    place = next((k for k, candidate in enumerate(ranked) if comes_later(candidate)), len(ranked))
     return [*ranked[:place], described, *ranked[place:]]
-
-
-def _gives_way(candidate: Candidate, described: Candidate) -> bool:
-    """Whether a description in generic terms comes before the candidate."""
-    if candidate.evidence is not None and described.evidence is not None:
-        return described.evidence - candidate.evidence >= SPECIFIC
-    return described.gain - candidate.gain >= CONFOUNDED_NEAR

@@ -21,7 +21,7 @@ from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.model import TOLERATED, Applied, Model, ModelError, SavedModel
+from brv_hypo.model.model import TOLERATED, Model, ModelError, SavedModel
 from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.diagnostics import collinear, record_errors, whitened
@@ -31,7 +31,6 @@ from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.refinement import FINAL, nonlinear_parameters, prediction_slopes
 from brv_hypo.regression.uncertainty import Regressed, ResidualMoments
 from brv_hypo.regression.whitening import effective_samples
-from brv_hypo.tracing.account import residual_of
 from brv_hypo.tracing.additions import GENERIC
 from brv_hypo.tracing.description import Discovery, as_terms
 from brv_hypo.tracing.families import beside_processes
@@ -56,7 +55,7 @@ def gathered(
     discovery: Discovery | None,
 ) -> Trace:
     """The result of the contract; `before` are the residual moments of the first model."""
-    data, flights, final = fit.data, fit.data.originals, residual_of(fit)
+    data, flights, final = fit.data, fit.data.originals, fit.residual
     whole = WholeRecord.of(fit)
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole), static_slopes(data, found)
@@ -167,18 +166,12 @@ def _estimate(data: Corrected, column: Regressor, value: float, sigma: float) ->
     terms = data.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
     term = next(term for term in terms if term.name == column.term)
     inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
+    channel = "both" if inside and outside else "out-of-plane" if outside else "in-plane"
+    mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
     acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
-    return TermEstimate(
-        name=column.label + _of_flight(data, column.flight),
-        mechanism=BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism,
-        channel="both" if inside and outside else "out-of-plane" if outside else "in-plane",
-        value=value,
-        std_error=sigma,
-        f_ratio=_f_ratio(value, sigma),
-        units=column.units,
-        region_s=None if basis.kind == "constant" else acts,
-        delay_s=column.delay,
-    )
+    more = {"region_s": None if basis.kind == "constant" else acts, "delay_s": column.delay}
+    name, own = column.label + _of_flight(data, column.flight), (mechanism, channel, column.units)
+    return _term(name, *own, value, sigma).model_copy(update=more)
 
 
 def _of_flight(data: Corrected, number: int | None) -> str:
@@ -186,8 +179,10 @@ def _of_flight(data: Corrected, number: int | None) -> str:
     return "" if number is None or len(data.records) == 1 else f" [flight {number + 1}]"
 
 
-def _f_ratio(value: float, sigma: float) -> float:
-    return (value / sigma) ** 2 if sigma > 0.0 else float("nan")
+def _term(name: str, mechanism: str, channel: str, units: str, value: float, sigma: float) -> TermEstimate:
+    known = {"name": name, "mechanism": mechanism, "channel": channel, "units": units, "value": value}
+    f_ratio = (value / sigma) ** 2 if sigma > 0.0 else float("nan")
+    return TermEstimate.model_validate({**known, "std_error": sigma, "f_ratio": f_ratio})
 
 
 @dataclass(frozen=True)
@@ -243,19 +238,12 @@ class WholeRecord:
         pairs = zip(self.fit.nuisances, sigmas, strict=True)
         of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
 
-        def term(each: Applied) -> TermEstimate:
-            sigma = of[each.effect.name, each.component, each.flight]
-            return TermEstimate(
-                name=each.component + _of_flight(self.fit.data, each.flight),
-                mechanism=each.effect.name,
-                channel="record",
-                value=each.value,
-                std_error=sigma,
-                f_ratio=_f_ratio(each.value, sigma),
-                units=each.units,
-            )
-
-        return tuple(map(term, self.fit.model.applied))
+        return tuple(
+            _term(a.component + _of_flight(self.fit.data, a.flight), name, "record", a.units, a.value, sigma)
+            for a in self.fit.model.applied
+            for name in [a.effect.name]
+            for sigma in [of[name, a.component, a.flight]]
+        )
 
 
 def _definition(fit: Fit, whole: WholeRecord) -> SavedModel:

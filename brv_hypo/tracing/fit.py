@@ -13,6 +13,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
+from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import (
@@ -22,6 +24,12 @@ from brv_hypo.constants import (
     MODEL_OWN_POINTS,
     MODEL_PLAUSIBLE,
     MODEL_TRIFLE,
+    REPORTED_FREQUENCY_LINES,
+    REPORTED_FREQUENCY_WITHIN,
+    REPORTED_REGION_SHARE,
+    REPORTED_REGIONS,
+    WHITE_CHANCE,
+    WHITE_LAGS,
 )
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import RecordEffect
@@ -31,12 +39,14 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kinematics import plane_from_body
+from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
 from brv_hypo.regression.build import linearised, on_rows, with_vehicle
 from brv_hypo.regression.channels import Noise, Part, Rows, part, split, whole
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.regression.frame import RateFrame, build_frame
+from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels
 from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.linear import covariance_of, solve_scaled
 from brv_hypo.regression.noise import estimated_noise, first_noise, raised_noise
@@ -47,8 +57,9 @@ from brv_hypo.regression.reduced import Reduced
 from brv_hypo.regression.refinement import ROUGH, Steps, nonlinear_parameters, refine
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
-from brv_hypo.regression.whitening import difference
-from brv_hypo.tracing.result import TraceConfig
+from brv_hypo.regression.whitening import difference, white
+from brv_hypo.thresholds import NOISE_EXCESS
+from brv_hypo.tracing.result import Residual, TraceConfig
 
 Linear = tuple[LinearisedFlight, ...]
 """One a flight."""
@@ -280,6 +291,11 @@ class Fit:
         """On the blocks held out."""
         return MomentErrors.of(self.data.held_out, self.left)
 
+    @cached_property
+    def residual(self) -> Residual:
+        """Tests of the residual. White is only what is no larger than noise."""
+        return _residual_of(self)
+
     def alone(self) -> Fit:
         """The same without histories that may become columns, at the full number of samples."""
         frame = self.data.frame.with_mechanisms([GivenColumns()])
@@ -295,10 +311,10 @@ class Fit:
         return refine(columns, nonlinear, frozenset(), Reduced(replace(problem, baseline=()), frame), steps).columns
 
 
-def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None) -> Fit:
-    """The fit of a model, linearised about coefficients (columns,), or about plain ones."""
+def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
+    """The fit of a model, linearised about coefficients (columns,), or about plain ones; under a noise, or its own."""
     linear = data.linearised(model, data.values(data.fitted, model.columns) if values is None else values)
-    return Fit(model, data, data.regression(model, linear), linear)
+    return Fit(model, data, data.regression(model, linear, noise=noise), linear)
 
 
 def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
@@ -371,13 +387,105 @@ def refitted(fit: Fit) -> Fit:
             for a in fit.model.applied
         )
         model = fit.model.but(applied=applied)
-        data = fit.data.again(model)
-        linear = data.linearised(model, fit.values)
-        found = Fit(model, data, data.regression(model, linear, noise=fit.problem.rows.noise), linear)
+        found = fitted_about(fit.data.again(model), model, fit.values, fit.problem.rows.noise)
         if found.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
             break
         fit = found
     return fit
+
+
+# ---- The residual: whiteness, size, where it is largest, its frequency ----
+
+
+def _residual_of(fit: Fit) -> Residual:
+    """Of several flights, size and place are those of the one with the largest residual against its noise."""
+    data, ratios = fit.data, [_noise_ratio(fit, k) for k in range(len(fit.data.records))]
+    number = int(np.argmax(ratios))
+    rows, samples, motion = data.rows_of(number), data.samples_of(number), data.reconstructions[number].motion
+    usable, sigma, time = fit.left.usable[rows], fit.left.noise[rows], motion.time[samples]
+    body = np.where(usable, fit.left.body[rows], 0.0)
+    plane = plane_from_body(body, motion.windward_meridian[samples])
+    channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
+    p_value, frequency = _whiteness(fit), _dominant(body[usable], float(np.median(np.diff(time))))
+    return Residual(
+        flight=number if len(ratios) > 1 else None,
+        rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
+        white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
+        p_value=p_value,
+        noise_ratio=ratios[number],
+        worst_channel=max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable])),
+        worst_region_s=_worst_region(time, body, usable),
+        dominant_frequency_hz=frequency,
+        dominant_frequency_is=_name_frequency(motion, frequency),
+    )
+
+
+def _noise_ratio(fit: Fit, number: int) -> float:
+    """Mean square of the residual of one flight over that of its noise."""
+    rows = fit.data.rows_of(number)
+    rows = rows[fit.left.usable[rows]]
+    body, sigma = fit.left.body[rows], fit.left.noise[rows]
+    return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
+
+
+def _excess(values: FloatArray, sigma: FloatArray) -> float:
+    return float(np.mean(values**2) / np.mean(sigma**2))
+
+
+def _whiteness(fit: Fit) -> float:
+    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
+    fitted = fit.data.fitted
+    pieces = remove_levels(fit.rest.rates[fitted.rows], fitted.pieces, white())
+    flights = fit.data.frame.flight_of_row[fitted.rows]
+    sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
+    parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
+    chances = [
+        float(acorr_ljungbox(part, lags=[min(WHITE_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
+    ]
+    together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
+    total = sum(float(part @ part) for part in parts)
+    free = sum(part.size - 1 for part in parts)
+    # The noise level is itself estimated, to about one part in the root of the samples.
+    spread = np.sqrt(2.0 * free) * np.sqrt(3.0)
+    return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
+
+
+def _worst_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> tuple[float, float]:
+    """Among equal parts of the record, those about the largest mean square that exceed a share of it."""
+    count = REPORTED_REGIONS
+    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
+    inside = [(which == k) & usable for k in range(count)]
+    size = [float(np.mean(np.abs(body[own]) ** 2)) if own.any() else 0.0 for own in inside]
+    edges = np.linspace(time[0], time[-1], count + 1)
+    first = last = worst = int(np.argmax(size))
+    while first > 0 and size[first - 1] > REPORTED_REGION_SHARE * size[worst]:
+        first -= 1
+    while last < count - 1 and size[last + 1] > REPORTED_REGION_SHARE * size[worst]:
+        last += 1
+    return float(edges[first]), float(edges[last + 1])
+
+
+def _dominant(body: ComplexArray, step: float) -> float:
+    """Frequency (Hz) of the largest line in the residual; negative where it turns from z to y."""
+    values = body - body.mean()
+    spectrum = np.abs(np.fft.fft(values * np.hanning(values.size)))
+    return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
+
+
+def _name_frequency(motion: Motion, frequency: float) -> str:
+    """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
+    resolution = REPORTED_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
+    rates = {"roll rate": motion.p, "windward-meridian rate": motion.windward_meridian_rate}
+    away, name = min(
+        (
+            abs(abs(frequency) - multiple * abs(float(np.mean(rate))) / (2.0 * np.pi)),
+            f"{multiple} x {name}" if multiple > 1 else name,
+        )
+        for name, rate in rates.items()
+        for multiple in (1, 2, 3)
+    )
+    near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
+    return name if near else "not a multiple of the roll or meridian rate"
 
 
 # ---- Other fits of the same regression ----
@@ -420,11 +528,6 @@ def constrained(
     found = values[count + constants :]
     left = problem.left(frame, columns, values[:count], found)
     return Constrained(values[:count], found, covariance[:count, :count], left)
-
-
-def left_by(problem: Problem, fit: HypothesisFit) -> Rows:
-    """The residual of a hypothesis: rates (but for a constant a piece) and force (frame rows,)."""
-    return problem.left(fit.frame, fit.columns, *problem.solution(fit.frame, fit.columns))
 
 
 def has_tolerance(problem: Problem, effect: str) -> bool:

@@ -28,7 +28,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, restored
@@ -41,8 +41,8 @@ from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
-from brv_hypo.tracing.acceptance import Candidate, Tried, adjusted, confounded, fitted_again
-from brv_hypo.tracing.account import residual_of, step_of
+from brv_hypo.tracing.acceptance import Candidate, adjusted, confounded, fitted_again
+from brv_hypo.tracing.account import step_of
 from brv_hypo.tracing.additions import (
     Analysis,
     Choice,
@@ -58,7 +58,7 @@ from brv_hypo.tracing.description import Discovery
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
 from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
-from brv_hypo.tracing.result import Account, Baseline, Residual, Step, Stop, Trace, TraceConfig, TraceSettings
+from brv_hypo.tracing.result import Account, Baseline, Step, Stop, Trace, TraceConfig, TraceSettings
 
 
 @takes_settings(TraceConfig)
@@ -215,21 +215,20 @@ class _Loop:
         untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, flights))]
         effects = [e for e in self.effects if not _has_everywhere(e.name, model, flights)]
         here = analyse_step(fit, untried, effects, self.config.discover)
-        choice, here, residual = self._choice(here)
+        choice, here = self._choice(here)
         if choice.accepted is None and bends:
             # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing
             # else is added, of a model without it.
             bare = fitted_about(fit.data, model.without([StaticBend.name]))
-            named, there, its_residual = self._choice(analyse_step(bare, bends, ()))
+            named, there = self._choice(analyse_step(bare, bends, ()))
             if named.accepted is not None:
-                return self._turn(number, its_residual, there, named, ())
-        return self._turn(number, residual, here, choice, before)
+                return self._turn(number, there, named, ())
+        return self._turn(number, here, choice, before)
 
-    def _turn(self, number: int, residual: Residual, here: Analysis, choice: Choice, before: Sequence[Step]) -> Turn:
+    def _turn(self, number: int, here: Analysis, choice: Choice, before: Sequence[Step]) -> Turn:
         """The step of a choice, and the model with what was chosen."""
-        accepted = choice.accepted
-        reason: Stop = "white" if residual.white else "nothing significant"
-        step = step_of(number, residual, here, choice, before).model_copy(update=_families(here.fit, accepted))
+        accepted, step = choice.accepted, step_of(number, here, choice, before)
+        reason: Stop = "white" if step.residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"
         after = None if accepted is None else accepted.fit
@@ -242,9 +241,9 @@ class _Loop:
             step = step.model_copy(update={"removed": gone})
         return Turn(step, here.fit, after, reason, _counting(here.discovery, choice, self.config.significance))
 
-    def _choice(self, here: Analysis) -> tuple[Choice, Analysis, Residual]:
-        """What is chosen, the candidates with their evidence, and the residual of the model before."""
-        fit, residual = here.fit, residual_of(here.fit)
+    def _choice(self, here: Analysis) -> tuple[Choice, Analysis]:
+        """What is chosen, and the candidates with their evidence."""
+        fit = here.fit
         beside = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given)
         here, known = with_evidence(here, beside), has_schedule(fit.model)
 
@@ -260,23 +259,14 @@ class _Loop:
             gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
             return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
 
-        choice = choose(here, self.config.significance, add, residual.white, known, weighed)
+        choice = choose(here, self.config.significance, add, fit.residual.white, known, weighed)
         if choice.accepted is None:
-            return choice, here, residual
+            return choice, here
         offered = [each for each in choice.ranked if each.name not in choice.unwanted]
         if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
             offered = list(schedules_first(offered))
         share = named_in(beside, offered, choice.accepted.candidate.name, fit)
-        return replace(choice, named_in=share), here, residual
-
-
-def _families(fit: Fit, tried: Tried | None) -> dict[str, Any]:
-    """What each family explains of a step's residual: what was added only where it is established."""
-    beside = beside_processes(fit if tried is None else tried.fit, fit.model)
-    established = tried is not None and tried.candidate.kind != "discovered" and (tried.gain or 0.0) >= SPECIFIC
-    found = beside.shares([tried.candidate.name] if tried is not None and established else [])
-    shares = {**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in found}}
-    return {"families": shares, "decomposition": found}
+        return replace(choice, named_in=share), here
 
 
 def _counting(found: Discovery | None, choice: Choice, significance: float) -> Discovery | None:

@@ -29,7 +29,7 @@ def described(candidate: Candidate, here: Analysis) -> str:
     parts = []
     for column, value in zip(candidate.fit.selected, candidate.fit.values[candidate.fit.baseline_size :], strict=True):
         if effect is not None:
-            number, component = here.components[column.term]
+            number, component, _ = here.histories[column.term]
             parts.append(f"{component.name} {value:.3g} {column.units}{on(number)}")
             continue
         start = max(column.time_basis.start, float(flights[column.flight or 0].time[0]))

@@ -129,8 +129,8 @@ def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.rando
         here = analyse_step(base.state, (), (effect,))
     problem = with_efficiency(here.fit.problem, here.fit.null)
     limits = {
-        component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
-        for name, (_, component) in here.components.items()
+        each.component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
+        for name, each in here.histories.items()
     }
     possible = [c for c, limit in limits.items() if times * limit <= RECORD_EFFECT_LARGEST * c.size]
     if not possible:
