@@ -51,6 +51,7 @@ from brv_hypo.tracing.acceptance import (
     solved,
     solved_again,
 )
+from brv_hypo.tracing.baseline import has_schedule
 from brv_hypo.tracing.description import Discovery, discover
 from brv_hypo.tracing.fit import Fit, MomentErrors, constrained, converged, fitted_about, has_tolerance, with_efficiency
 
@@ -349,22 +350,18 @@ class Choice:
 
 
 def choose(
-    here: Analysis,
-    significance: float,
-    add: Callable[[Candidate], Fit],
-    residual_is_white: bool = False,
-    scheduled: bool = True,
-    weighed: Callable[[Fit], tuple[float, bool]] | None = None,
+    here: Analysis, add: Callable[[Candidate], Fit], weighed: Callable[[Fit], tuple[float, bool]] | None = None
 ) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is taken.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
-    tolerance that every fit allows it. `scheduled` says that the model has a schedule by Mach number; `weighed`: what
-    the last effect of a model gains beside all processes, and whether no other family explains most of the residual.
+    tolerance that every fit allows it. `weighed`: what the last effect of a model gains beside all processes, and
+    whether no other family explains most of the residual.
     """
+    significance, white = here.fit.data.config.significance, here.fit.residual.white
     ranked = tuple(_ranked(here, {column.mechanism for column in here.fit.problem.baseline}))
-    first = () if scheduled else schedules_first(ranked)
+    first = () if has_schedule(here.fit.model) else schedules_first(ranked)
     ranked = (*first, *(candidate for candidate in ranked if candidate not in first))
     chances = adjusted(ranked)
     tried: list[Tried] = []
@@ -372,7 +369,7 @@ def choose(
         if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
             continue
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
-        if residual_is_white and not certain and not has_tolerance(here.fit.problem, candidate.name):
+        if white and not certain and not has_tolerance(here.fit.problem, candidate.name):
             continue
         if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
             continue

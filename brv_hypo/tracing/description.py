@@ -247,6 +247,12 @@ def discover(problem: Problem, null: HypothesisFit, name: str) -> Discovery | No
     return Discovery(candidate_of(problem, null, fit, name, "discovered"), file.model_copy(update={"terms": terms}))
 
 
+def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
+    """A description as a file of mechanisms."""
+    source = "found in the residual of a flight"
+    return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
+
+
 def as_terms(columns: Sequence[Regressor], values: FloatArray, terms: Sequence[YamlTerm]) -> tuple[YamlTerm, ...]:
     """Columns of some terms as a file holds them: a term each, with its value and its jump."""
     known = {term.name: term for term in terms}
@@ -367,8 +373,7 @@ class _Search:
         """An entry, changing in time like this, fitted, as one of so many choices."""
         times = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
         words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
-        source = "found in the residual of a flight"
-        file = MechanismFile(name=self.name, title=words, claims=words, source=source, terms=entry.terms)
+        file = file_of(self.name, words, entry.terms)
         mechanism = mechanism_of(file)
         frame, columns = self.problem.frame.with_mechanisms([mechanism]), _columns(self.name, entry, bases)
         return _Described(solved(self.problem, self.name, (mechanism,), frame, columns, searched), file, entry)

@@ -32,10 +32,10 @@ from brv_hypo.regression.refinement import FINAL, nonlinear_parameters, predicti
 from brv_hypo.regression.uncertainty import Regressed, ResidualMoments
 from brv_hypo.regression.whitening import effective_samples
 from brv_hypo.tracing.additions import GENERIC
-from brv_hypo.tracing.description import Discovery, as_terms
+from brv_hypo.tracing.description import Discovery, as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Corrected, Fit, as_regressor, converged, noise_floor, with_efficiency
-from brv_hypo.tracing.result import Account, ModelSummary, Picture, Status, Step, Stop, Trace, lasting_steps
+from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
 from brv_hypo.tracing.wording import caveats, stability_in_words, unexplained
 
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
@@ -60,13 +60,13 @@ def gathered(
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
-    findings = _added(steps, "finding")
+    findings = names_added(steps, "finding")
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
         steps=tuple(steps),
         findings=findings,
-        hints=tuple(name for name in _added(steps, "hint") if name not in findings),
+        hints=tuple(name for name in names_added(steps, "hint") if name not in findings),
         families=steps[0].families,
         account=account,
         model=ModelSummary(terms=(*found.estimates(data), *whole.record_terms()), definition=definition),
@@ -86,12 +86,6 @@ def gathered(
     )
 
 
-def _added(steps: Sequence[Step], status: Status) -> tuple[str, ...]:
-    """What was added with this status and stays, in order; once, though it was added in parts."""
-    own = (step for step in lasting_steps(steps) if step.status == status)
-    return tuple(dict.fromkeys(step.added for step in own if step.added))
-
-
 def _described(model: Model, found: Coefficients, discovery: Discovery | None) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
     names = dict.fromkeys(column.mechanism for column in model.columns if column.mechanism.startswith(GENERIC))
@@ -106,8 +100,7 @@ def _described(model: Model, found: Coefficients, discovery: Discovery | None) -
         terms += [term.model_copy(update={"name": f"{label}{term.name}"}) for term in each]
     words = " and ".join(piece.title for piece in pieces.values())
     name = next(iter(pieces)) if len(pieces) == 1 else GENERIC
-    source = "found in the residual of a flight"
-    return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
+    return file_of(name, words, terms)
 
 
 def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:

@@ -201,6 +201,12 @@ def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:
     )
 
 
+def names_added(steps: Sequence[Step], status: Status | None = None) -> tuple[str, ...]:
+    """The effects that were added (with a status where one is given) and stay, in order; once, though in parts."""
+    own = (step for step in lasting_steps(steps) if status in (None, step.status))
+    return tuple(dict.fromkeys(step.added for step in own if step.added is not None))
+
+
 class Account(NullIsNaN):
     """A model on the way to the last one: its mean squared moment error on held-out blocks, and the standard error."""
 
@@ -271,7 +277,7 @@ class Trace(HasCharts, Result):
     @property
     def added(self) -> tuple[str, ...]:
         """The effects that were added and stay, in order; once, though an effect was added in parts."""
-        return tuple(dict.fromkeys(step.added for step in lasting_steps(self.steps) if step.added is not None))
+        return names_added(self.steps)
 
     def headline(self) -> str:
         """What was found, what is hinted at, and why the loop stopped."""

@@ -259,7 +259,7 @@ class _Loop:
             gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
             return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
 
-        choice = choose(here, self.config.significance, add, fit.residual.white, known, weighed)
+        choice = choose(here, add, weighed)
         if choice.accepted is None:
             return choice, here
         offered = [each for each in choice.ranked if each.name not in choice.unwanted]

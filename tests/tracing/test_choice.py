@@ -11,6 +11,8 @@ import pytest
 
 from brv_hypo.constants import CONFOUNDED_NEAR
 from brv_hypo.mechanisms import find
+from brv_hypo.model.baseline import SlopeSchedule
+from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing import additions
@@ -18,6 +20,7 @@ from brv_hypo.tracing.acceptance import Agreement, Candidate, Tried
 from brv_hypo.tracing.account import rests_on_hints
 from brv_hypo.tracing.additions import Choice, choose
 from brv_hypo.tracing.fit import MomentErrors
+from brv_hypo.tracing.result import TraceConfig
 
 SCATTER = 0.05
 ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -43,12 +46,17 @@ def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried
     return Tried(one, nothing, agreement, ratio, 0.1, nothing, nothing, errors, certain, has_tolerance=False)
 
 
-def beside_nothing(*found: Candidate, description: Candidate | None = None) -> Any:
-    """The candidates of a step whose model has no columns."""
+def beside_nothing(
+    *found: Candidate, description: Candidate | None = None, white: bool = False, scheduled: bool = True
+) -> Any:
+    """The candidates of a step whose model has no columns; whether its residual is white, and its slope a schedule."""
     nuisances = SimpleNamespace(items=(), bounded=())
     problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
+    model = Model().having(*([SlopeSchedule(low=5.0, high=10.0, size=0.1)] if scheduled else []))
+    data, residual = SimpleNamespace(config=TraceConfig(significance=0.01)), SimpleNamespace(white=white)
+    fit = SimpleNamespace(problem=problem, model=model, data=data, residual=residual)
     discovery = None if description is None else SimpleNamespace(candidate=description)
-    return SimpleNamespace(candidates=found, fit=SimpleNamespace(problem=problem), discovery=discovery)
+    return SimpleNamespace(candidates=found, fit=fit, discovery=discovery)
 
 
 def chosen(
@@ -61,7 +69,7 @@ def chosen(
         return judged(one, Agreement(5.0, 5.0) if one.name == accepted else Agreement(0.0, 0.0), 0.5, certain)
 
     monkeypatch.setattr(additions, "_try", tried)
-    return choose(beside_nothing(*found, description=description), 0.01, lambda one: any_state)
+    return choose(beside_nothing(*found, description=description), lambda one: any_state)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +167,7 @@ def test_where_the_residual_is_white_only_what_is_beyond_doubt_counts(
     one = replace(candidate("lag", 90.0), p_value=p_value)
     chosen([one], "lag", monkeypatch)  # puts the judge of the held-out part in place
     any_state: Any = None
-    found = choose(beside_nothing(one), 0.01, lambda each: any_state, residual_is_white=True)
+    found = choose(beside_nothing(one, white=True), lambda each: any_state)
     assert [each.candidate.name for each in found.tried] == tried
 
 
@@ -171,7 +179,7 @@ def test_a_schedule_comes_before_jumps_where_the_model_has_none(
     schedule = candidate("mach_stiffness", 60.0, ACROSS, mechanisms=(find("mach_stiffness"),))
     chosen([jumps, schedule], first, monkeypatch)
     any_state: Any = None
-    found = choose(beside_nothing(jumps, schedule), 0.01, lambda each: any_state, scheduled=scheduled)
+    found = choose(beside_nothing(jumps, schedule, scheduled=scheduled), lambda each: any_state)
     assert found.ranked[0].name == first
 
 
