@@ -273,7 +273,7 @@ class SavedModel(_Saved):
     `covariance` is that of the columns' coefficients, in their order; empty where they have none.
     `covariance_elsewhere` is that of the coefficients on other flights, 0 for what is left out there; empty where it is
     the same. `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
-    aerodynamic table that stands in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
+    aerodynamic table in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
     of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops; `error`
     is what it left there; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the
     model is known to nobody.

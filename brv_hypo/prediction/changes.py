@@ -32,7 +32,7 @@ from brv_hypo.regression.fit import solved
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.reduced import Reduced
 
-# A change that is no longer told from what is fitted along, of its own length.
+# A change that what is fitted along takes nearly all of: what is left of it, of its own length.
 _SPENT = 1e-6
 # Eigenvalues of a covariance, its diagonal 1, that count: less is rounding.
 _KNOWN = 1e-9

@@ -68,7 +68,7 @@ class LocalChange(NullIsNaN):
 
 
 class Difference(NullIsNaN):
-    """The frozen coefficient that differs most from what this flight asks for, the others within their errors.
+    """The frozen coefficient that differs most from this flight's, the others within their errors.
 
     `value` is what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
     """

@@ -27,7 +27,7 @@ from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Applied, Model
-from brv_hypo.model.term import Regressor, TimeBasis, evaluated, term_column
+from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 from brv_hypo.ranking.judgement import NORMAL_95
@@ -121,7 +121,7 @@ class Beside:
         return self.evidence([])
 
     def unwanted(self, effects: Sequence[str]) -> tuple[str, ...]:
-        """Those of some effects without which the evidence is far larger, the least wanted first; then asked again."""
+        """Those of some effects without which the evidence is far larger, the least wanted first, and again."""
         names, found = list(self.terms), list[str]()
         while rest := [name for name in effects if name in names]:
             levels = {name: self.evidence([each for each in names if each != name]).level for name in rest}
@@ -299,22 +299,19 @@ def _history(process: Process, motion: Motion, own: Evidence, number: int) -> Pr
 
 def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
     """The family whose shapes make most of what an effect's moment is, while it acts."""
-    chosen, moments = [k for k, column in enumerate(point.columns) if column.mechanism == name], []
+    moments, known = [], list(zip(point.columns, point.values.tolist(), strict=True))
     for number, motion in enumerate(motions):
-        own = [k for k in chosen if point.columns[k].acts_on(number)]
-        made = np.zeros(motion.time.size, dtype=complex)  # C_m,in + i C_n,side
-        for k, term in zip(
-            own, evaluated([point.columns[k] for k in own], point.frame.mechanisms, motion), strict=True
-        ):
-            basis = point.columns[k].time_basis(motion.coefficient_time)
-            made += point.values[k] * basis * (term.in_plane + 1j * term.out_of_plane)
-        moments.append(made)
+        chosen = [(c, value) for c, value in known if c.mechanism == name and c.acts_on(number)]
+        terms = evaluated([column for column, _ in chosen], point.frame.mechanisms, motion)
+        shapes = (term.in_plane + 1j * term.out_of_plane for term in terms)
+        weights = (value * column.time_basis(motion.coefficient_time) for column, value in chosen)
+        moments.append(summed(shapes, weights, motion.alpha.astype(complex)))
     moment, found = np.concatenate(moments), dict[str, float]()
     acts = np.abs(moment) > 0.0
     y = np.concatenate([moment[acts].real, moment[acts].imag])
     for process in moment_processes():
-        shapes = np.concatenate([np.array(process.shapes(motion)) for motion in motions], axis=1)[:, acts]
-        x = np.concatenate([shapes.real, shapes.imag], axis=1).T
+        own = np.concatenate([np.array(process.shapes(motion)) for motion in motions], axis=1)[:, acts]
+        x = np.concatenate([own.real, own.imag], axis=1).T
         rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
         found[process.family] = min(float(rest @ rest), found.get(process.family, np.inf))
     return min(found, key=found.__getitem__)

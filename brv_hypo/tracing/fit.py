@@ -377,7 +377,7 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
 def refitted(fit: Fit) -> Fit:
     """The fit with its errors of the record fitted once more, all together and under the final noise.
 
-    Their first values are those of a reconstruction that the errors themselves had spoilt. The fit itself where that
+    Their first values are those of a reconstruction that the errors themselves had distorted. The fit itself where that
     is no better.
     """
     for _ in range(MODEL_CORRECTIONS if fit.model.applied else 0):

@@ -79,8 +79,8 @@ class Residual(NullIsNaN):
 
     `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise.
     `noise_ratio`: mean square of the residual moments over that of their noise. `worst_region_s` s;
-    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z. `flight`: which of several
-    all but whiteness is told of, counted from 0.
+    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z. `flight`: the one of
+    several, counted from 0, that all but whiteness is of.
     """
 
     flight: int | None = None
