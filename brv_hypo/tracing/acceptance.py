@@ -29,7 +29,7 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.ranking.intervals import intervals, within_bounds
 from brv_hypo.regression.channels import Part, Rows
 from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.frame import Piece, RateFrame
+from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.held_out import jackknife_error
 from brv_hypo.regression.linear import lengths, solve_scaled
 from brv_hypo.regression.problem import Problem
@@ -203,17 +203,22 @@ def agreement(problem: Problem, held_out: Part, before: Rows, after: Rows) -> Ag
 
 def _whitened(problem: Problem, held_out: Part, left: Rows) -> FloatArray:
     """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has."""
-    part, noise = problem.rows.part, problem.rows.noise
-    constants = np.linalg.lstsq(
-        part.white_rates(part.constants(), noise), part.white_rates(left.rates[part.rows], noise)[:, 0], rcond=None
-    )[0]
-    levels = np.asarray(constants[::2] + 1j * constants[1::2], dtype=complex)
-    level_of = dict(zip(_segments(problem, part.levels, part), levels, strict=True))
+    part, noise, levels = problem.rows.part, problem.rows.noise, _levels(problem, held_out)
+    fitted = part.white_rates(part.constants(), noise), part.white_rates(left.rates[part.rows], noise)[:, 0]
     there = left.at(held_out.rows)
-    rates: ComplexArray = there.rates.copy()
-    for (a, b), segment in zip(held_out.pieces, _segments(problem, held_out.pieces, held_out), strict=True):
-        rates[a:b] -= level_of.get(segment, rates[a:b].mean())
+    rates = there.rates - levels @ np.linalg.lstsq(*fitted, rcond=None)[0]
+    for own in (slice(a, b) for a, b in held_out.pieces):
+        if not levels[own].any():
+            rates[own] -= rates[own].mean()
     return held_out.whitened(Rows(rates, there.force), noise)[:, 0]
+
+
+def _levels(problem: Problem, held_out: Part) -> ComplexArray:
+    """The fitted part's constants of integration as histories of the held-out rates (rows, 2 levels)."""
+    first, ends = [a for a, _ in problem.rows.part.levels], np.cumsum([b - a for a, b in problem.frame.pieces])
+    segments = [np.searchsorted(ends, rows, side="right") for rows in (held_out.rows, problem.rows.part.rows[first])]
+    same = segments[0][:, np.newaxis] == segments[1]
+    return np.asarray(np.repeat(same, 2, axis=1) * np.tile([1.0, 1.0j], len(first)))
 
 
 def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray]:
@@ -233,25 +238,14 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
 
 def _unknowns(problem: Problem, held_out: Part) -> FloatArray:
     """Baseline, constants of the fitted part and nuisances on the held-out rows (rows, unknowns), whitened."""
-    noise, own = problem.rows.noise, _segments(problem, problem.rows.part.levels, problem.rows.part)
-    constants = np.zeros((held_out.rows.size, 2 * len(own)), dtype=complex)
-    for (a, b), segment in zip(held_out.pieces, _segments(problem, held_out.pieces, held_out), strict=True):
-        if segment in own:
-            place = 2 * own.index(segment)
-            constants[a:b, place], constants[a:b, place + 1] = 1.0, 1.0j
-    moments = problem.frame.columns(problem.baseline)[held_out.rows]
-    of_rates = np.column_stack([held_out.white_rates(each, noise) for each in (moments, constants)])
-    out = np.zeros((2 * of_rates.shape[0], of_rates.shape[1] + len(problem.rows.nuisances.items)))
-    out[: of_rates.shape[0], : of_rates.shape[1]] = of_rates
+    noise, moments = problem.rows.noise, problem.frame.columns(problem.baseline)[held_out.rows]
+    of_rates = [held_out.white_rates(each, noise) for each in (moments, _levels(problem, held_out))]
+    count, first = of_rates[0].shape[0], sum(each.shape[1] for each in of_rates)
+    out = np.zeros((2 * count, first + len(problem.rows.nuisances.items)))
+    out[:count, :first] = np.column_stack(of_rates)
     for some, history in problem.rows.nuisances.histories.batches():
-        out[:, of_rates.shape[1] :][:, some] = held_out.whitened(history.at(held_out.rows), noise)
+        out[:, first:][:, some] = held_out.whitened(history.at(held_out.rows), noise)
     return out
-
-
-def _segments(problem: Problem, ranges: Sequence[Piece], part: Part) -> list[int]:
-    """The segment of the record that each range of a part's samples lies in."""
-    ends = np.cumsum([b - a for a, b in problem.frame.pieces])
-    return [int(np.searchsorted(ends, part.rows[a], side="right")) for a, _ in ranges]
 
 
 def ratio(before: MomentErrors, after: MomentErrors) -> tuple[float, float]:
