@@ -18,7 +18,7 @@ from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.parameters import READ, of_flight, unique
 from brv_hypo.identification.problem import IdentificationConfig, Problem, build_problem
-from brv_hypo.likelihood import FitResult
+from brv_hypo.likelihood import FitResult, Status
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.term import Regressor
@@ -118,6 +118,9 @@ IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before th
 IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
 
 
+_REMEDY = (
+    "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
+)
 _HELD = "fixed at the last value, which the data do not determine, and without a standard error: {}"
 
 
@@ -275,7 +278,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     ]
     return Identification(
         status=found.status,
-        message="; ".join([found.message, *(text for text in beyond if text is not None)]),
+        message="; ".join([_for_records(found), *(text for text in beyond if text is not None)]),
         columns=columns,
         values=values,
         covariance=_covariance(found, terms),
@@ -295,6 +298,12 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         problem=problem,
         fit=found,
     )
+
+
+def _for_records(found: FitResult) -> str:
+    """The message, with a remedy for whoever has a record in place of that for whoever has functions."""
+    remedy = Status(found.status).remedy
+    return found.message.replace(remedy, _REMEDY) if remedy else found.message
 
 
 def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:

@@ -36,7 +36,7 @@ class Line:
     dots: bool = False
     dashed: bool = False
     large: bool = False  # of dots that are few
-    labels: Sequence[str] = ()  # to the right of each dot, of a line or more
+    labels: Sequence[str] = ()  # above each dot, or to the right of its error; of a line or more
     error: tuple[Values, Values] | None = None  # how far y may lie below and above
     spread: Values | None = None  # how far x may lie to either side
 

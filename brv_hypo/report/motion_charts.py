@@ -15,7 +15,7 @@ from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
-from brv_hypo.ranking.result import RecordError, RecordFaultSummary, TermEstimate
+from brv_hypo.ranking.result import History, RecordError, RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -325,6 +325,20 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; the verdict names errors beyond."
     title = "error over its tolerance"
     return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
+
+
+def process_chart(setting: Setting, histories: Sequence[History], units: Mapping[str, str]) -> Chart:
+    """Processes over time, those that have `units`, in their order: every shape or channel with its band."""
+    roles: tuple[Role, ...] = ("first", "second", "third")
+    known, panels = {each.process: each for each in histories}, []
+    for name, unit in units.items() if known else ():
+        layers: list[Layer] = []
+        for (value, sigma), role in zip(known[name].shapes, roles, strict=False):
+            layers += estimate(known[name].time_s, np.array(value), np.array(sigma), role, f"{role} shape or channel")
+        panels.append(framed(Panel(name if unit == "1" else f"{name}, {unit}", layers)))
+    return setting.chart(
+        "processes", "Processes over time", panels, "Moments by the rms of their shape. Bands: 2 sigma."
+    )
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:

@@ -16,6 +16,7 @@ from brv_hypo.ranking.result import (
     DerivedEstimate,
     FlightSummary,
     Knot,
+    ProcessEstimate,
     RecordError,
     RecordSummary,
     TermEstimate,
@@ -29,12 +30,17 @@ ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of t
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
+PROCESSES_DRAWN = 6  # over time, the largest
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
     "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
 )
 
 COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
+NAME_AND_FAMILY = (
+    "compare names the mechanism that its baseline lacks. trace divides, by family, what is left of a model whose "
+    "static slope follows the Mach number, and which may include that mechanism's moment: both may be right."
+)
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
@@ -65,9 +71,13 @@ def ranking_table(comparison: Comparison) -> Table:
     return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
 
 
+def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
+    """Those that make more than `LEAST_PROCESS`, largest first."""
+    return [each for each in comparison.verdict.processes if each.share_of_moment > LEAST_PROCESS]
+
+
 def process_blocks(comparison: Comparison) -> list[Block]:
     """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first."""
-    processes = comparison.verdict.processes
     rows = [
         {
             "process": each.name,
@@ -78,15 +88,21 @@ def process_blocks(comparison: Comparison) -> list[Block]:
             "relative": f"{number(each.size / each.tolerance, 2)} ×",
             "of moment": share(each.share_of_moment),
         }
-        for each in processes
-        if each.share_of_moment > LEAST_PROCESS
+        for each in shown_processes(comparison)
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
-    small = ", ".join(each.name for each in processes if each.share_of_moment <= LEAST_PROCESS)
-    others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
-    text = Texts((_PROCESSES,) if rows else (), bullets=False, shown="page")
-    return [table, text, Texts(others, "", bullets=False, shown="verbose" if rows else "always")]
+    named = comparison.verdict.winner not in (None, "none")
+    return [table, Texts((NAME_AND_FAMILY,) if named else (), bullets=False)]
+
+
+def process_texts(comparison: Comparison) -> list[Texts]:
+    """What the columns of the processes mean, and which are left out of the table."""
+    shown = shown_processes(comparison)
+    small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
+    others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
+    read = Texts((_PROCESSES,) if shown else (), bullets=False, shown="page")
+    return [read, Texts(others, bullets=False, shown="verbose" if shown else "always")]
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
@@ -94,7 +110,8 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     leader = comparison.ranking[:1]
     net = [v for row in leader for each in row.intervals for v in each.values if abs(v.value) > 2.0 * v.std_error]
     table = term_table("Estimates of the leader", net, "always", most=ROWS_AT_FIRST)
-    return [table, Texts(derived_texts(e for row in leader for e in row.derived if e.region_s is None), bullets=False)]
+    derived = "; ".join(derived_texts(e for row in leader for e in row.derived if e.region_s is None))
+    return [table, Texts((derived,) if derived else (), bullets=False)]
 
 
 def size_table(comparison: Comparison) -> Table:

@@ -11,7 +11,16 @@ from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
-from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
+from brv_hypo.report.tables import (
+    COLLINEAR,
+    CONTRADICTED,
+    IN_DOUBT,
+    NAME_AND_FAMILY,
+    error_table,
+    fault_texts,
+    flight_line,
+    term_table,
+)
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
 from brv_hypo.residuals.result import ProcessHistory, Residual, Step, Trace
 
@@ -116,34 +125,41 @@ def trace_document(result: Trace) -> Document:
         for each in result.account
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    errors = Table(account, "mean square of the moment error, model by model", ("model",))
+    errors = Table(account, "Mean square of the moment error, model by model", ("model",))
     drawn, known = _charts(result), result.record_errors
+    scheduled = any(each.model == "scheduled" for each in result.account)
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
     model: list[Block] = [
-        term_table("model, fitted to the whole record", result.model.terms),
+        term_table("Model, fitted to the whole record", result.model.terms),
         Texts(result.collinear, COLLINEAR, shown="verbose"),
     ]
     if (fit := result.ml) is not None:
         ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
-        model.append(term_table(f"model, by maximum likelihood: {ended}", fit.terms))
+        model.append(term_table(f"Model, by maximum likelihood: {ended}", fit.terms))
     warnings = (*fault_texts(result.record), *result.caveats)
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
         *(Section(name, list(map(Picture, some)), name.startswith("Air")) for name, some in drawn.items()),
         Section("Errors of instruments and vehicle", [Picture(charts.errors_chart(known)), error_table(known)]),
-        Section("Steps", [block for step in result.steps for block in _step(step)]),
-        Section("Final residual", [Texts(final, "Final residual", bullets=False)]),
+        Section(
+            "Steps", [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
+        ),
         Section("Model", model, folded=True),
     ]
     return Document(
         title=f"Residual traced: {name}",
         subtitle=tuple(flight_line(flight) for flight in result.flights),
         conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
-        conclusion=" ".join(filter(None, conclusion)),
+        conclusion="\n".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
         blocks=sections,
         ahead=(errors,),
-        beside=() if result.picture is None else (Picture(families_chart(result.steps[0])),),
+        beside=(
+            Picture(families_chart(result.steps[0])),
+            Texts(
+                (NAME_AND_FAMILY,) if scheduled else (), bullets=False, shown="page" if result.findings else "always"
+            ),
+        ),
     )
 
 
