@@ -156,10 +156,14 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     ]
     rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
     spectrum = charts.spectrum_chart(setting, time, histories, rates)
-    units = {each.name: each.units for each in tables.shown_processes(comparison)[: tables.PROCESSES_DRAWN]}
+    units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
+    named = {"processes": "Largest processes", "smaller-processes": "Smaller processes"}
     return {
         "overview": [overview],
-        "processes": [charts.process_chart(setting, series.histories, units)],
+        "processes": [
+            charts.process_chart(setting, series.histories, dict(units[k * most : (k + 1) * most]), *each)
+            for k, each in enumerate(named.items())
+        ],
         "motion": motion,
         "moments": moments,
         "channels": channels,

@@ -327,15 +327,19 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
 
 
-def process_chart(setting: Setting, histories: Sequence[History], units: Mapping[str, str]) -> Chart:
+def process_chart(
+    setting: Setting, histories: Sequence[History], units: Mapping[str, str], name: str, heading: str
+) -> Chart:
     """Processes over time, those that have `units`, in their order: every shape or channel with its band."""
     roles: tuple[Role, ...] = ("first", "second", "third")
     known, panels = {each.process: each for each in histories}, []
-    for name, unit in units.items() if known else ():
+    for process, unit in units.items() if known else ():
         layers: list[Layer] = []
-        for (value, sigma), role in zip(known[name].shapes, roles, strict=False):
-            layers += estimate(known[name].time_s, np.array(value), np.array(sigma), role, f"{role} shape or channel")
-        panels.append(framed(Panel(name if unit == "1" else f"{name}, {unit}", layers)))
+        for (value, sigma), role in zip(known[process].shapes, roles, strict=False):
+            layers += estimate(
+                known[process].time_s, np.array(value), np.array(sigma), role, f"{role} shape or channel"
+            )
+        panels.append(framed(Panel(process if unit == "1" else f"{process}, {unit}", layers)))
     return setting.chart(
         "processes", "Processes over time", panels, "Moments by the rms of their shape. Bands: 2 sigma."
     )

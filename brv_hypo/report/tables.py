@@ -30,7 +30,6 @@ ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of t
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
-PROCESSES_DRAWN = 6  # over time, the largest
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
     "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."

@@ -10,7 +10,17 @@ import numpy as np
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
-from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
+from brv_hypo.report.motion_charts import (
+    BODY,
+    DAMPING,
+    STATIC,
+    TIME,
+    Drawn,
+    Setting,
+    derivative_chart,
+    framed,
+    scale_of,
+)
 from brv_hypo.report.tables import (
     COLLINEAR,
     CONTRADICTED,
@@ -293,16 +303,16 @@ def prediction_charts(result: Prediction) -> list[Chart]:
 
 
 def band_chart(result: Prediction) -> Chart:
-    """C_m and C_n as measured, over the band in which the frozen model predicts them, noise included."""
+    """C_m and C_n less the frozen model's, over the band in which it predicts them to be, noise included."""
     band, panels = result.band, []
     time, percent = thinned(band.time_s), f"{100.0 * band.level:.0f} %"
     scale = scale_of(*band.measured, *band.predicted)
     for name, *histories in zip(BODY, band.measured, band.predicted, band.half_width, strict=True):
         measured, centre, half = (scale.drawn(thinned(values)) for values in histories)
-        interval_drawn = Band(time, centre - half, centre + half, f"{percent} prediction interval", "first")
-        dots = Line(time, measured, "measured", "measured", dots=True)
-        panels.append(Panel(f"{name}{scale.suffix}", [interval_drawn, dots, Line(time, centre, "first", "predicted")]))
-    heading = f"Moments in the {percent} prediction interval ({100.0 * band.inside:.1f} % inside)"
+        interval_drawn = Band(time, -half, half, f"{percent} prediction interval", "first")
+        dots = Line(time, measured - centre, "measured", "measured less predicted", dots=True)
+        panels.append(framed(Panel(f"{name}{scale.suffix}", [interval_drawn, dots])))
+    heading = f"Moments less the prediction ({100.0 * band.inside:.1f} % within its {percent} interval)"
     span = (result.flight.start_s, result.flight.stop_s)
     read = (
         "The interval includes the noise, the errors of the coefficients, and the residual of the model on the flights "
