@@ -292,10 +292,9 @@ def _of_record(comparison: Comparison) -> list[Block]:
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
     """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
-    net = [value for each in row.intervals for value in each.values]
     blocks: list[Block] = [
         Picture(_coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row)),
-        tables.term_table(f"Net values of {name}", net, "page"),
+        tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
         tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
         Texts(tables.derived_texts(row.derived), shown="verbose"),

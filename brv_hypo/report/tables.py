@@ -17,6 +17,7 @@ from brv_hypo.ranking.result import (
     FlightSummary,
     Knot,
     ProcessEstimate,
+    RankedHypothesis,
     RecordError,
     RecordSummary,
     TermEstimate,
@@ -104,10 +105,17 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     return [read, Texts(others, bullets=False, shown="verbose" if shown else "always")]
 
 
+def net_values(row: RankedHypothesis) -> list[TermEstimate]:
+    """Net values of a hypothesis in time order, in the plane of the jumps and ramps that they are sums of."""
+    planes = {re.sub(r"^(jump|ramp) in ", "", term.name): term.channel for term in row.terms}
+    values = (value for each in row.intervals for value in each.values)
+    return [value.model_copy(update={"channel": planes.get(value.name, value.channel)}) for value in values]
+
+
 def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
     leader = comparison.ranking[:1]
-    net = [v for row in leader for each in row.intervals for v in each.values if abs(v.value) > 2.0 * v.std_error]
+    net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
     table = term_table("Estimates of the leader", net, "always", most=ROWS_AT_FIRST)
     derived = "; ".join(derived_texts(e for row in leader for e in row.derived if e.region_s is None))
     return [table, Texts((derived,) if derived else (), bullets=False)]
