@@ -150,12 +150,8 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         text = "At the c.g., fitted errors of the record taken out; the model without processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
     ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's
-    histories = [
-        Drawn("measured", measured, "measured"),
-        *(replace(m, name=f"less {m.name.removesuffix(' only')}") for m in ends),
-    ]
     rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
-    spectrum = charts.spectrum_chart(setting, time, histories, rates)
+    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *ends], rates)
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
     named = {"processes": "Largest processes", "smaller-processes": "Smaller processes"}
     return {

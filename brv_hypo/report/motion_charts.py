@@ -284,7 +284,7 @@ def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], r
         [Panel("power density, 1/Hz", layers, log=True)],
         range=(0.0, highest),
         marks=[Mark(at, name) for name, at in marks.items()],
-        caption="Both planes together, Welch's method. Marked: median rates over the record.",
+        caption="Measured moments and residuals, both planes together, Welch's method. Marked: median rates.",
     )
 
 

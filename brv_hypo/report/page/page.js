@@ -106,7 +106,7 @@
       const { l, r, t, b } = common.margin, width = "printing" in root.dataset ? PAPER : node.clientWidth;
       chart = { ...chart, ...stretchesOf(chart.path, [width - l - r, height - t - b], shown) };
     }
-    const margin = { ...common.margin, t: chart.layout.annotations.length ? common.margin.t : UNNAMED };
+    const margin = { ...common.margin, t: chart.named ? common.margin.t : UNNAMED };
     const layout = painted({ ...common, margin, ...chart.layout, height }, style);
     if ("printing" in root.dataset) {
       layout.width = PAPER;
