@@ -74,13 +74,11 @@ def _sizes(comparison: Comparison) -> Chart:
     return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
 
 
-def _own_knots(row: RankedHypothesis | None, index: int, flight: FlightSummary) -> dict[float, str]:
+def _own_knots(row: RankedHypothesis, index: int, flight: FlightSummary) -> dict[float, str]:
     """Times inside the record of one flight at which a hypothesis' coefficients change: onset, end, or neither ("").
 
     A mechanism acts where a coefficient is more than two standard errors.
     """
-    if row is None:
-        return {}
     own = {knot.time_s: knot.flights_s[index] for knot in row.knots}
     acts = [any(abs(value.value) > 2.0 * value.std_error for value in each.values) for each in row.intervals]
     first, last = (acts.index(True), len(acts) - acts[::-1].index(True)) if any(acts) else (0, 0)
@@ -107,7 +105,8 @@ def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Sett
 def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     """Charts of one flight, by what they are of."""
     series, ranked = comparison.series[index], [row for row in comparison.ranking if row.mechanism != "none"]
-    knots = _own_knots(ranked[0] if ranked else None, index, comparison.flights[index])
+    leader = comparison.ranking[0]
+    knots = _own_knots(leader, index, comparison.flights[index])
     setting = _setting(comparison, index, knots)
     time, measured, sigma = series.time_s, series.measured, series.sigma
     angles = (series.alpha_rad, series.windward_meridian_rad)
@@ -146,7 +145,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         for name, (title, scale) in axes.items():
             read, fitted = (scale * np.asarray(each) for each in series.channels[name])
             dots = Line(time, read, "measured", "measured", dots=True)
-            panels.append(Panel(title, [dots, Line(time, fitted, "first", models[-1].name)]))
+            panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
         text = "At the c.g., fitted errors of the record taken out; the model without processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
     ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's

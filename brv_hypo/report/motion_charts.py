@@ -340,9 +340,7 @@ def process_chart(
                 known[process].time_s, np.array(value), np.array(sigma), role, f"{role} shape or channel"
             )
         panels.append(framed(Panel(process if unit == "1" else f"{process}, {unit}", layers)))
-    return setting.chart(
-        "processes", "Processes over time", panels, "Moments by the rms of their shape. Bands: 2 sigma."
-    )
+    return setting.chart(name, f"{heading} over time", panels, "Moments by the rms of their shape. Bands: 2 sigma.")
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
