@@ -38,7 +38,7 @@ _PROCESSES = (
 
 COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
 NAME_AND_FAMILY = (
-    "compare names the mechanism that its baseline lacks. trace divides, by family, what is left of a model whose "
+    "`compare` names the mechanism that its baseline lacks. `trace` divides, by family, what is left of a model whose "
     "static slope follows the Mach number, and which may include that mechanism's moment: both may be right."
 )
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
@@ -117,8 +117,9 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     leader = comparison.ranking[:1]
     net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
     table = term_table("Estimates of the leader", net, "always", most=ROWS_AT_FIRST)
-    derived = "; ".join(derived_texts(e for row in leader for e in row.derived if e.region_s is None))
-    return [table, Texts((derived,) if derived else (), bullets=False)]
+    derived = derived_texts(e for row in leader for e in row.derived if e.region_s is None)
+    shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
+    return [table, Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)]
 
 
 def size_table(comparison: Comparison) -> Table:
