@@ -16,7 +16,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.ranking.judgement import Judged
-from brv_hypo.ranking.result import Comparison, History, RecordError, SizedModel
+from brv_hypo.ranking.result import Comparison, RecordError, SizedModel
 from brv_hypo.ranking.summary import drawn
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
@@ -161,22 +161,20 @@ def _channels(judged: Judged, flight: int, moments: Sequence[ComplexArray]) -> d
     }
 
 
-def _histories(own: Evidence, flight: int) -> tuple[History, ...]:
-    """Of each process, at even times of a flight."""
-    motion, places = own.rows.frame.motions[flight], {group.name: k for k, group in enumerate(own.rows.groups)}
-    time = np.linspace(motion.time[0], motion.time[-1], _TIMES)
+def _histories(own: Evidence, flight: int) -> dict[str, Any]:
+    """Of each process by name, at even times of a flight."""
     processes: tuple[Process, ...] = (*record_processes(), *moment_processes())
-    found = []
-    for process in processes:
-        splines = time_splines(time, float(time[0]), float(time[-1]), process.splines)
-        coefficients, errors = (
-            np.split(each, len(own.rows.blocks))[flight].reshape(-1, process.splines)
-            for each in own.spline_coefficients(places[process.name])
+    splines = {each.name: time_splines(np.linspace(0.0, 1.0, _TIMES), 0.0, 1.0, each.splines).T for each in processes}
+    found = {}
+    for place, group in enumerate(own.rows.groups):
+        known = splines[group.name]
+        value, sigma = (
+            np.split(each, len(own.rows.blocks))[flight].reshape(-1, known.shape[0])
+            for each in own.spline_coefficients(place)
         )
-        pairs = zip((coefficients @ splines.T).tolist(), np.sqrt(errors**2 @ splines.T**2).tolist(), strict=True)
-        shapes = tuple((tuple(values), tuple(sigmas)) for values, sigmas in pairs)
-        found.append(History(process=process.name, time_s=tuple(time.tolist()), shapes=shapes))
-    return tuple(found)
+        pairs = zip((value @ known).tolist(), np.sqrt(sigma**2 @ known**2).tolist(), strict=True)
+        found[group.name] = tuple((tuple(each), tuple(error)) for each, error in pairs)
+    return found
 
 
 def whitened(own: Evidence, flight: int) -> dict[str, tuple[float, ...]]:

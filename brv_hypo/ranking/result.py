@@ -270,17 +270,6 @@ class Seconds(NullIsNaN):
     total: float
 
 
-class History(NullIsNaN):
-    """A process of one flight over time: value and standard error of each of its `shapes`, or channels, in its units.
-
-    Of moments as a moment coefficient: the history by the rms of the shape.
-    """
-
-    process: str
-    time_s: tuple[float, ...]
-    shapes: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]
-
-
 class Series(NullIsNaN):
     """Histories for pictures, of one flight: not part of the JSON.
 
@@ -310,8 +299,10 @@ class Series(NullIsNaN):
     """
     whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
     """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""
-    histories: tuple[History, ...] = ()
-    """Of processes beside the leader."""
+    histories: dict[str, tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = Field(default_factory=dict)
+    """Of processes beside the leader, by name, at even times: value and standard error of each shape or channel, in the
+    process's units; of moments as a moment coefficient, by the rms of the shape.
+    """
 
 
 def _percent(share: float) -> str:

@@ -129,9 +129,8 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             heading, (left, beyond) = f"Moments of {models[-1].name}", series.leader
             alone = charts.moment_chart(setting, time, left, sigma, [replace(models[-1], moments=beyond)])
             marks = [Mark(at, name) for at, name in knots.items()]
-            overview = replace(
-                alone, name=overview.name, heading=f"{heading}{setting.which}", caption=ALONE, marks=marks
-            )
+            title = f"{heading}{setting.which}"
+            overview = replace(alone, name=overview.name, heading=title, caption=ALONE, marks=marks)
         drawn = [replace(models[-1], moments=beyond)]
         moments.append(charts.moment_by_alpha_chart(setting, angles[0], left, drawn, "excess-by-alpha", heading))
     sigmas, rolls = (series.alpha_sigma_rad, series.windward_meridian_sigma_rad), series.roll_rate_rad_s
@@ -152,7 +151,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
     spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *ends], rates)
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
-    named = {"processes": "Largest processes", "smaller-processes": "Smaller processes"}
+    named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
     return {
         "overview": [overview],
         "processes": [

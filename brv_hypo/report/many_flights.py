@@ -156,14 +156,8 @@ def calibration_chart(calibration: Calibration) -> Chart:
     perfect = Line([0.0, 1.0], [0.0, 1.0], "guide", "perfect", dashed=True)
     panels = [Panel("share right", [perfect, dots], range=(-0.03, 1.08))] if bins else []
     read = "Of verdicts given at 0.9, nine in ten should be right. Bars: 95 % intervals."
-    return Chart(
-        "calibration",
-        "Share right by probability",
-        "probability of the leader",
-        panels,
-        range=(0.0, 1.03),
-        caption=read,
-    )
+    named = ("calibration", "Share right by probability", "probability of the leader")
+    return Chart(*named, panels, range=(0.0, 1.03), caption=read)
 
 
 def effect_chart(outcomes: Sequence[Outcome]) -> Chart:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.signal import welch
@@ -15,7 +16,7 @@ from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
-from brv_hypo.ranking.result import History, RecordError, RecordFaultSummary, TermEstimate
+from brv_hypo.ranking.result import RecordError, RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -328,19 +329,18 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
 
 
 def process_chart(
-    setting: Setting, histories: Sequence[History], units: Mapping[str, str], name: str, heading: str
+    setting: Setting, histories: Mapping[str, Any], units: Mapping[str, str], name: str, heading: str
 ) -> Chart:
-    """Processes over time, those that have `units`, in their order: every shape or channel with its band."""
+    """Processes over time, those that have `units`, in their order; `histories` as `Series` has them."""
     roles: tuple[Role, ...] = ("first", "second", "third")
-    known, panels = {each.process: each for each in histories}, []
-    for process, unit in units.items() if known else ():
+    panels = []
+    for process, unit in units.items() if histories else ():
         layers: list[Layer] = []
-        for (value, sigma), role in zip(known[process].shapes, roles, strict=False):
-            layers += estimate(
-                known[process].time_s, np.array(value), np.array(sigma), role, f"{role} shape or channel"
-            )
+        for (value, sigma), role in zip(histories[process], roles, strict=False):
+            time, nth = np.linspace(*setting.span, len(value)), f"{role} shape or channel"
+            layers += estimate(time, np.array(value), np.array(sigma), role, nth)
         panels.append(framed(Panel(process if unit == "1" else f"{process}, {unit}", layers)))
-    return setting.chart(name, f"{heading} over time", panels, "Moments by the rms of their shape. Bands: 2 sigma.")
+    return setting.chart(name, heading, panels, "Moments by the rms of their shape. Bands: 2 sigma.")
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:

@@ -9,28 +9,10 @@ import numpy as np
 
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.report import motion_charts as charts
+from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
-from brv_hypo.report.motion_charts import (
-    BODY,
-    DAMPING,
-    STATIC,
-    TIME,
-    Drawn,
-    Setting,
-    derivative_chart,
-    framed,
-    scale_of,
-)
-from brv_hypo.report.tables import (
-    COLLINEAR,
-    CONTRADICTED,
-    IN_DOUBT,
-    NAME_AND_FAMILY,
-    error_table,
-    fault_texts,
-    flight_line,
-    term_table,
-)
+from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
+from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
 from brv_hypo.residuals.result import ProcessHistory, Residual, Step, Trace
 
@@ -137,7 +119,7 @@ def trace_document(result: Trace) -> Document:
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
     errors = Table(account, "Mean square of the moment error, model by model", ("model",))
     drawn, known = _charts(result), result.record_errors
-    scheduled = any(each.model == "scheduled" for each in result.account)
+    related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
     model: list[Block] = [
         term_table("Model, fitted to the whole record", result.model.terms),
@@ -147,13 +129,12 @@ def trace_document(result: Trace) -> Document:
         ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
         model.append(term_table(f"Model, by maximum likelihood: {ended}", fit.terms))
     warnings = (*fault_texts(result.record), *result.caveats)
+    steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
         *(Section(name, list(map(Picture, some)), name.startswith("Air")) for name, some in drawn.items()),
         Section("Errors of instruments and vehicle", [Picture(charts.errors_chart(known)), error_table(known)]),
-        Section(
-            "Steps", [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
-        ),
+        Section("Steps", steps),
         Section("Model", model, folded=True),
     ]
     return Document(
@@ -166,9 +147,7 @@ def trace_document(result: Trace) -> Document:
         ahead=(errors,),
         beside=(
             Picture(families_chart(result.steps[0])),
-            Texts(
-                (NAME_AND_FAMILY,) if scheduled else (), bullets=False, shown="page" if result.findings else "always"
-            ),
+            Texts(related, bullets=False, shown="page" if result.findings else "always"),
         ),
     )
 
@@ -311,7 +290,7 @@ def band_chart(result: Prediction) -> Chart:
         measured, centre, half = (scale.drawn(thinned(values)) for values in histories)
         interval_drawn = Band(time, -half, half, f"{percent} prediction interval", "first")
         dots = Line(time, measured - centre, "measured", "measured less predicted", dots=True)
-        panels.append(framed(Panel(f"{name}{scale.suffix}", [interval_drawn, dots])))
+        panels.append(charts.framed(Panel(f"{name}{scale.suffix}", [interval_drawn, dots])))
     heading = f"Moments less the prediction ({100.0 * band.inside:.1f} % within its {percent} interval)"
     span = (result.flight.start_s, result.flight.stop_s)
     read = (

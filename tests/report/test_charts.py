@@ -142,18 +142,15 @@ def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(
     np.testing.assert_allclose(line.y, 1e3 * made[1])
 
 
-NAMED = ("processes", "Largest processes")
-
-
 def test_histories_of_processes_are_drawn_in_the_units_of_the_table(planted) -> None:
     """Every shape or channel; a history's rms is at most about the size in the table: that of its splines'
     coefficients."""
     known, histories = planted.verdict.processes, planted.series[0].histories
-    drawn = process_chart(Setting((0.0, 1.0)), histories, {each.name: each.units for each in known}, *NAMED)
+    drawn = process_chart(Setting((0.0, 1.0)), histories, {each.name: each.units for each in known}, "processes", "All")
     assert [panel.title.partition(",")[0] for panel in drawn.panels] == [each.name for each in known]
     for each, panel in zip(known, drawn.panels, strict=True):
         lines = [layer.y for layer in panel.layers if isinstance(layer, Line)]
-        assert len(lines) == len(next(one.shapes for one in histories if one.process == each.name))
+        assert len(lines) == len(histories[each.name])
         assert np.sqrt(np.mean(np.square(lines))) <= 1.5 * each.size
 
 
