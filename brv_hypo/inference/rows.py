@@ -15,7 +15,7 @@ Rows of different flights have b and c alone in common, so that T and Z are bloc
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -83,49 +83,63 @@ class Block:
         return np.asarray(rows - self.errors @ (((1.0 - self.shrunk) * (self.errors.T @ rows).T).T))
 
 
+class OfFlight(NamedTuple):
+    """Scalar products on some rows of one flight: Z'Z, Z'[U X] and Z'y; `chosen` are the rows."""
+
+    own: FloatArray
+    with_border: FloatArray
+    with_y: FloatArray
+    chosen: IntArray
+
+    def less(self, other: OfFlight) -> OfFlight:
+        """Of all rows but those of `other`."""
+        border, y = self.with_border - other.with_border, self.with_y - other.with_y
+        return OfFlight(self.own - other.own, border, y, other.chosen)
+
+
 class Products(NamedTuple):
-    """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and of each
-    flight Z'Z, Z'[U X] and Z'y.
+    """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and those of
+    some flights, by number.
     """
 
     rows: int
     square: float
     across: FloatArray
     right: FloatArray
-    blocks: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
-    chosen: tuple[IntArray, ...]
-    """Which rows of each flight (count,)."""
+    flights: Mapping[int, OfFlight]
 
     @classmethod
     def of(cls, rows: Rows, use: BoolArray, count: int) -> Products:
-        """Of some rows (n,) without a hypothesis."""
-        chosen = tuple(np.flatnonzero(use[block.rows]) for block in rows.blocks)
-        y, shared, blocks = rows.y[use], rows.shared[use], []
-        for block, here in zip(rows.blocks, chosen, strict=True):
-            z, those = block.z[here], block.rows[here]
-            blocks.append((z.T @ z, z.T @ rows.shared[those], z.T @ rows.y[those]))
-        return cls(count, float(y @ y), shared.T @ shared, shared.T @ y, tuple(blocks), chosen)
+        """Of some rows (n,) without a hypothesis; flights that have none of them are left out."""
+        y, shared, flights = rows.y[use], rows.shared[use], {}
+        for number, block in enumerate(rows.blocks):
+            chosen = np.flatnonzero(use[block.rows])
+            if chosen.size:
+                z, those = block.z[chosen], block.rows[chosen]
+                flights[number] = OfFlight(z.T @ z, z.T @ rows.shared[those], z.T @ rows.y[those], chosen)
+        return cls(count, float(y @ y), shared.T @ shared, shared.T @ y, flights)
 
     def beside(self, rows: Rows, x: FloatArray) -> Products:
         """With columns of a hypothesis (n, k)."""
-        across, right, blocks = np.zeros((x.shape[1], rows.shared.shape[1])), np.zeros(x.shape[1]), []
+        across, right, flights = np.zeros((x.shape[1], rows.shared.shape[1])), np.zeros(x.shape[1]), {}
         own = np.zeros((x.shape[1], x.shape[1]))
-        for block, here, known in zip(rows.blocks, self.chosen, self.blocks, strict=True):
-            those = block.rows[here]
+        for number, known in self.flights.items():
+            block = rows.blocks[number]
+            those = block.rows[known.chosen]
             columns = x[those]
             across += columns.T @ rows.shared[those]
             right += columns.T @ rows.y[those]
             own += columns.T @ columns
-            blocks.append((known[0], np.concatenate([known[1], block.z[here].T @ columns], axis=1), known[2]))
+            border = np.concatenate([known.with_border, block.z[known.chosen].T @ columns], axis=1)
+            flights[number] = known._replace(with_border=border)
         whole = np.block([[self.across, across.T], [across, own]])
-        return self._replace(across=whole, right=np.append(self.right, right), blocks=tuple(blocks))
+        return Products(self.rows, self.square, whole, np.append(self.right, right), flights)
 
     def less(self, other: Products) -> Products:
-        """Of all rows but those of `other`."""
-        pairs = zip(self.blocks, other.blocks, strict=True)
-        blocks = tuple((a[0] - b[0], a[1] - b[1], a[2] - b[2]) for a, b in pairs)
+        """Of all rows but those of `other`, and of the flights that it has."""
+        flights = {number: self.flights[number].less(theirs) for number, theirs in other.flights.items()}
         across, right = self.across - other.across, self.right - other.right
-        return Products(self.rows - other.rows, self.square - other.square, across, right, blocks, ())
+        return Products(self.rows - other.rows, self.square - other.square, across, right, flights)
 
 
 @dataclass(frozen=True)
