@@ -419,7 +419,6 @@ def _record(
     if mapping.rate == "auto" and flown.size and {"q", "r"} <= set(channels):
         motion = {name: channels[name][flown[0] : flown[-1] + 1] for name in ("q", "r")}
         rate = rocket_log.needed_rate(time[flown[0] : flown[-1] + 1], motion)
-        notes += [] if rate is None else [f"rate auto: {rate:g} Hz are enough for the motion in q and r"]
     reach = 0.0 if rate is None else rocket_log.DECIMATED_REACH / rate  # the filter runs in from beyond the window
     around = (time >= window[0] - reach) & (time <= window[1] + reach)
     vehicle, inertia, vehicle_notes = vehicle_of(mapping, folders, window, zero)
