@@ -244,13 +244,13 @@ def _quality(comparison: Comparison) -> list[Block]:
     faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
     known = [text for text in comparison.warnings if not (comparison.beyond_tolerances and EXCEED in text)]
     warnings = (*faults, *comparison.reconstruction.warnings, *known)
-    none = () if warnings else ("The record shows no fault.",)
+    none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
     seconds = comparison.seconds
-    took = f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"
+    took = [f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"] if comparison.ranking else []
     return [
         Texts(none, bullets=False, shown="page"),
         Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
-        Texts([*(note for flight in comparison.flights for note in flight.notes), took], "Notes", shown="verbose"),
+        Texts([*(note for flight in comparison.flights for note in flight.notes), *took], "Notes", shown="verbose"),
     ]
 
 

@@ -154,6 +154,13 @@ def test_histories_of_processes_are_drawn_in_the_units_of_the_table(planted) -> 
         assert np.sqrt(np.mean(np.square(lines))) <= 1.5 * each.size
 
 
+def test_a_record_that_is_refused_is_not_said_to_be_without_fault() -> None:
+    flight = nominal().flight
+    refused = compare(replace(flight, q=-flight.q))
+    assert refused.verdict.outcome == "record fault"
+    assert "shows no fault" not in page(comparison_document(refused), Provenance())
+
+
 def test_the_manual_names_a_file_for_every_figure_of_the_report(charts) -> None:
     page = text("verdict").partition("### Figures of the report")[2]
     rows = [line.strip("|").split("|") for line in page.splitlines() if re.match(r"\| 5\.", line)]
