@@ -276,9 +276,12 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         beyond_tolerance(e.name, e.value, v.size, e.units)
         for e, (v, _) in zip(instruments, problem.tolerated, strict=True)
     ]
+    remedy = Status(found.status).remedy  # for whoever has functions; whoever has a record has other means
     return Identification(
         status=found.status,
-        message="; ".join([_for_records(found), *(text for text in beyond if text is not None)]),
+        message="; ".join(
+            [found.message.replace(remedy or _REMEDY, _REMEDY), *(text for text in beyond if text is not None)]
+        ),
         columns=columns,
         values=values,
         covariance=_covariance(found, terms),
@@ -298,12 +301,6 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         problem=problem,
         fit=found,
     )
-
-
-def _for_records(found: FitResult) -> str:
-    """The message, with a remedy for whoever has a record in place of that for whoever has functions."""
-    remedy = Status(found.status).remedy
-    return found.message.replace(remedy, _REMEDY) if remedy else found.message
 
 
 def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:

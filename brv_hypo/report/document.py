@@ -142,6 +142,11 @@ class Chart:
         return -(-len(self.panels) // self.columns)
 
     @property
+    def named(self) -> bool:
+        """Whether something is written above the frame: names of marks and spans, or labels of several lines."""
+        return self.counted or any(mark.name for mark in self.marks) or any(span.name for span in self.spans)
+
+    @property
     def lines(self) -> int:
         """Bars and categories, each of which takes a line of the chart's height."""
         bars = (layer for panel in self.panels for layer in panel.layers if isinstance(layer, Bars))

@@ -75,7 +75,7 @@ _NAME = 13  # height of a mark's name, px
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart; of a path what the page makes them of."""
-    shared = {"time": chart.over_time, "height": chart_height(chart), "named": _has_names(chart)}
+    shared = {"time": chart.over_time, "height": chart_height(chart), "named": chart.named}
     if (path := chart.path) is not None:
         curve = {"t": path.time, "x": path.x, "y": path.y}
         histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
@@ -222,13 +222,7 @@ def chart_height(chart: Chart) -> int:
     if chart.path is not None:
         return _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
     drawn = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
-    return drawn + _HEIGHT["frame"] - (0 if _has_names(chart) else _HEIGHT["names"])
-
-
-def _has_names(chart: Chart) -> bool:
-    """Whether something is written above the frame: names of marks, or a label of several lines."""
-    layers = [layer for panel in chart.panels for layer in panel.layers if isinstance(layer, Line)]
-    return bool(_annotations(chart)) or any("\n" in label for layer in layers for label in layer.labels)
+    return drawn + _HEIGHT["frame"] - (0 if chart.named else _HEIGHT["names"])
 
 
 def _over(x: Values) -> dict[str, Any]:
