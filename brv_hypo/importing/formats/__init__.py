@@ -31,6 +31,7 @@ from brv_hypo.io.text import counted, one_line, refusal
 from brv_hypo.io.text import nearest as nearest_names
 
 MOST_NAMED = 40  # columns named where one is missing
+MOST_GUESSED = 1000  # columns read one by one: bounds the time
 HEAD_BYTES = 1 << 14  # by which a format is recognised
 ENTRY_POINTS = "brv_hypo.table_formats"
 # What counters of 16 and 32 bits count, in their own units and as seconds of ms and us; a day and a week in s.
@@ -59,12 +60,16 @@ class Layout(BaseModel):
 
 @dataclass(frozen=True)
 class TableFormat:
-    """A format: `read` gives the named columns and the names of all; `recognises` by path and first characters."""
+    """A format: `read` gives the named columns and the names of all; `recognises` by path and first characters.
+
+    `numbers` gives every column of numbers at once, where some may hold text.
+    """
 
     name: str
     read: Callable[[Path, tuple[str, ...], Layout], ColumnTable]
     endings: tuple[str, ...] = ()
     recognises: Callable[[Path, str], bool] = lambda path, head: False
+    numbers: Callable[[Path], ColumnTable] | None = None
 
 
 @cache
@@ -98,12 +103,15 @@ def read_columns(
 def read_all(path: Path) -> ColumnTable:
     """Every column of numbers of a file; errors as of `read_columns`."""
     found = _format_of(path, Layout())
+    if found.numbers is not None:
+        table = found.numbers(path)
+        return _cleaned(table, table.columns, None)
     table = found.read(path, (), Layout())
     columns: dict[str, Any] = {}
     with suppress(BrvHypoError):
         table = found.read(path, tuple(dict.fromkeys(table.names)), Layout())
         columns = {name: _vector(values, name) for name, values in table.columns.items()}
-    for name in table.names if not columns else ():
+    for name in table.names[:MOST_GUESSED] if not columns else ():
         with suppress(BrvHypoError):  # text: it is no channel
             columns[name] = _vector(found.read(path, (name,), Layout()).columns[name], name)
     return _cleaned(table, columns, None)

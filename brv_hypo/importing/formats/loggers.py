@@ -43,19 +43,18 @@ def _format(name: str, words: tuple[str, ...], described: str) -> TableFormat:
     def recognises(path: Path, head: str) -> bool:
         return any(all(word in line for word in words) for line in head.splitlines())
 
-    def read(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
+    def read(path: Path, names: tuple[str, ...] | None, layout: Layout, numbers_only: bool = False) -> ColumnTable:
         found = detect(path, layout)
         own = {columns[each][0]: each for each in reversed(found.names) if each in columns}
-        table = read_text(path, tuple(own.get(each, each) for each in names), layout, found)
-        values = {each: table.columns[own.get(each, each)] for each in names}
         channels = {each: channel for channel, each in own.items()}
-        units = {each: columns[each][1] for each in channels} | {
-            channel: columns[each][1] for channel, each in own.items()
-        }
-        known = (*(channels.get(each, each) for each in found.names), *channels)
-        return replace(table, columns=values, names=known if names else known[: len(found.names)], units=units)
+        renamed = tuple(channels.get(each, each) for each in found.names)
+        asked = renamed if names is None else names
+        table = read_text(path, tuple(own.get(each, each) for each in asked), layout, found, numbers_only)
+        values = {each: table.columns[at] for each in asked if (at := own.get(each, each)) in table.columns}
+        units = {each: columns[own.get(each, each)][1] for each in (*own, *channels)}
+        return replace(table, columns=values, names=(*renamed, *channels) if names else renamed, units=units)
 
-    return TableFormat(name, read, (), recognises)
+    return TableFormat(name, read, (), recognises, lambda path: read(path, None, Layout(), numbers_only=True))
 
 
 FORMATS = tuple(_format(name, *each) for name, each in LOGGERS.items())
