@@ -4,7 +4,9 @@
     transverse rate  = tilt * spin                             coning and swinging average out
 
 Each `tilt` from a first guess of the nose is of least squares, its error from sums over blocks longer than a swing. A
-turn about the nose is a convention, which nothing shows. How gyros stand to accelerometers the flow shows
+turn about the nose is a convention, which nothing shows. Without thrust (`coasting_axis`), mean spin and drag lean by
+the trim as well, the drag k times as much, k being the slope of the normal force over the axial: both together tell
+tilt and trim apart. How gyros stand to accelerometers the flow shows
 (`relative_axes`): the transverse force opposes the crossflow that follows from rates and speed (`path_into_force`).
 """
 
@@ -28,6 +30,9 @@ BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks f
 THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the crosswind at the rail, and the nose
 SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose: trim, principal axis
 LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
+COAST_ROUNDS, COAST_PARTS = 5, ((0.0, 0.5), (0.25, 0.75), (0.5, 1.0), (0.0, 1.0))  # parts of a coast; the last is all
+COAST_UNEXPLAINED = 0.1  # share of the transverse force that need not follow from the rates
+COAST_ALIKE = 0.1  # |k - 1| below which mean spin and drag lean alike, and tilt is no other than trim
 SLOW = 0.35  # of the highest speed, below which a coast shows little
 FADED = 0.05  # s after the highest speed, until which thrust fades
 RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
@@ -54,7 +59,8 @@ class Tilt:
         from scipy.spatial.transform import Rotation
 
         axis = np.cross(self.nose, [1.0, 0.0, 0.0])
-        size = max(float(np.linalg.norm(axis)), 1e-12)
+        size = float(np.linalg.norm(axis))
+        axis, size = (axis, size) if size > 1e-9 else (np.array([0.0, 0.0, 1.0]), 1.0)  # reversed: about z
         return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
 
 
@@ -124,6 +130,43 @@ def _tilted(
     variance = [(inverse @ (part.T @ part) @ inverse)[0, 0] for part in np.moveaxis(sums, 2, 0)]
     nose = first + axes[1:].T @ answer[0]
     return Tilt(nose / np.linalg.norm(nose), float(np.sqrt(np.mean(variance) + floor**2)))
+
+
+def coasting_axis(
+    time: FloatArray, rates: FloatArray, forces: FloatArray, speed: FloatArray, scale: FloatArray, arm: FloatArray
+) -> Tilt | None:
+    """The nose of a spinning vehicle without thrust, by mean spin, drag, and the force that follows from the rates.
+
+    `rates` (3, n) rad/s and `forces` (3, n) m/s^2 of a unit at `arm` (3,) m from the c.g. in body axes, `speed` (n,)
+    m/s, `scale` (n,) proportional to the dynamic pressure. None without two turns, or where forces follow no rates.
+    """
+    turned = np.trapezoid(rates, time, axis=1)
+    size = float(np.linalg.norm(turned))
+    if size < LEAST_TURNED:
+        return None
+    nose = turned / size * (-1.0 if turned @ forces.sum(axis=1) > 0.0 else 1.0)  # drag points backward
+    tilts = np.zeros((len(COAST_PARTS), 2))
+    for _ in range(COAST_ROUNDS):
+        matrix = Tilt(nose, 0.0).matrix
+        omega = matrix @ rates
+        force = matrix @ forces - np.cross(omega.T, np.cross(omega.T, arm)).T
+        squares, slope = path_into_force(time - time[0], omega, force, speed, scale)
+        axial = -float(force[0] @ scale) / float(scale @ scale)
+        times = slope / axial if axial > 0.0 else 0.0
+        if times <= 0.0 or abs(times - 1.0) < COAST_ALIKE or squares[1] > COAST_UNEXPLAINED * squares[0]:
+            return None
+        for k, (start, stop) in enumerate(COAST_PARTS):
+            part = slice(round(start * time.size), round(stop * time.size))
+            window = np.hanning(part.stop - part.start)
+            spun, dragged = (
+                (each[1:, part] * each[0, part]) @ window / (each[0, part] ** 2 @ window) for each in (omega, force)
+            )
+            tilts[k] = (times * spun - dragged) / (times - 1.0)
+        nose = matrix.T @ np.array([1.0, *tilts[-1]])
+        nose /= np.linalg.norm(nose)
+    # The whole is twice as long as its parts, and its error half of theirs.
+    apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
+    return Tilt(nose, float(np.hypot(apart, SPIN_OFF)), "mean spin and drag")
 
 
 # ---- Gyros against accelerometers: the transverse force opposes the crossflow that follows from the rates ----

@@ -83,7 +83,8 @@ def guess_map(data: str | Path, *others: str | Path) -> Guess:
 
 def _examined(path: Path) -> ForeignTable:
     table = numeric_table(path)
-    chosen, others = rules.by_name(list(table.columns))
+    known = [name for name, values in table.columns.items() if np.any(np.isfinite(values))]
+    chosen, others = rules.by_name(known)
     for channel, column in chosen.items():
         dimension = CHANNEL_DIMENSIONS.get(channel)
         table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")

@@ -45,7 +45,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
-from brv_hypo.flight.mounting import Tilt, nose_axis
+from brv_hypo.flight.mounting import SCALE_HEIGHT, Tilt, coasting_axis, nose_axis
 from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
@@ -70,7 +70,8 @@ from brv_hypo.importing import rocket_log
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
 from brv_hypo.io.binary import ColumnTable
-from brv_hypo.io.text import naming, one_line
+from brv_hypo.io.text import naming, one_line, refusal
+from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
 STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
@@ -384,10 +385,10 @@ def _record(
     notes = [*notes, *clock_notes]
     tolerances: dict[str, Any] = {}
     sigma, rest = None, None
-    tilt = _nose(time, channels)
+    tilt = _nose(time, channels, mapping)
     if mapping.rotation is not None:
         _turn(mapping.rotation, tilt, channels, tolerances, notes)
-        tilt = _nose(time, channels)
+        tilt = _nose(time, channels, mapping)
     turned = mounting_fault(time, tilt)
     contradicted = (*turned, *contradictions(time, channels))
     if tilt is not None and not turned:
@@ -451,8 +452,24 @@ def _record(
     return record, (*contradicted, *faults), phases
 
 
-def _nose(time: FloatArray, channels: Channels) -> Tilt | None:
-    return nose_axis(time, *_triads(channels)) if set(INERTIAL_CHANNELS) <= set(channels) else None
+def _nose(time: FloatArray, channels: Channels, mapping: RecordMap) -> Tilt | None:
+    """The nose by thrust; without, by a coast of known speed."""
+    if not set(INERTIAL_CHANNELS) <= set(channels):
+        return None
+    tilt = nose_axis(time, *_triads(channels))
+    air = next((name for name in ("dynamic_pressure", "density", "altitude") if name in channels), None)
+    if tilt is not None or air is None or "velocity" not in channels:
+        return tilt
+    scale = channels[air] if air != "altitude" else np.exp(-channels[air] / SCALE_HEIGHT)
+    scale = scale if air == "dynamic_pressure" else scale * channels["velocity"] ** 2
+    position = mapping.vehicle.get("accelerometer_position")
+    length, value = (position.units, position.value) if isinstance(position, VehicleValue) else ("m", 0.0)
+    arm = np.broadcast_to(to_si(np.asarray(value), length, "length", "vehicle/accelerometer_position"), (3,))
+    known = np.all(np.isfinite([*channels.values()]), axis=0)
+    if np.count_nonzero(known) < MINIMUM_SAMPLES:
+        return None
+    rates, forces = (each[:, known] for each in _triads(channels))
+    return coasting_axis(time[known], rates, forces, channels["velocity"][known], scale[known], arm)
 
 
 def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
@@ -467,7 +484,11 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
     """
     missing = [name for name in INERTIAL_CHANNELS if name not in channels]
     if missing or (rotation == "auto" and tilt is None):
-        lacks = f"the map has no channel {missing[0]}" if missing else "the record holds no thrust, which lies along x"
+        lacks = (
+            f"the map has no channel {missing[0]}"
+            if missing
+            else "the record holds neither thrust nor a spinning coast of known speed, which show x"
+        )
         raise UsageError(f"rotation: {lacks}. Give a rotation by hand (turns or three rows) over all six channels.")
     matrix = np.array(rotation) if rotation != "auto" or tilt is None else tilt.matrix
     for names, triad in zip((GYROS, ACCELEROMETERS), _triads(channels), strict=True):
@@ -521,6 +542,9 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
     check_time(time)
     for name, values in channels.items():
         check_shape(name, values, time.shape)
+        if not np.any(np.isfinite(values)):
+            cause = "an instrument that was not there, or a recorder whose clock does not overlap"
+            raise refusal(name, "no number", "values", cause, f"take '{name}' out of the map, or map another column")
     return time, channels, [*notes, *filter(None, steps)]
 
 

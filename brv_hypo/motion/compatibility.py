@@ -33,7 +33,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.mounting import GRAVITY, fitted_slopes, integral, nose_axis, path_into_force
+from brv_hypo.flight.mounting import GRAVITY, coasting_axis, fitted_slopes, integral, nose_axis, path_into_force
 from brv_hypo.flight.plausibility import contradictions, mounting_fault
 from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import gravity_magnitude
@@ -504,7 +504,9 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         record = prepared(averaged(masked))
-        found = (*faults, *_physics(masked), *_contradictions(record))
+        physics = _physics(masked)
+        turned = any(fault.fault == "mounting" for fault in physics)  # axes of the unit are not those of the vehicle
+        found = (*faults, *physics, *(() if turned else _contradictions(record)))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 
@@ -517,6 +519,11 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
     rates, forces = (np.stack([known[name] for name in triad]) for triad in _TRIADS.values())
     tilt = nose_axis(flight.time, rates, forces)
+    if tilt is None and flight.segments:
+        part = slice(*max(flight.segments, key=lambda each: each[1] - each[0]))
+        arm = np.array(flight.vehicle.accelerometer_position)
+        air = (flight.velocity[part], flight.dynamic_pressure[part])
+        tilt = coasting_axis(flight.time[part], rates[:, part], forces[:, part], *air, arm)
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
     turned = mounting_fault(flight.time, tilt, tolerance)
     return (*contradictions(flight.time, known, flight.vehicle), *turned)

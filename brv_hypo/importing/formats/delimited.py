@@ -196,7 +196,7 @@ def _distinct(names: Sequence[str]) -> tuple[str, ...]:
 def read_text(
     path: Path, names: tuple[str, ...], layout: Layout, dialect: Dialect | None = None, numbers_only: bool = False
 ) -> ColumnTable:
-    """The columns `names` of a text table, of a dialect that is known or found; those of other cells may be left out."""
+    """The columns `names` of a text table, of a dialect that is known or found; `numbers_only` leaves others out."""
     import pandas as pd
 
     found = dialect or detect(path, layout)
