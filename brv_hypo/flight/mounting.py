@@ -144,7 +144,7 @@ def coasting_axis(
     size = float(np.linalg.norm(turned))
     if size < LEAST_TURNED:
         return None
-    nose = turned / size * (-1.0 if turned @ forces.sum(axis=1) > 0.0 else 1.0)  # drag points backward
+    nose = np.asarray(turned / (-size if turned @ forces.sum(axis=1) > 0.0 else size))  # drag points backward
     tilts = np.zeros((len(COAST_PARTS), 2))
     for _ in range(COAST_ROUNDS):
         matrix = Tilt(nose, 0.0).matrix
@@ -162,7 +162,7 @@ def coasting_axis(
                 (each[1:, part] * each[0, part]) @ window / (each[0, part] ** 2 @ window) for each in (omega, force)
             )
             tilts[k] = (times * spun - dragged) / (times - 1.0)
-        nose = matrix.T @ np.array([1.0, *tilts[-1]])
+        nose = np.asarray(matrix.T @ np.array([1.0, *tilts[-1]]))
         nose /= np.linalg.norm(nose)
     # The whole is twice as long as its parts, and its error half of theirs.
     apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
