@@ -28,6 +28,7 @@ from brv_hypo.flight.plausibility import gains, mounting_fault
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
+from brv_hypo.importing.beside import ATTITUDE
 from brv_hypo.importing.formats import clock_fault
 from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, stated_units
 from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, PAD_FEWEST_SAMPLES, clock_offset
@@ -86,7 +87,7 @@ def _examined(path: Path) -> ForeignTable:
     known = [name for name, values in table.columns.items() if np.any(np.isfinite(values))]
     chosen, others = rules.by_name(known)
     for channel, column in chosen.items():
-        dimension = CHANNEL_DIMENSIONS.get(channel)
+        dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}.get(channel)
         table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
     _find_time(table)
     _find_unnamed(table)
@@ -407,7 +408,7 @@ def _written(found: _Guessed) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
     table, vehicle = found.table, found.vehicle
     tables = [table, *found.recorders, *([vehicle] if vehicle else [])]
-    channels = {name: table.entries[name] for name in CHANNEL_DIMENSIONS if name in table.entries}
+    channels = {name: table.entries[name] for name in (*CHANNEL_DIMENSIONS, *ATTITUDE) if name in table.entries}
     missing = _missing(channels)
     unknown = [name for name in VEHICLE_DIMENSIONS if vehicle is None or name not in vehicle.entries]
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}"] if unknown else []

@@ -44,6 +44,11 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",)),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",)),
     "density": (("density",), ("rho",)),
+    "lean": (("lean",), ("tilt",)),
+    "qw": (("qw",), ("q0",)),
+    "qx": (("qx",), ("q1",)),
+    "qy": (("qy",), ("q2",)),
+    "qz": (("qz",), ("q3",)),
     "mach": (("mach",), ("ma",)),
     "reynolds": (("reynolds",), ("re",)),
 }  # fmt: skip

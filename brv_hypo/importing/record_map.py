@@ -17,6 +17,8 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
       mass: {value: 832, units: kg}
       ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
+    beside:                        # further inertial units: compared with the first, and averaged
+    - p: {column: gyro2_x, units: deg/s}
     rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
     pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
     derive: {velocity: ascent}     # from ax and altitude, on a steep climb
@@ -31,8 +33,9 @@ with the vehicle and its tolerances over it; faults masked on the way to the rat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -67,12 +70,15 @@ from brv_hypo.flight.record import (
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing import rocket_log
+from brv_hypo.importing.beside import ATTITUDE, aligned, attitude_of, averaged_units, differences
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.text import naming, one_line, refusal
 from brv_hypo.thresholds import MINIMUM_SAMPLES
 
+OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
+SAME_AXES = np.radians(5.0)  # rad between the gyros of two units, below which the difference is misalignment
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
 STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
 INTEGRATED: Mapping[Dimension, Dimension] = {"angular rate": "angle", "acceleration": "speed"}
@@ -188,6 +194,8 @@ class RecordMap(Layout):
     vehicle: dict[str, VehicleEntry]
     recorders: dict[str, Recorder] = Field({})
     """Other files, each with a clock of its own."""
+    beside: list[dict[str, ColumnMap]] = Field([])
+    """Gyros and accelerometers of further units."""
     instruments: dict[str, Any] = Field({})
     """Grade and tolerances."""
     rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
@@ -223,10 +231,14 @@ def read_map(path: str | Path) -> RecordMap:
         mapping = RecordMap.model_validate(content)
     except ValidationError as error:
         raise UsageError(f"the map {file}: {complaints(error, '', 'the description of the map')}") from error
-    for group, names, known in (
-        ("channels", mapping.channels, CHANNEL_DIMENSIONS),
+    for number, unit in enumerate(mapping.beside, 2):
+        mapping.channels |= {f"{name}{OF_UNIT}{number}": entry for name, entry in unit.items()}
+    parts: list[tuple[str, Collection[str], Mapping[str, Any]]] = [
+        ("channels", [name for name in mapping.channels if OF_UNIT not in name], {**CHANNEL_DIMENSIONS, **ATTITUDE}),
+        *((f"beside/{k}", unit, dict.fromkeys(INERTIAL_CHANNELS)) for k, unit in enumerate(mapping.beside)),
         ("vehicle", mapping.vehicle, VEHICLE_DIMENSIONS),
-    ):
+    ]
+    for group, names, known in parts:
         for name in names:
             if name not in known:
                 raise UsageError(
@@ -385,14 +397,26 @@ def _record(
     notes = [*notes, *clock_notes]
     tolerances: dict[str, Any] = {}
     sigma, rest = None, None
+    attitude = attitude_of(time, channels, float(time[0]) if mapping.pad is None else mapping.pad[1])
+    units = _units(channels, len(mapping.beside))
     tilt = _nose(time, channels, mapping)
+    matrix = np.eye(3)
     if mapping.rotation is not None:
-        _turn(mapping.rotation, tilt, channels, tolerances, notes)
+        matrix = _turn(mapping.rotation, tilt, channels, tolerances, notes)
         tilt = _nose(time, channels, mapping)
     turned = mounting_fault(time, tilt)
     contradicted = (*turned, *contradictions(time, channels))
     if tilt is not None and not turned:
         contradicted += gyro_fault(time, *_triads(channels))
+    if attitude is not None:
+        contradicted += attitude.faults
+    if units:
+        stated = instruments_of(mapping, {}, 0.0, channels, None)
+        larger, unit_notes, differing = differences(time, [channels, *map(partial(_as, channels), units)], stated)
+        tolerances |= {key: float(np.hypot(size, tolerances.get(key, 0.0))) for key, size in larger.items()}
+        notes += unit_notes
+        contradicted += differing
+        channels = averaged_units([channels, *map(partial(_as, channels), units)])
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
         if missing := [name for name in INERTIAL_CHANNELS if name not in channels]:
@@ -405,7 +429,8 @@ def _record(
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest)
+        leans = attitude.leans(matrix, None if rest is None else rest.up) if attitude is not None else None
+        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest, leans)
         speed, channels["altitude"], sigma, climb_notes = derived
         # unknown where it is as good as rest
         channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
@@ -438,7 +463,7 @@ def _record(
             "title": one_line(mapping.title),
             "source": one_line(mapping.source or source.name),
             "path": str(source),
-            "recorded_units": {name: entry.units for name, entry in mapping.channels.items()},
+            "recorded_units": {n: each.units for n, each in mapping.channels.items() if n in CHANNEL_DIMENSIONS},
             "notes": notes,
         },
     )
@@ -477,8 +502,34 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
     return rates, forces
 
 
-def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
-    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
+def _units(channels: Channels, count: int) -> list[Channels]:
+    """The channels of each further unit, taken out of `channels`."""
+    found = []
+    for number in range(2, count + 2):
+        end = f"{OF_UNIT}{number}"
+        found.append({name.removesuffix(end): channels.pop(name) for name in [*channels] if name.endswith(end)})
+    return found
+
+
+def _as(first: Channels, unit: Channels) -> Channels:
+    """The unit in the axes of the first, by the gyros of both where these are elsewhere."""
+    if not {*GYROS} <= {*unit} & {*first}:
+        return unit
+    turn = aligned(*(np.stack([each[name] for name in GYROS]) for each in (first, unit)))
+    if Rotation.from_matrix(turn).magnitude() < SAME_AXES:
+        return unit
+    triads = [triad for triad in (GYROS, ACCELEROMETERS) if {*triad} <= {*unit}]
+    turned = [turn @ np.stack([unit[name] for name in triad]) for triad in triads]
+    return {
+        name: row for triad, rows in zip(triads, turned, strict=True) for name, row in zip(triad, rows, strict=True)
+    }
+
+
+def _turn(
+    rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]
+) -> FloatArray:
+    """Gyros and accelerometers turned in `channels` by the matrix that is returned, (3, 3); the error of an estimate
+    added to `tolerances`, and a note.
 
     Raises UsageError where nothing shows the nose.
     """
@@ -500,6 +551,7 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
             f"rotation found from {tilt.by}: the nose lay "
             f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
         )
+    return np.asarray(matrix)
 
 
 def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
@@ -513,7 +565,11 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
     for name in channels:
         channels[name] = _rate(time, channels[name]) if mapping.channels[name].increments else channels[name]
     notes: list[str] = []
-    steps = [held_or_rounded(name, time, values) for name, values in channels.items() if values.shape == time.shape]
+    steps = [
+        held_or_rounded(name, time, values)
+        for name, values in channels.items()
+        if values.shape == time.shape and name in CHANNEL_DIMENSIONS
+    ]
     for name, recorder in mapping.recorders.items():
         columns = raw[name].columns
         clock = _channel(columns[recorder.time.column], recorder.time, "time", f"recorders/{name}/time")
@@ -537,7 +593,8 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
                 values = _channel(columns[entry.column], entry, _dimension(channel, entry), channel)
                 values = _rate(clock, values) if entry.increments else values
                 known = np.isfinite(values) & np.isfinite(clock)
-                steps.append(held_or_rounded(channel, clock[known], values[known]))
+                if channel in CHANNEL_DIMENSIONS:
+                    steps.append(held_or_rounded(channel, clock[known], values[known]))
                 channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
     check_time(time)
     for name, values in channels.items():
@@ -556,7 +613,7 @@ def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: s
 
 def _dimension(name: str, entry: ColumnMap) -> Dimension:
     """Of what a channel's column holds. Raises UsageError for increments of what has none."""
-    dimension = CHANNEL_DIMENSIONS[name]
+    dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}[name.partition(OF_UNIT)[0]]
     if entry.increments and dimension not in INTEGRATED:
         raise UsageError(f"channels/{name}/increments: only p, q, r, ax, ay and az may be given by increments.")
     return INTEGRATED[dimension] if entry.increments else dimension

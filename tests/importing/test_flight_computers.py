@@ -85,9 +85,9 @@ def test_a_log_is_read_by_its_layout_and_guessed_in_its_units(tmp_path: Path, na
 
 
 def test_a_second_unit_has_columns_of_its_own(tmp_path: Path) -> None:
-    table = read_columns(cats(tmp_path / "log.cfl"), ("time", "ax", "ax_2", "q0"))
+    table = read_columns(cats(tmp_path / "log.cfl"), ("time", "ax", "ax_2", "qw"))
     np.testing.assert_allclose(table.columns["ax_2"] - table.columns["ax"], 1.0, atol=1e-6)
-    np.testing.assert_allclose(table.columns["q0"][:190], 1.0)
+    np.testing.assert_allclose(table.columns["qw"][:190], 1.0)
 
 
 @pytest.mark.parametrize("name", LOGS)

@@ -5,7 +5,7 @@ cats   CATS Vega, .cfl: text to the first zero, then records of a stamp in ms, a
 px4    PX4, .ulg, by pyulog (https://docs.px4.io/main/en/dev_log/ulog_file_format.html): the topics of TOPICS
 
 The table has the stamps of the first inertial unit; other values lie on straight lines between theirs. Columns are
-called as channels, or `q0` to `q3` of the attitude's quaternion, scalar first; those of a further unit end in `_2`.
+called as channels, or `qw` to `qz` of the attitude's quaternion; those of a further unit end in `_2`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from brv_hypo.importing.formats import Layout, TableFormat
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 
-QUATERNION = ("q0", "q1", "q2", "q3")
+QUATERNION = ("qw", "qx", "qy", "qz")
 UNITS = {"time": "s", "altitude": "m", "velocity": "m/s", "density": "kg/m^3", "pressure": "Pa"}
 # Of a CATS record by kind (its lowest four bits are the sensor's number): columns, their sizes, and the type.
 RECORDS: Mapping[int, tuple[tuple[str, ...], FloatArray, str]] = {

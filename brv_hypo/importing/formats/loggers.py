@@ -6,7 +6,7 @@ other columns keep their names, and a map may use the logger's own. Axes are the
 altos        AltosCSV.java of AltOS (https://git.gag.com/fw/altos, folder altoslib), which states the units: TeleMega,
              EasyMega, TeleMetrum and others of Altus Metrum, as AltosUI exports them, the header behind a #
 blue-raven   Featherweight Blue Raven user's manual (https://www.featherweightaltimeters.com): csv of high and low rate
-cats         imu.csv that CATS Configurator exports (see flight_computers.py); `where: {id: IMU0}` keeps one unit
+cats-csv     imu.csv that CATS Configurator exports (see flight_computers.py); `where: {id: IMU0}` keeps one unit
 eggtimer     Eggtimer TRS User's Guide, "Flight Summary" (https://eggtimerrocketry.com): altitude above the pad
 """
 
@@ -24,14 +24,16 @@ LOGGERS = {
     "altos": (
         ("version,serial,flight", "state_name"),
         f"time: time s; accel_x: ax m/s^2; accel_y: ay m/s^2; accel_z: az m/s^2; {GYROS}; gyro_roll: p deg/s; "
-        "gyro_pitch: q deg/s; gyro_yaw: r deg/s; altitude: altitude m; accel_speed: velocity m/s; speed: velocity m/s",
+        "gyro_pitch: q deg/s; gyro_yaw: r deg/s; altitude: altitude m; accel_speed: velocity m/s; "
+        "speed: velocity m/s; tilt: lean deg",
     ),
     "blue-raven": (
         ("Flight_Time_(s)",),
         f"Flight_Time_(s): time s; Accel_X: ax g; Accel_Y: ay g; Accel_Z: az g; {GYROS.title()}; "
-        "Baro_Altitude_ASL_(feet): altitude ft; Velocity_Up: velocity ft/s",
+        "Baro_Altitude_ASL_(feet): altitude ft; Velocity_Up: velocity ft/s; "
+        "Tilt_Angle_(deg): lean deg",
     ),
-    "cats": (
+    "cats-csv": (
         ("ts,id,Ax,Ay,Az,Gx,Gy,Gz",),
         "ts: time s; Ax: ax m/s^2; Ay: ay m/s^2; Az: az m/s^2; Gx: p deg/s; Gy: q deg/s; Gz: r deg/s",
     ),
