@@ -1,6 +1,7 @@
 """Physics that no record breaks, whatever the vehicle: `contradictions` names what breaks it, with both numbers.
 
 climb        |dh/dt| <= speed: no vehicle climbs or falls faster than it flies
+fall         of a coast of unknown speed, gravity and drag bend the altitude, of whatever start
 gain         thrust less gravity, integrated once and twice, makes the speed and the height that are gained
 drag         -ax m / (q_inf S) is the axial coefficient of a body
 mounting     thrust, drag and spin lie along x, and forces follow from rates (brv_hypo/flight/mounting.py)
@@ -15,12 +16,15 @@ import numpy as np
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import joined
-from brv_hypo.flight.mounting import Tilt, integral, powered_flight, relative_axes
+from brv_hypo.flight.mounting import GRAVITY, Tilt, integral, powered_flight, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, RecordFault, Vehicle
 
 CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least, over which a climb is averaged
 GAIN_FASTEST = 250.0  # m/s, up to which a barometer is trusted: below the transonic
 GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which they are compared
+AIR_SPEED = ("altitude", "velocity")
+FALL_STEEP = 0.95  # mean cosine of the lean of a climb
+FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 
 
@@ -31,6 +35,7 @@ def contradictions(
     found = [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
     if set(ACCELEROMETERS) <= set(channels):
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
+        found += [_fall(time, forces, channels["altitude"])] if set(channels) & {*AIR_SPEED} == {"altitude"} else []
         for name, (recorded, made) in gains(time, forces, channels).items():
             if not limits.GAIN_WITHIN[0] < recorded / made < limits.GAIN_WITHIN[1]:
                 unit = "m/s" if name == "velocity" else "m"
@@ -75,6 +80,31 @@ def _climb(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault 
             )
             fault = _fault("altitude, velocity", "units", time[part], words)
     return fault
+
+
+def _fall(time: FloatArray, forces: FloatArray, altitude: FloatArray) -> RecordFault | None:
+    """Where the altitude of a steep climb without thrust bends otherwise than gravity and drag make it."""
+    known = np.isfinite(altitude) & np.isfinite(forces[0])
+    known &= np.arange(time.size) <= (np.nanargmax(altitude) if np.any(known) else 0)
+    if powered_flight(time, forces) is not None or np.count_nonzero(known) < limits.MINIMUM_SAMPLES:
+        return None
+    at, bend = time[known] - time[known][0], FALL_STEEP * forces[0][known] - GRAVITY
+    table = np.stack([np.ones_like(at), at, integral(at, integral(at, bend))], axis=1)
+    made = float(np.std(table[:, 2] - table[:, :2] @ np.linalg.lstsq(table[:, :2], table[:, 2])[0]))
+    if at[-1] < CLIMB_SECONDS or made < FALL_LEAST or np.max(bend) > 0.0:
+        return None
+    inverse = np.linalg.pinv(table.T @ table)
+    answer = inverse @ (table.T @ altitude[known])
+    left = altitude[known] - table @ answer
+    sigma = float(np.sqrt(inverse[2, 2] * (left @ left) / (at.size - 3)))
+    low, high = limits.GAIN_WITHIN
+    if low - limits.CLIMB_SIGMAS * sigma < answer[2] < high + limits.CLIMB_SIGMAS * sigma:
+        return None
+    words = (
+        f"the altitude bends by {-np.mean(bend) * answer[2]:.3g} m/s^2 where gravity and drag make "
+        f"{-np.mean(bend):.3g} m/s^2: units of altitude or of the accelerometers; correct the map"
+    )
+    return _fault("altitude, ax", "units", time, words)
 
 
 def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, tuple[float, float]]:
