@@ -125,7 +125,7 @@ class Evidence:
     @cached_property
     def solution(self) -> _Solution:
         """What is integrated out, at its mode."""
-        return _solved(self.products, self.rows, self.terms, self.at)
+        return _solution(self.products, self.rows, self.terms, self.at)
 
     @property
     def values(self) -> FloatArray:
@@ -232,15 +232,29 @@ class Evidence:
 
     @cached_property
     def held_out(self) -> FloatArray:
-        """Log predictive density of each stretch of time given the others (stretches,)."""
+        """Log predictive density of each stretch of time given the others (stretches,).
+
+        What is left out of one flight changes nothing of the others' elimination.
+        """
+        known = _eliminated(self.products, self.rows, self.at)
+
+        def cost(products: Products) -> float:
+            parts = {**known, **_eliminated(products, self.rows, self.at)}
+            return _value(products, self.rows, _solved(products, parts, self.rows, self.terms, self.at), self.at)
+
         rests = (self.products.less(each.beside(self.rows, self.terms.x)) for each in self.rows.stretch_products)
-        whole, *rest = [-_cost(each, self.rows, self.terms, self.at) for each in (self.products, *rests)]
-        return whole - np.array(rest)
+        return np.array([cost(each) for each in rests]) - cost(self.products)
+
+    @cached_property
+    def _factors(self) -> dict[int, _Factor]:
+        """Of all rows."""
+        return _factored(self.products, self.rows, self.at)
 
     def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
         both = np.concatenate([self.terms.x, x], axis=1)
-        inner, right, *_ = _eliminated(self.rows.products.beside(self.rows, both), self.rows, self.at)
+        products = self.rows.products.beside(self.rows, both)
+        inner, right = _reduced(products, _eliminated(products, self.rows, self.at, self._factors))
         first = right.size - x.shape[1]
         inner[:first, :first] += np.diag(_spreads(self.rows, self.terms, self.at) ** -2.0)
         known = np.linalg.solve(inner[:first, :first], np.column_stack([inner[:first, first:], right[:first]]))
@@ -252,41 +266,77 @@ def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evid
     """The evidence of terms at its most probable amplitudes, from ordinary ones, or from the `start` of noise and
     processes.
     """
-    products = rows.products.beside(rows, terms.x)
-    groups, has_terms = rows.groups, bool(np.any(terms.scaled))
-    priors = [NOISE_LEVEL, *(group.prior for group in groups), *([MECHANISM_AMPLITUDE] if has_terms else [])]
-    centre, width = np.array(priors, dtype=float).T
-
-    last: dict[bytes, _Solution] = {}
-
-    def found(at: FloatArray) -> _Solution:
-        key = at.tobytes()
-        if key not in last:
-            last.clear()
-            last[key] = _solved(products, rows, terms, at)
-        return last[key]
-
-    def beyond(at: FloatArray) -> FloatArray:
-        return np.concatenate([[0.0], np.maximum(at[1:] - _LARGEST, 0.0)])
-
-    def cost(at: FloatArray) -> float:
-        off = 0.5 * float(np.sum(((at - centre) / width) ** 2) + np.sum((beyond(at) / _WALL) ** 2))
-        return _value(products, rows, found(at), at) + off
-
-    def slope(at: FloatArray) -> FloatArray:
-        own = _slope(products, rows, terms, at, found(at))
-        return np.asarray(own + (at - centre) / width**2 + beyond(at) / _WALL**2)
-
-    def curvature(at: FloatArray) -> FloatArray:
-        prior = width**-2.0 + (beyond(at) > 0.0) / _WALL**2
-        return np.asarray(_curvature(rows, terms, at, found(at)) + np.diag(prior))
-
-    ordinary = centre[: 1 + len(groups)] if start is None else start
+    surface = _Surface(rows, terms, rows.products.beside(rows, terms.x))
+    centre, _ = surface.prior
+    ordinary = centre[: 1 + len(rows.groups)] if start is None else start
     options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}
     begun = np.append(ordinary, centre[ordinary.size :])
-    best = minimize(cost, begun, jac=slope, hess=curvature, method="trust-exact", options=options).x
-    polished = best - np.linalg.solve(curvature(best), slope(best))
-    return Evidence(rows, terms, products, polished, terms.prior - cost(polished))
+    own = (surface.slope, surface.curvature)
+    best = minimize(surface.cost, begun, jac=own[0], hess=own[1], method="trust-exact", options=options).x
+    return surface.evidence(best - np.linalg.solve(surface.curvature(best), surface.slope(best)))
+
+
+def with_amplitudes(rows: Rows, terms: Terms, at: FloatArray) -> Evidence:
+    """The evidence of terms at amplitudes that are given, as `Evidence.at`."""
+    return _Surface(rows, terms, rows.products.beside(rows, terms.x)).evidence(at)
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """Minus log p of terms over the logarithms of the noise and the amplitudes, their Gaussian priors included."""
+
+    rows: Rows
+    terms: Terms
+    products: Products
+
+    @cached_property
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """Centre and 1-sigma of each logarithm."""
+        has_terms = bool(np.any(self.terms.scaled))
+        groups = [group.prior for group in self.rows.groups]
+        priors = [NOISE_LEVEL, *groups, *([MECHANISM_AMPLITUDE] if has_terms else [])]
+        centre, width = np.array(priors, dtype=float).T
+        return centre, width
+
+    @cached_property
+    def _last(self) -> dict[bytes, _Solution]:
+        return {}
+
+    def found(self, at: FloatArray) -> _Solution:
+        """What is integrated out there."""
+        key = at.tobytes()
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = _solution(self.products, self.rows, self.terms, at)
+        return self._last[key]
+
+    def evidence(self, at: FloatArray) -> Evidence:
+        """That at these amplitudes."""
+        own = Evidence(self.rows, self.terms, self.products, at, self.terms.prior - self.cost(at))
+        vars(own)["solution"] = self.found(at)  # what the property would find
+        return own
+
+    def cost(self, at: FloatArray) -> float:
+        """Minus log p, but for a constant."""
+        centre, width = self.prior
+        off = 0.5 * float(np.sum(((at - centre) / width) ** 2) + np.sum((_beyond(at) / _WALL) ** 2))
+        return _value(self.products, self.rows, self.found(at), at) + off
+
+    def slope(self, at: FloatArray) -> FloatArray:
+        """First derivatives."""
+        centre, width = self.prior
+        own = _slope(self.products, self.rows, self.terms, at, self.found(at))
+        return np.asarray(own + (at - centre) / width**2 + _beyond(at) / _WALL**2)
+
+    def curvature(self, at: FloatArray) -> FloatArray:
+        """Second derivatives."""
+        prior = self.prior[1] ** -2.0 + (_beyond(at) > 0.0) / _WALL**2
+        return np.asarray(_curvature(self.rows, self.terms, at, self.found(at)) + np.diag(prior))
+
+
+def _beyond(at: FloatArray) -> FloatArray:
+    """By how much the logarithm of each amplitude is beyond the largest."""
+    return np.concatenate([[0.0], np.maximum(at[1:] - _LARGEST, 0.0)])
 
 
 def rows_under_own_noise(whole: Problem, point: HypothesisFit) -> tuple[Rows, FloatArray]:
@@ -313,59 +363,92 @@ def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
     return np.concatenate([rows.spread, np.where(terms.scaled, amplitude, 1.0) * terms.spread])
 
 
-_Parts = list[tuple[FloatArray, FloatArray, FloatArray]]
+_Factor = tuple[FloatArray, FloatArray]
+"""Of one flight S, a value for each column of Z, and L."""
 
 
-def _eliminated(products: Products, rows: Rows, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float, _Parts]:
-    """Normal equations of U and X with all processes eliminated: matrix, right side, squares, half log determinants,
-    and of each flight L, W and w.
-    """
-    amplitudes = _amplitudes(rows, at)
-    parts: _Parts = []
-    inner, right, misfit, level = products.across, products.right, products.square, 0.0
-    for block, (gram, with_border, with_y) in zip(rows.blocks, products.blocks, strict=True):
-        scale = np.repeat(amplitudes, [own.stop - own.start for own in block.columns])
-        matrix = scale[:, np.newaxis] * gram * scale
+def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Factor]:
+    """Those of each flight."""
+    amplitudes, factors = _amplitudes(rows, at), {}
+    for number, known in products.flights.items():
+        scale = np.repeat(amplitudes, [own.stop - own.start for own in rows.blocks[number].columns])
+        matrix = scale[:, np.newaxis] * known.own * scale
         matrix[np.diag_indices_from(matrix)] += 1.0
-        factor = cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
-        both = scale[:, np.newaxis] * np.column_stack([with_border, with_y])
-        made = solve_triangular(factor, both, lower=True, check_finite=False)
-        inner = inner - made[:, :-1].T @ made[:, :-1]
-        right = right - made[:, :-1].T @ made[:, -1]
-        misfit -= float(made[:, -1] @ made[:, -1])
-        level += float(np.sum(np.log(np.diag(factor))))
-        parts.append((factor, made[:, :-1], made[:, -1]))
-    return inner, right, misfit, level, parts
+        factors[number] = scale, cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
+    return factors
 
 
-def _solved(products: Products, rows: Rows, terms: Terms, at: FloatArray, with_modes: bool = True) -> _Solution:
+class _Eliminated(NamedTuple):
+    """Of one flight L, W and w, what they take of the normal equations and of the squares, and log |L|."""
+
+    factor: FloatArray
+    made: FloatArray
+    own: FloatArray
+    square: FloatArray
+    right: FloatArray
+    misfit: float
+    level: float
+
+
+def _eliminated(
+    products: Products, rows: Rows, at: FloatArray, factors: Mapping[int, _Factor] | None = None
+) -> dict[int, _Eliminated]:
+    """The processes of each flight eliminated, with their factors where those are known."""
+    parts = {}
+    for number, (scale, factor) in (factors or _factored(products, rows, at)).items():
+        known = products.flights[number]
+        both = scale[:, np.newaxis] * np.column_stack([known.with_border, known.with_y])
+        made = solve_triangular(factor, both, lower=True, check_finite=False, overwrite_b=True)
+        border, own = made[:, :-1], made[:, -1]
+        level = float(np.sum(np.log(np.diag(factor))))
+        parts[number] = _Eliminated(factor, border, own, border.T @ border, border.T @ own, float(own @ own), level)
+    return parts
+
+
+def _reduced(products: Products, parts: Mapping[int, _Eliminated]) -> tuple[FloatArray, FloatArray]:
+    """Normal equations of U and X with all processes eliminated: matrix and right side."""
+    inner = products.across - sum(each.square for each in parts.values())
+    return np.asarray(inner), np.asarray(products.right - sum(each.right for each in parts.values()))
+
+
+def _solved(
+    products: Products,
+    parts: Mapping[int, _Eliminated],
+    rows: Rows,
+    terms: Terms,
+    at: FloatArray,
+    with_modes: bool = False,
+) -> _Solution:
     """What is integrated out; modes and variances of processes only where they are wanted."""
     spread = _spreads(rows, terms, at)
-    inner, right, misfit, level, parts = _eliminated(products, rows, at)
+    inner, right = _reduced(products, parts)
     inner = inner + np.diag(spread**-2.0)
     outer = cholesky(inner, lower=True, check_finite=False)
     border = cho_solve((outer, True), right, check_finite=False)
+    level = sum(each.level for each in parts.values())
     level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))
     covariance = cho_solve((outer, True), np.eye(border.size), check_finite=False)
     modes, inverses, falls = [], [], []
-    for factor, made, own in parts if with_modes else ():
-        both = solve_triangular(factor, np.column_stack([made, own]), lower=True, trans="T", check_finite=False)
-        lower = dpotri(factor, lower=1)[0] if factor.size else factor
-        inverses.append(np.tril(lower) + np.tril(lower, -1).T)
+    for each in parts.values() if with_modes else ():
+        both = np.column_stack([each.made, each.own])
+        both = solve_triangular(each.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
+        inverse = dpotri(each.factor, lower=1)[0] if each.factor.size else each.factor
+        inverses.append(inverse + np.tril(inverse, -1).T)
         falls.append(both[:, :-1])
         modes.append(both[:, -1] - both[:, :-1] @ border)
-    rest = misfit - float(right @ border)
+    rest = products.square - sum(each.misfit for each in parts.values()) - float(right @ border)
     return _Solution(level, rest, border, covariance, tuple(modes), tuple(inverses), tuple(falls))
+
+
+def _solution(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> _Solution:
+    """What is integrated out, with modes and variances of processes."""
+    return _solved(products, _eliminated(products, rows, at), rows, terms, at, with_modes=True)
 
 
 def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> float:
     """Minus log p, but for a constant and the priors of amplitudes."""
     freedom = products.rows - int(np.sum(np.isinf(rows.spread)))
     return float(found.level + freedom * at[0] + 0.5 * found.misfit * np.exp(-2.0 * at[0]))
-
-
-def _cost(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> float:
-    return _value(products, rows, _solved(products, rows, terms, at, with_modes=False), at)
 
 
 def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> FloatArray:

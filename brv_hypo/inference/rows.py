@@ -15,7 +15,7 @@ Rows of different flights have b and c alone in common, so that T and Z are bloc
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -58,68 +58,88 @@ class Group:
 class Block:
     """One flight: its `rows` among all (m,), Z there (m, columns), and the columns of each group.
 
-    `raw` is Z before whitening; `errors` (m, rank) are directions that errors within tolerances make, and `shrunk`
-    (rank,) what whitening leaves of each; `estimates` (errors, rank) makes those errors, in tolerances, of what a model
-    does not explain along each, and `items` says which nuisances they are.
+    `raw` is Z before whitening; `own` (m, rank) are orthonormal columns of what is projected out; `errors` (m, rank)
+    are directions that errors within tolerances make, and `shrunk` (rank,) what whitening leaves of each; `estimates`
+    (errors, rank) makes those errors, in tolerances, of what a model does not explain along each, and `items` says
+    which nuisances they are.
     """
 
     rows: IntArray
     z: FloatArray
     columns: tuple[slice, ...]
     raw: FloatArray
+    own: FloatArray
     errors: FloatArray
     shrunk: FloatArray
     estimates: FloatArray
     items: tuple[int, ...]
 
+    def less(self, rows: FloatArray) -> FloatArray:
+        """Rows of the flight (m, columns) with what has no prior projected out."""
+        return np.asarray(rows - self.own @ (self.own.T @ rows))
+
     def whitened(self, rows: FloatArray) -> FloatArray:
-        """Rows of the flight (m, ...) where errors within tolerances are noise."""
+        """Rows of the flight (m, columns) where errors within tolerances are noise."""
         return np.asarray(rows - self.errors @ (((1.0 - self.shrunk) * (self.errors.T @ rows).T).T))
 
 
+class OfFlight(NamedTuple):
+    """Scalar products on some rows of one flight: Z'Z, Z'[U X] and Z'y; `chosen` are the rows."""
+
+    own: FloatArray
+    with_border: FloatArray
+    with_y: FloatArray
+    chosen: IntArray
+
+    def less(self, other: OfFlight) -> OfFlight:
+        """Of all rows but those of `other`."""
+        border, y = self.with_border - other.with_border, self.with_y - other.with_y
+        return OfFlight(self.own - other.own, border, y, other.chosen)
+
+
 class Products(NamedTuple):
-    """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and of each
-    flight Z'Z, Z'[U X] and Z'y.
+    """Scalar products of `rows` rows, what the likelihood needs of the data: y'y, [U X]'[U X], [U X]'y, and those of
+    some flights, by number.
     """
 
     rows: int
     square: float
     across: FloatArray
     right: FloatArray
-    blocks: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
-    chosen: tuple[IntArray, ...]
-    """Which rows of each flight (count,)."""
+    flights: Mapping[int, OfFlight]
 
     @classmethod
     def of(cls, rows: Rows, use: BoolArray, count: int) -> Products:
-        """Of some rows (n,) without a hypothesis."""
-        chosen = tuple(np.flatnonzero(use[block.rows]) for block in rows.blocks)
-        y, shared, blocks = rows.y[use], rows.shared[use], []
-        for block, here in zip(rows.blocks, chosen, strict=True):
-            z, those = block.z[here], block.rows[here]
-            blocks.append((z.T @ z, z.T @ rows.shared[those], z.T @ rows.y[those]))
-        return cls(count, float(y @ y), shared.T @ shared, shared.T @ y, tuple(blocks), chosen)
+        """Of some rows (n,) without a hypothesis; flights that have none of them are left out."""
+        y, shared, flights = rows.y[use], rows.shared[use], {}
+        for number, block in enumerate(rows.blocks):
+            chosen = np.flatnonzero(use[block.rows])
+            if chosen.size:
+                z, those = block.z[chosen], block.rows[chosen]
+                flights[number] = OfFlight(z.T @ z, z.T @ rows.shared[those], z.T @ rows.y[those], chosen)
+        return cls(count, float(y @ y), shared.T @ shared, shared.T @ y, flights)
 
     def beside(self, rows: Rows, x: FloatArray) -> Products:
         """With columns of a hypothesis (n, k)."""
-        across, right, blocks = np.zeros((x.shape[1], rows.shared.shape[1])), np.zeros(x.shape[1]), []
+        across, right, flights = np.zeros((x.shape[1], rows.shared.shape[1])), np.zeros(x.shape[1]), {}
         own = np.zeros((x.shape[1], x.shape[1]))
-        for block, here, known in zip(rows.blocks, self.chosen, self.blocks, strict=True):
-            those = block.rows[here]
+        for number, known in self.flights.items():
+            block = rows.blocks[number]
+            those = block.rows[known.chosen]
             columns = x[those]
             across += columns.T @ rows.shared[those]
             right += columns.T @ rows.y[those]
             own += columns.T @ columns
-            blocks.append((known[0], np.concatenate([known[1], block.z[here].T @ columns], axis=1), known[2]))
+            border = np.concatenate([known.with_border, block.z[known.chosen].T @ columns], axis=1)
+            flights[number] = known._replace(with_border=border)
         whole = np.block([[self.across, across.T], [across, own]])
-        return self._replace(across=whole, right=np.append(self.right, right), blocks=tuple(blocks))
+        return Products(self.rows, self.square, whole, np.append(self.right, right), flights)
 
     def less(self, other: Products) -> Products:
-        """Of all rows but those of `other`."""
-        pairs = zip(self.blocks, other.blocks, strict=True)
-        blocks = tuple((a[0] - b[0], a[1] - b[1], a[2] - b[2]) for a, b in pairs)
+        """Of all rows but those of `other`, and of the flights that it has."""
+        flights = {number: self.flights[number].less(theirs) for number, theirs in other.flights.items()}
         across, right = self.across - other.across, self.right - other.right
-        return Products(self.rows - other.rows, self.square - other.square, across, right, blocks, ())
+        return Products(self.rows - other.rows, self.square - other.square, across, right, flights)
 
 
 @dataclass(frozen=True)
@@ -165,8 +185,6 @@ class Rows:
     """rms of the moment coefficient at the linearisation point."""
     static: float
     """What that moment makes of the rows before whitening, as a length."""
-    own: FloatArray
-    """Orthonormal columns of what is projected out (n, rank)."""
     counted: BoolArray
     """Which rows (n,) count: not the first of a record, where the filters of instruments still settle."""
     noise_ratio: float = 1.0
@@ -175,14 +193,13 @@ class Rows:
     @property
     def size(self) -> int:
         """Rows that count less what was projected out of them."""
-        return int(np.sum(self.counted) - self.own.shape[1])
+        return int(np.sum(self.counted)) - sum(int(block.own.shape[1]) for block in self.blocks)
 
     def whitened(self, raw: FloatArray) -> FloatArray:
         """Rows (n, columns) at unit noise: what has no prior is projected out, errors within tolerances are noise."""
         out = np.where(self.counted[:, np.newaxis], raw, 0.0)
-        out -= self.own @ (self.own.T @ out)
         for block in self.blocks:
-            out[block.rows] = block.whitened(out[block.rows])
+            out[block.rows] = block.whitened(block.less(out[block.rows]))
         return np.asarray(out)
 
     def only(self, families: Collection[str]) -> Rows:
@@ -253,71 +270,63 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     known = problem.frame.with_mechanisms(point.mechanisms)
     frame = known.with_in_plane_moment(point.columns, point.values)
     moment = float(np.sqrt(np.mean(np.abs(frame.moments(point.columns) @ point.values) ** 2)))
-    top, nuisances = 2 * problem.rows.rates, problem.rows.nuisances
-    items, design = nuisances.items, problem.rows.nuisance_design[:top]
-    levels = design.shape[1] - len(items)
+    nuisances, unknowns = problem.rows.nuisances, problem.rows.unknowns
+    top, items, use = 2 * problem.rows.rates, nuisances.items, _counted(problem)
     drifts, moments = record_processes(), moment_processes()
     names = {each.name for each in drifts}
-    bounded = [k for k in nuisances.bounded.tolist() if items[k].name not in names]
-    free = sorted(set(range(len(items))) - set(nuisances.bounded.tolist()))
-    use = _counted(problem)
-    own, _ = _orthonormal(use[:, np.newaxis] * design[:, [*range(levels), *(levels + k for k in free)]])
-
-    def less(rows: FloatArray) -> FloatArray:
-        rows = use[:, np.newaxis] * rows
-        return np.asarray(rows - own @ (own.T @ rows))
-
-    def of_items(chosen: Sequence[int]) -> FloatArray:
-        return design[:, [levels + k for k in chosen]]
-
-    blocks = []
+    bounded = {k for k in nuisances.bounded.tolist() if items[k].name not in names}
+    number = problem.rows.order - 2 * len(problem.rows.part.levels)  # of nuisances; negative of what is integrated
+    blocks, y = [], problem.raw_response[:top].copy()
     for flight, motion in enumerate(frame.motions):
-        rows = _rows_of_flight(problem, flight)
-        within = tuple(k for k in bounded if items[k].flight == flight)
-        directions, sizes, right = np.linalg.svd(less(of_items(within))[rows], full_matrices=False)
-        shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
-        parts = [
-            of_items([k for k, item in enumerate(items) if item.name == each.name and item.flight == flight])
-            for each in drifts
-        ]
+        rows, mine = _rows_of_flight(problem, flight), number[unknowns.places[flight]].tolist()
+        design, counted = unknowns.own[flight][: rows.size], use[rows, np.newaxis]
+        free = [j for j, k in enumerate(mine) if k < 0 or not np.isfinite(items[k].present)]
+        within = [j for j, k in enumerate(mine) if k in bounded]
+        y[rows] -= design[:, within] @ np.array([items[mine[j]].present for j in within])
+        parts = [design[:, [j for j, k in enumerate(mine) if k >= 0 and items[k].name == own.name]] for own in drifts]
         start, stop = float(motion.time[0]), float(motion.time[-1])
-        mine = [each.model_copy(update={"start": start, "stop": stop}) for each in moments]
-        acting = frame.with_mechanisms(mine)
-        parts += [
-            moment / max(rms_of_shapes(process, motion), 1e-300) * _of_process(problem, acting, process, flight)[:top]
-            for process in mine
-        ]
+        for process in (each.model_copy(update={"start": start, "stop": stop}) for each in moments):
+            made = _of_process(problem, frame, process, flight)
+            parts.append(moment / max(rms_of_shapes(process, motion), 1e-300) * made)
         ends = np.cumsum([part.shape[1] for part in parts])
         columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
-        raw = np.concatenate(parts, axis=1)
-        block = Block(rows, raw, columns, raw[rows], directions, shrunk, right.T * (sizes * shrunk), within)
-        blocks.append(replace(block, z=block.whitened(less(raw)[rows])))
+        raw, (own, _) = np.concatenate(parts, axis=1), _orthonormal(counted * design[:, free])
+        block = Block(rows, raw, columns, raw, own, *_no_errors(rows.size))
+        directions, sizes, right = np.linalg.svd(block.less(counted * design[:, within]), full_matrices=False)
+        shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
+        errors = (directions, shrunk, right.T * (sizes * shrunk), tuple(mine[j] for j in within))
+        block = Block(rows, raw, columns, raw, own, *errors)
+        blocks.append(replace(block, z=block.whitened(block.less(counted * raw))))
     groups = (
         *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
         *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),
     )
     fixed, nothing = problem.raw_design(frame, problem.baseline)[:top], np.zeros((top, 0))
     length = float(np.linalg.norm(fixed @ point.values[: fixed.shape[1]]))
-    empty = Rows(
-        problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, length, own, use
-    )
-    present = np.array([items[k].present for k in bounded])
-    y = empty.whitened((problem.raw_response[:top] - of_items(bounded) @ present)[:, np.newaxis])[:, 0]
+    empty = Rows(problem, frame, nothing, nothing, np.zeros(0), nothing, tuple(blocks), groups, moment, length, use)
+    common = [j for j, k in enumerate(number[unknowns.places[-1]].tolist()) if k in bounded]
+    of_all = unknowns.shared[:top, common]
+    y -= of_all @ np.array([items[k].present for k in number[unknowns.places[-1]][common]])
+    y = empty.whitened(y[:, np.newaxis])[:, 0]
     baseline, coefficients = _orthonormal(empty.whitened(fixed))
-    allowed = empty.whitened(of_items([k for k in bounded if items[k].flight is None]))
+    allowed = empty.whitened(of_all)
     spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
     shared = np.concatenate([baseline, allowed], axis=1)
     return replace(empty, y=y, shared=shared, spread=spread, coefficients=coefficients)
 
 
+def _no_errors(rows: int) -> tuple[FloatArray, FloatArray, FloatArray, tuple[int, ...]]:
+    return np.zeros((rows, 0)), np.zeros(0), np.zeros((0, 0)), ()
+
+
 def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flight: int) -> FloatArray:
-    """The splines of a process of one flight as rows."""
-    always = TimeBasis("constant")
-    columns = [
-        Regressor(process.name, term.name, (), always, "1", flight=flight)
-        for term in process.terms(frame.motions[flight], {})
-    ]
-    return problem.raw_design(frame, columns)
+    """The splines of a process of one flight as its rows."""
+    alone, always = frame.of_flight(flight).with_mechanisms([process]), TimeBasis("constant")
+    terms = process.terms(frame.motions[flight], {})
+    rates = alone.columns([Regressor(process.name, term.name, (), always, "1") for term in terms])
+    own = problem.rows.of_flights[flight]
+    white = own.white_moments(rates)
+    return np.concatenate([white, np.zeros_like(white)])
 
 
 def _rows_of_flight(problem: Problem, flight: int) -> IntArray:

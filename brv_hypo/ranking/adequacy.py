@@ -39,12 +39,11 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     frame = null.rows.frame_of(leader)
     like = replace(leader, frame=frame)
     # Gradual changes of such moments are described by processes.
-    found = [acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), null, onsets=(0.0,))]
+    found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), [null], onsets=(0.0,))
     if (stretch := _stretch(leader, frame)) is not None:
-        found.append(
-            acting(problem, like, turning_moments(problem, listed, OUTSIDE, *stretch), null, np.array(stretch))
-        )
-    moments = [Alternative(_described(pair[0]), *pair) for pair in found if pair is not None]
+        turning = turning_moments(problem, listed, OUTSIDE, *stretch)
+        found += acting(problem, like, turning, [null], np.array(stretch))
+    moments = [Alternative(_described(pair[0]), *pair) for pair in found]
     if is_specific(leader, judged.evidences[judged.leader]):
         return moments
     terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))

@@ -157,7 +157,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     problem, fits = beside.problem, beside.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
-    errors = [held_out(problem, fit.frame, fit.columns, config.held_out_blocks) for fit in fits]
+    errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
     selected = clock.perf_counter()
     likelihoods = identify_credible(problem, fits, verdict, config, say)

@@ -119,7 +119,7 @@ def _moment_per_rate(flight: Flight) -> float:
 
 def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, fall: float) -> float:
     """The largest rms moment of one mechanism over the record within a `fall` of 2 ln L."""
-    shapes = regions(evidence, frame, mechanism, even_edges(frame, LIMIT_EDGES))
+    (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
     if not shapes:
         return float("inf")
     best = max(shape.peak for shape in shapes)
@@ -133,20 +133,22 @@ def even_edges(frame: RateFrame, count: int) -> FloatArray:
 
 
 def regions(
-    evidence: Evidence,
+    evidences: Sequence[Evidence],
     frame: RateFrame,
     mechanism: Mechanism,
     edges: FloatArray,
     widths: Sequence[int] = (0,),
     thetas: Sequence[Theta] = (),
     most: int | None = None,
-) -> list[Shape]:
-    """Every region between two edges, at every theta of a dense grid, or of those given; `most` of each that gain most.
+) -> list[list[Shape]]:
+    """Of each of some evidences of the same rows every region between two edges, at every theta of a dense grid, or of
+    those given; `most` of each that gain most.
 
     `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
     """
     acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
-    return [shape for t in grid for shape in _shapes(evidence, acting, mechanism, t, edges, tuple(widths), most)]
+    found = [_shapes(evidences, acting, mechanism, theta, edges, tuple(widths), most) for theta in grid]
+    return [[shape for each in found for shape in each[k]] for k in range(len(evidences))]
 
 
 @lru_cache(maxsize=8)
@@ -169,15 +171,15 @@ def _every_region(count: int, widths: tuple[int, ...]) -> tuple[IntArray, FloatA
 
 
 def _shapes(
-    evidence: Evidence,
+    evidences: Sequence[Evidence],
     frame: RateFrame,
     mechanism: Mechanism,
     theta: Theta,
     edges: FloatArray,
     widths: tuple[int, ...],
     most: int | None,
-) -> list[Shape]:
-    """Every region between two edges, made of the parts between neighbouring ones."""
+) -> list[list[Shape]]:
+    """Of each evidence every region between two edges, made of the parts between neighbouring ones."""
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
@@ -186,39 +188,42 @@ def _shapes(
         )
         for name, units in names
     ]
-    rows, moments = evidence.rows.of_moments(frame, parts), frame.moments(parts)
+    rows, moments = evidences[0].rows.of_moments(frame, parts), frame.moments(parts)
     count, terms = edges.size - 1, len(names)
     ends, every = _every_region(count, widths)
     part = float(np.min(np.diff(edges)))
+    # Squares of the parts: of rounding the size is enough.
+    before = every**2 @ np.sum(rows**2, axis=0).reshape(count, terms)
+    gram_of_parts = np.real(np.conj(moments).T @ moments) / moments.shape[0]
 
     def over_regions(products: FloatArray, inside: FloatArray) -> FloatArray:
         """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
         first = (inside @ products.reshape(count, -1)).reshape(-1, terms, count, terms)
         return np.asarray(np.sum(first * inside[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
 
-    products, against_y = evidence.projected_products(rows)
-    information, right = over_regions(products, every), every @ against_y.reshape(count, terms)
-    before = every**2 @ np.sum(rows**2, axis=0).reshape(
-        count, terms
-    )  # those of the parts: of rounding the size is enough
-    scale = np.diagonal(information, axis1=1, axis2=2)
-    kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
-    kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]
-    estimate = np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0]
-    peak = np.einsum("ra,rab,rb->r", estimate, information[kept], estimate)
-    if most is not None:
-        first = np.argsort(-peak, kind="stable")[:most]
-        kept, estimate, peak = kept[first], estimate[first], peak[first]
-    gram = over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0], every[kept])
-    return [
-        Shape(
-            float(peak[k]),
-            estimate[k],
-            information[j],
-            gram[k],
-            theta,
-            (float(edges[ends[j, 0]]), float(edges[ends[j, 1]])),
-            float(ends[j, 2]) * part,
-        )
-        for k, j in enumerate(kept.tolist())
-    ]
+    def of(evidence: Evidence) -> list[Shape]:
+        products, against_y = evidence.projected_products(rows)
+        information, right = over_regions(products, every), every @ against_y.reshape(count, terms)
+        scale = np.diagonal(information, axis1=1, axis2=2)
+        kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
+        kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]
+        estimate = np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0]
+        peak = np.einsum("ra,rab,rb->r", estimate, information[kept], estimate)
+        if most is not None:
+            first = np.argsort(-peak, kind="stable")[:most]
+            kept, estimate, peak = kept[first], estimate[first], peak[first]
+        gram = over_regions(gram_of_parts, every[kept])
+        return [
+            Shape(
+                float(peak[k]),
+                estimate[k],
+                information[j],
+                gram[k],
+                theta,
+                (float(edges[ends[j, 0]]), float(edges[ends[j, 1]])),
+                float(ends[j, 2]) * part,
+            )
+            for k, j in enumerate(kept.tolist())
+        ]
+
+    return [of(evidence) for evidence in evidences]

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.inference.evidence import Evidence, maximised
+from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column, theta_grid
 from brv_hypo.ranking.limits import SPENT, Shape, even_edges, regions
@@ -27,12 +27,13 @@ from brv_hypo.thresholds import FURTHER_REGION, ONSET_TAKES_TIME
 _LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
 _INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
 KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
+CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
 STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which all mechanisms and delays, and the best of them, are tried
-TRIED_FINELY = 24  # of those, at most
+TRIED_FINELY = 3  # of those, at most
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
@@ -51,8 +52,7 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.ordinary) if null.has_large_processes else (null,)
-    found = [acting(problem, like, fit.mechanisms, each) for each in beside]
-    return [pair, *(each for each in found if each is not None)]
+    return [pair, *acting(problem, like, fit.mechanisms, beside)]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
@@ -63,8 +63,7 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
     if len(fit.mechanisms) == 1:
         time = fit.frame.coefficient_time
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-        found = acting(problem, offered[-1][0], fit.mechanisms, null, own)
-        pairs += [found] if found is not None else []
+        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own)
         pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
     return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
 
@@ -90,7 +89,7 @@ def _grown(problem: Problem, pair: Pair) -> Pair:
     for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
         fit, own = pair = widened(problem, pair)
         (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
-        found = regions(own, frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)
+        (found,) = regions([own], frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)
         if not found or 0.5 * found[0].peak < FURTHER_REGION:
             break
         further = _acting_between(mechanism, found[0], frame)
@@ -162,32 +161,38 @@ def acting(
     problem: Problem,
     like: HypothesisFit,
     mechanisms: Sequence[Mechanism],
-    null: Evidence,
+    nulls: Sequence[Evidence],
     edges: FloatArray | None = None,
     onsets: Sequence[float] = ONSETS,
-) -> Pair | None:
-    """One of several mechanisms, that which explains most between two times, as a hypothesis like another; None where
-    none is determined. The times are those given, or of a fine grid; then it may come on over these shares of it.
+) -> list[Pair]:
+    """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
+    hypothesis like another; without those beside which none is determined.
+
+    The times are those given, or of a grid and then, for the likeliest, of a fine one; then it may come on over these
+    shares of it.
     """
     every = [(mechanism, theta) for mechanism in mechanisms for theta in theta_grid(mechanism, dense=True)]
     grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(like.frame, PLAIN_EDGES), (0,), TRIED_FINELY)]
-    grids = (
-        [*grids[len(every) <= TRIED_FINELY :], (*_fine(like.frame, onsets), 1)] if edges is None else [(edges, (0,), 1)]
-    )
-    for times, parts, count in grids:
-        shapes = [(m, shape) for m, t in every for shape in regions(null, like.frame, m, times, parts, [t], most=1)]
-        shapes.sort(key=lambda each: -each[1].peak)
-        every = [(mechanism, shape.theta) for mechanism, shape in shapes[:count]]
-    if not shapes:
-        return None
-    mechanism, best = shapes[0]
+    grids = [*grids[len(every) <= TRIED_FINELY :], (*_fine(like.frame, onsets), 1)]
+    for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
+        tried = [(m, regions(nulls, like.frame, m, times, parts, [theta], most=1)) for m, theta in every]
+        found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
+        likely = [sorted(each, key=lambda one: -one[1].peak)[:count] for each in found]
+        every = list(dict.fromkeys((mechanism, shape.theta) for each in likely for mechanism, shape in each))
+    return [_between(problem, like, *each[0], null, times) for each, null in zip(likely, nulls, strict=True) if each]
+
+
+def _between(
+    problem: Problem, like: HypothesisFit, mechanism: Mechanism, best: Shape, null: Evidence, times: FloatArray
+) -> Pair:
+    """A mechanism acting in a region between some times, its ends placed between those and moved."""
     frame = like.frame.with_mechanisms([mechanism])
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
     shortest = KNOT_MARGIN * np.ptp(time) / (PLAIN_EDGES - 1)
     if times.size > 2 and best.width == 0.0:
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
-        nearer = regions(null, like.frame, mechanism, closer, (0,), [best.theta])
+        (nearer,) = regions([null], like.frame, mechanism, closer, (0,), [best.theta])
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=_peak)
     columns = _acting_between(mechanism, best, frame)
     own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
@@ -196,18 +201,33 @@ def acting(
 
 def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], start: Evidence) -> Pair:
     """The hypothesis of a fit with other columns, beside processes."""
-    columns, rows = (*problem.baseline, *selected), start.rows
+    fit = _with_columns(problem, like, selected)
+    return fit, maximised(start.rows, start.rows.terms(fit), start.at)
+
+
+def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor]) -> HypothesisFit:
+    """The hypothesis of a fit with other columns, without processes."""
+    columns = (*problem.baseline, *selected)
     fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
-    parameters = nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots)
-    fit = replace(fit, nonlinear=parameters)
-    return fit, maximised(rows, rows.terms(fit), start.at)
+    return replace(fit, nonlinear=nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots))
 
 
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
     """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay.
 
     A step is judged by the evidence with them fixed there: that of the linear model extrapolates to where they are not.
+    Amplitudes follow when the steps are done.
     """
+    for _ in range(CLOSE_ROUNDS if closely else 1):
+        there = _stepped(problem, pair, closely)
+        if there is pair:
+            break
+        pair = there[0], maximised(there[1].rows, there[1].terms, there[1].at)
+    return pair
+
+
+def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
+    """Where steps of knots and delays lead at the amplitudes of a pair."""
     share, steps = 1.0, CLOSE_STEPS if closely else KNOT_STEPS
     for _ in range(steps if pair[0].nonlinear else 0):
         fit, own = pair
@@ -217,10 +237,11 @@ def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
             break
         for parameter, shift in zip(fit.nonlinear, (share * shifts).tolist(), strict=True):
             columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
-        there = fitted(problem, fit, columns[fit.baseline_size :], own)
-        gain = _level_fixed(there) - _level_fixed(pair)
+        there = _with_columns(problem, fit, columns[fit.baseline_size :])
+        found = there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
+        gain = _level_fixed(found) - _level_fixed(pair)
         if gain > (-_ROUNDING if closely else _GAIN):
-            pair = there
+            pair = found
         elif closely:
             share *= 0.5
         else:

@@ -63,14 +63,18 @@ class Rows:
         """The rows of these samples."""
         return Rows(self.rates[samples], self.force[samples])
 
+    def of(self, chosen: IntArray | BoolArray | slice) -> Rows:
+        """Some of the columns."""
+        return Rows(self.rates[:, chosen], self.force[:, chosen])
+
 
 @dataclass(frozen=True)
 class Part:
     """Some stretches of the flights of a frame.
 
     `rows` are indices into the frame's rows, `samples` into the arrays of their flight, `valid` where the force may
-    be used (all of one length). `pieces` are the ranges that are contiguous in time; `levels` the ranges
-    that share one constant of integration.
+    be used (all of one length). `pieces` are the ranges that are contiguous in time, and `flights` which flight each
+    is of; `levels` the ranges that share one constant of integration.
     """
 
     rows: IntArray
@@ -78,6 +82,17 @@ class Part:
     valid: BoolArray
     pieces: tuple[Piece, ...]
     levels: tuple[Piece, ...]
+    flights: tuple[int, ...]
+
+    def of_flight(self, flight: int) -> Part:
+        """What of it is of one flight."""
+        own = [piece for piece, number in zip(self.pieces, self.flights, strict=True) if number == flight]
+        first, last = (own[0][0], own[-1][1]) if own else (0, 0)
+        pieces, levels = (
+            tuple((a - first, b - first) for a, b in each if first <= a and b <= last) for each in (own, self.levels)
+        )
+        mine = slice(first, last)
+        return Part(self.rows[mine], self.samples[mine], self.valid[mine], pieces, levels, (flight,) * len(pieces))
 
     def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
         """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
@@ -102,7 +117,7 @@ class Part:
 
     def thinned_rows(self, noise: Noise) -> int:
         """Thinned rows of one channel."""
-        return self.thinned_pieces(noise)[-1][1]
+        return self.thinned_pieces(noise)[-1][1] if self.pieces else 0
 
 
 @dataclass(frozen=True)
@@ -192,6 +207,7 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
     samples: list[IntArray] = []
     pieces: list[Piece] = []
     levels: list[Piece] = []
+    flights: list[int] = []
     size = 0
     for segment, (first, last) in zip(frame.segments, frame.pieces, strict=True):
         begin = size
@@ -199,13 +215,13 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
             rows.append(np.arange(first + a, first + b))
             samples.append(np.arange(segment.rows.start + a, segment.rows.start + b))
             pieces.append((size, size + b - a))
+            flights.append(segment.flight)
             size += b - a
         if size > begin:
             levels.append((begin, size))
     indices = np.concatenate(rows)
-    return Part(
-        indices, np.concatenate(samples), valid[indices], tuple(pieces), tuple(levels) if shared else tuple(pieces)
-    )
+    ends = (tuple(pieces), tuple(levels if shared else pieces), tuple(flights))
+    return Part(indices, np.concatenate(samples), valid[indices], *ends)
 
 
 def _runs(chosen: BoolArray) -> list[Piece]:

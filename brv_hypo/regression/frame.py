@@ -165,6 +165,12 @@ class RateFrame:
                 vars(self)[name] = vars(other)[name]
         self._evaluated.update({key: found for key, found in other._evaluated.items() if key[0] in mechanisms})
 
+    def of_flight(self, flight: int) -> RateFrame:
+        """The frame of one flight alone."""
+        segments = tuple(replace(segment, flight=0) for segment in self.segments if segment.flight == flight)
+        alone = (self.reconstructions[flight],), (self.motions[flight],), (self.finer[flight],)
+        return RateFrame(*alone, segments, self.mechanisms, None, self.design[flight : flight + 1])
+
     def same_motions(self, other: RateFrame) -> bool:
         """Whether the motions are those of another frame but for their in-plane moment."""
         names = [field.name for field in fields(Motion) if field.name not in ("in_plane_moment", "history")]

@@ -14,11 +14,11 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import NOISE_BEYOND, NOISE_MOST_UNTHINNED, NOISE_ORDER, NOISE_PER_CYCLE, NOISE_RAISED
 from brv_hypo.motion.interpolation import turning
-from brv_hypo.regression.channels import Lasting, Noise, Part
+from brv_hypo.regression.bordered import Bordered
+from brv_hypo.regression.channels import Lasting, Noise
 from brv_hypo.regression.frame import remove_levels
 from brv_hypo.regression.free_moment import free_moment
-from brv_hypo.regression.linear import orthonormal
-from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.problem import Problem, WhitenedRows
 from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.regression.whitening import fit_noise, fitted_by, lasting_noise, white
 
@@ -39,12 +39,15 @@ def estimated_noise(problem: Problem) -> Noise:
     rows, part = problem.rows, problem.rows.part
     thinning = 1 if part.rows.size <= NOISE_MOST_UNTHINNED else rows.noise.thinning
     plain = problem.under(Noise(white(rows.noise.rates.sigma), white(rows.noise.force.sigma), thinning))
-    basis, coefficients = orthonormal(plain.whole_design(frame, columns))
-    values = coefficients @ (basis.T @ plain.raw_response)
-    count, constants = len(columns), 2 * len(part.levels)
-    rest = plain.left(frame, columns, values[:count], values[count + constants :]).at(part.rows)
+    every = plain.rows.unknowns.beside(plain.raw_design(frame, columns))
+    basis = every.factors.basis
+    values = every.factors.coefficients(basis.coordinates(plain.raw_response[:, np.newaxis]))[:, 0]
+    shared, others = every.places[-1].start, np.empty(plain.rows.unknowns.size)
+    others[plain.rows.order] = np.delete(values, np.arange(shared, shared + len(columns)))
+    of_columns, others = values[shared : shared + len(columns)], others[2 * len(part.levels) :]
+    rest = plain.left(frame, columns, of_columns, others).at(part.rows)
     force = [rest.force[a:b][part.valid[a:b]] for a, b in part.pieces]
-    rates_explained, force_explained = _explained(basis, part, plain.rows.rates) if thinning == 1 else (None, None)
+    rates_explained, force_explained = _explained(basis, plain.rows) if thinning == 1 else (None, None)
     rates = remove_levels(rest.rates, part.pieces, plain.rows.noise.rates)
     force = [piece for piece in force if piece.size]
     motion = _turning(problem)
@@ -85,10 +88,12 @@ def _turning(problem: Problem) -> float:
     )
 
 
-def _explained(basis: FloatArray, part: Part, rates: int) -> tuple[FloatArray, FloatArray]:
+def _explained(basis: Bordered, rows: WhitenedRows) -> tuple[FloatArray, FloatArray]:
     """What a fit on this orthonormal basis takes of the autocorrelation of white noise in rates and force."""
-    rows = part.rows.size
-    return (
-        fitted_by(basis[:rates], part.pieces, rows, NOISE_ORDER),
-        fitted_by(basis[rates : 2 * rates], part.pieces, rows, NOISE_ORDER),
-    )
+    found = np.zeros((2, NOISE_ORDER + 1))
+    for own, columns, shared in zip(rows.of_flights, basis.own, basis.by_flight(basis.shared), strict=True):
+        both, share = np.column_stack([columns, shared]), 2.0 * own.size / rows.rates
+        for channel, out in enumerate(found):
+            first = 2 * own.size * channel
+            out += share * fitted_by(both[first : first + 2 * own.size], own.part.pieces, own.size, NOISE_ORDER)
+    return found[0], found[1]

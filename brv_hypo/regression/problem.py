@@ -19,9 +19,10 @@ from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.bordered import Bordered, joined
 from brv_hypo.regression.channels import Noise, Part, Rows, Whitening, side_by_side
 from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import inverted, lengths
+from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.nuisance import AT_ONCE, Nuisances
 from brv_hypo.regression.whitening import effective_samples
 
@@ -46,6 +47,48 @@ class GivenColumns(Mechanism):
 def given_column(name: str, units: str = "1") -> Regressor:
     """The column of a history that is given."""
     return Regressor(GIVEN, name, (), TimeBasis("constant"), units)
+
+
+@dataclass(frozen=True)
+class FlightRows:
+    """One flight's whitened rows: where its four channels stand among all, its rows of the frame, and `own_noise`, the
+    whitened rates (rate rows, unknowns) of what one unit of each correlated unknown is of the noise.
+    """
+
+    part: Part
+    whitening: Whitening
+    channels: tuple[slice, ...]
+    span: slice
+    own_noise: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Rows of each channel."""
+        return int(self.channels[0].stop - self.channels[0].start)
+
+    def white(self, histories: Rows) -> FloatArray:
+        """Histories in both channels (rows of the flight, columns) at unit noise."""
+        if not self.size:
+            return np.zeros((0, histories.rates.shape[1]))
+        white = self.whitening.both(histories.at(self.part.rows - self.span.start))
+        white[: 2 * self.size] = self.decorrelated(white[: 2 * self.size])
+        return white
+
+    def white_moments(self, rates: ComplexArray) -> FloatArray:
+        """Rate histories of moments (rows of the flight, columns) as its rows of the rates."""
+        return self.decorrelated(self.whitening.rates(rates[self.part.rows - self.span.start]))
+
+    def decorrelated(self, rates: FloatArray) -> FloatArray:
+        """Whitened rates (rate rows, columns) at unit noise once that of the correlated unknowns is theirs."""
+        directions, gain = self._sharpening
+        return np.asarray(rates + directions @ (gain[:, np.newaxis] * (directions.T @ rates)), dtype=float)
+
+    @cached_property
+    def _sharpening(self) -> tuple[FloatArray, FloatArray]:
+        """Directions (rate rows, rank) of the noise that is in unknowns, and what they gain as it leaves the rates."""
+        directions, share, _ = np.linalg.svd(self.own_noise, full_matrices=False)
+        share = np.minimum(share, NOISE_MOST_EQUAL)
+        return directions, 1.0 / np.sqrt(1.0 - share**2) - 1.0
 
 
 @dataclass(frozen=True)
@@ -77,26 +120,31 @@ class WhitenedRows:
         return Whitening(self.part, self.noise)
 
     @cached_property
-    def own_noise(self) -> FloatArray:
-        """Whitened rates (rate rows, tied unknowns) of what one unit of each tied unknown is of the noise."""
-        if not self.correlated:
-            return np.zeros((self.rates, 0))
-        out = np.empty((self.rates, self.nuisances.correlated.size))
-        for some, noise_history in self.nuisances.noise.batches():
-            out[:, some] = self._whitening.rates(noise_history.rates[self.part.rows])
-        return out
-
-    @cached_property
-    def _sharpening(self) -> tuple[FloatArray, FloatArray]:
-        """Directions (rate rows, rank) of the noise that is in unknowns, and what they gain as it leaves the rates."""
-        directions, share, _ = np.linalg.svd(self.own_noise, full_matrices=False)
-        share = np.minimum(share, NOISE_MOST_EQUAL)
-        return directions, 1.0 / np.sqrt(1.0 - share**2) - 1.0
+    def of_flights(self) -> tuple[FlightRows, ...]:
+        """The rows of each flight."""
+        found, first, count = [], 0, self.rates // 2
+        noises, histories = self.nuisances.noise.flights, self.nuisances.histories.flights
+        for number, (noise, own) in enumerate(zip(noises, histories, strict=True)):
+            part = self.part.of_flight(number)
+            whitening, last = Whitening(part, self.noise), first + part.thinned_rows(self.noise)
+            shown = np.zeros((2 * (last - first), noise.places.size if self.correlated and last > first else 0))
+            for some, history in noise.batches() if shown.size else ():
+                shown[:, some] = whitening.rates(history.rates[part.rows - own.span.start])
+            channels = tuple(slice(first + k * count, last + k * count) for k in range(4))
+            found.append(FlightRows(part, whitening, channels, own.span, shown))
+            first = last
+        return tuple(found)
 
     def _decorrelated(self, rates: FloatArray) -> FloatArray:
-        """Whitened rates (rate rows, columns) at unit noise once that of the tied unknowns is theirs."""
-        directions, gain = self._sharpening
-        return np.asarray(rates + directions @ (gain[:, np.newaxis] * (directions.T @ rates)), dtype=float)
+        """Whitened rates (rate rows, columns) at unit noise once that of the correlated unknowns is theirs."""
+        if len(self.of_flights) == 1:
+            return self.of_flights[0].decorrelated(rates)
+        out = np.empty_like(rates)
+        for own in self.of_flights:
+            real, imaginary = own.channels[:2]
+            both = own.decorrelated(np.concatenate([rates[real], rates[imaginary]]))
+            out[real], out[imaginary] = both[: own.size], both[own.size :]
+        return out
 
     def white_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows of the rates alone, which are the first."""
@@ -115,7 +163,10 @@ class WhitenedRows:
         out[2 * self.rates :] = self.nuisances.present
         if self.correlated:
             present = np.array([self.nuisances.items[k].present for k in self.nuisances.correlated])
-            out[: self.rates] -= self._decorrelated(self.own_noise @ present[:, np.newaxis])[:, 0]
+            for own, noise in zip(self.of_flights, self.nuisances.noise.flights, strict=True):
+                shown = own.decorrelated(own.own_noise @ present[noise.places][:, np.newaxis])[:, 0]
+                for rows, part in zip(own.channels[:2], np.split(shown, 2), strict=True):
+                    out[rows] -= part
         return out
 
     def of_moments(self, rates: ComplexArray) -> FloatArray:
@@ -133,37 +184,72 @@ class WhitenedRows:
     @cached_property
     def nuisance_design(self) -> FloatArray:
         """Constants of integration, then the nuisances with a one in the row of each prior (rows, unknowns)."""
-        constants = np.zeros((self.size, 2 * len(self.part.levels)))
-        constants[: self.rates] = self._decorrelated(self._whitening.rates(self.part.constants()))
-        histories = np.zeros((self.size, len(self.nuisances.items)))
-        for some, history in self.nuisances.histories.batches():
-            histories[: 2 * self.rates, some] = self.white_histories(history)
-        if self.correlated:
-            histories[: self.rates, self.nuisances.correlated] -= self._decorrelated(self.own_noise)
-        bounded = self.nuisances.bounded
-        histories[2 * self.rates + np.arange(bounded.size), bounded] = 1.0
-        return np.column_stack([constants, histories])
+        out = np.empty((self.size, self.unknowns.size))
+        out[:, self.order] = self.unknowns.dense()
+        return out
 
     @cached_property
-    def basis(self) -> FloatArray:
+    def order(self) -> IntArray:
+        """Where each of the `unknowns` stands: constants of integration first, then as the nuisances do."""
+        constants, items = 2 * len(self.part.levels), self.nuisances.items
+        first_of = dict(zip((a for a, _ in self.part.pieces), self.part.flights, strict=True))
+        flight_of = np.repeat([first_of[a] for a, _ in self.part.levels], 2)
+        own = [
+            np.append(
+                np.flatnonzero(flight_of == number), constants + np.flatnonzero([i.flight == number for i in items])
+            )
+            for number in range(len(self.of_flights))
+        ]
+        shared = constants + np.flatnonzero([item.flight is None for item in items])
+        return np.concatenate([*own, shared]).astype(np.int64)
+
+    @cached_property
+    def unknowns(self) -> Bordered:
+        """Of each flight its constants and nuisances with a one in the row of each prior, and those of all flights."""
+        items, top = self.nuisances.items, 2 * self.rates
+        common = np.flatnonzero([item.flight is None for item in items])
+        prior_of = {int(k): top + row for row, k in enumerate(self.nuisances.bounded)}
+        shared, parts, ranges = np.zeros((self.size, common.size)), [], []
+        for own, histories, noise in zip(
+            self.of_flights, self.nuisances.histories.flights, self.nuisances.noise.flights, strict=True
+        ):
+            white = np.zeros((4 * own.size, histories.places.size))
+            for some, history in histories.batches():
+                white[:, some] = own.white(history)
+            if own.own_noise.size:
+                tied = np.searchsorted(histories.places, self.nuisances.correlated[noise.places])
+                white[: 2 * own.size, tied] -= own.decorrelated(own.own_noise)
+            mine = ~np.isin(histories.places, common)
+            for rows, part in zip(own.channels, np.split(white[:, ~mine], 4), strict=True):
+                shared[rows] = part
+            priors = [(at, prior_of[k]) for at, k in enumerate(histories.places[mine].tolist()) if k in prior_of]
+            constants = np.zeros((white.shape[0], 2 * len(own.part.levels)))
+            if own.size:
+                constants[: 2 * own.size] = own.decorrelated(own.whitening.rates(own.part.constants()))
+            ones = np.zeros((len(priors), constants.shape[1] + int(np.sum(mine))))
+            ones[np.arange(len(priors)), constants.shape[1] + np.array([c for c, _ in priors], dtype=int)] = 1.0
+            parts.append(np.concatenate([np.column_stack([constants, white[:, mine]]), ones]))
+            last = [slice(priors[0][1], priors[-1][1] + 1)] if priors else []
+            ranges.append(joined([*(own.channels if own.size else ()), *last]))
+        known = [(place, prior_of[k]) for place, k in enumerate(common.tolist()) if k in prior_of]
+        for place, row in known:
+            shared[row, place] = 1.0
+        return Bordered(self.size, tuple(ranges), tuple(parts), shared)
+
+    @property
+    def basis(self) -> Bordered:
         """Orthonormal columns that span constants and nuisances (rows, unknowns)."""
-        return self._factors[0]
+        return self.unknowns.factors.basis
 
-    @cached_property
-    def unknowns(self) -> FloatArray:
-        """What makes constants and nuisances of coordinates in the basis (unknowns, unknowns)."""
-        inverse = inverted(self._factors[1])
-        return np.asarray(inverse / lengths(self.nuisance_design)[:, np.newaxis], dtype=float)
-
-    @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray]:
-        """Of the unknowns' unit columns: orthonormal ones (rows, unknowns) and the triangle."""
-        orthonormal, triangle = np.linalg.qr(self.nuisance_design / lengths(self.nuisance_design))
-        return np.asarray(orthonormal, dtype=float), np.asarray(triangle, dtype=float)
+    def solved(self, rows: FloatArray) -> FloatArray:
+        """Constants and nuisances (unknowns,) that fit rows (rows,) best."""
+        factors, out = self.unknowns.factors, np.zeros(self.unknowns.size)
+        out[self.order] = factors.coefficients(factors.basis.coordinates(rows[:, np.newaxis]))[:, 0]
+        return out
 
     def projected(self, rows: FloatArray) -> FloatArray:
         """Rows (rows, columns) with constants and nuisances projected out."""
-        return np.asarray(rows - self.basis @ (self.basis.T @ rows), dtype=float)
+        return self.basis.less(rows)
 
     def stretch_of_row(self) -> IntArray:
         """Thinned sample that each row belongs to; -1 for the rows of priors (rows,)."""
@@ -318,7 +404,7 @@ class Problem:
     def others_beside(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray) -> FloatArray:
         """Nuisances (unknowns,) that go with these coefficients (columns,)."""
         residual = self.raw_response - self.raw_design(frame, columns) @ values
-        return np.asarray((self.rows.unknowns @ (self.rows.basis.T @ residual))[2 * len(self.rows.part.levels) :])
+        return self.rows.solved(residual)[2 * len(self.rows.part.levels) :]
 
     def left(self, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray) -> Rows:
         """What coefficients and nuisances leave of rates (but for a constant a piece) and force (frame rows,).

@@ -14,14 +14,13 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.model.term import Regressor
+from brv_hypo.regression.bordered import Stretch
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.linear import solve_normal
 from brv_hypo.regression.problem import Problem, ProjectedBaseline
 
 # Share of its length below which what is left of a column is rounding.
 _SPENT = 1e-10
-# Rows that are reduced to a triangular factor at once.
-_BLOCK = 20_000
 
 
 @dataclass(frozen=True)
@@ -96,8 +95,8 @@ class Reduced:
         return self._batch(self.problem.rows.white_moments(rates))
 
     def _batch(self, rows: FloatArray) -> Batch:
-        bases = (self.problem.rows.basis, self._baseline.basis)
-        return Batch(rows, np.concatenate([basis[: rows.shape[0]].T @ rows for basis in bases]))
+        inside = self._baseline.basis[: rows.shape[0]].T @ rows
+        return Batch(rows, np.concatenate([self.problem.rows.basis.coordinates(rows), inside]))
 
     def right(self, batch: Batch) -> FloatArray:
         """Scalar products of the columns with the response (columns,)."""
@@ -109,22 +108,20 @@ class Reduced:
         values = solve_normal(products, right, batch.squares)
         return Fitted(products, right, values, self.rss - float(right @ values))
 
-    def projected(self, batch: Batch, first: int, last: int) -> FloatArray:
-        """Rows [first, last) of the columns with nuisances and baseline projected out (rows, columns)."""
-        inside = slice(first, last)
-        unknowns = self.problem.rows.basis.shape[1]
-        out = self.problem.rows.basis[inside] @ -batch.inside[:unknowns]
-        out -= self._baseline.basis[inside] @ batch.inside[unknowns:]
+    def _projected(self, batch: Batch, stretch: Stretch) -> FloatArray:
+        """Rows of a stretch of the columns with nuisances and baseline projected out (rows, columns)."""
+        basis, inside = self.problem.rows.basis, stretch.rows
+        out = basis.at(stretch, -batch.inside[: basis.size])
+        out -= self._baseline.basis[inside] @ batch.inside[basis.size :]
         own = batch.rows[inside]
         out[: own.shape[0]] += own
-        return np.asarray(out, dtype=float)
+        return out
 
     def triangle(self, batch: Batch) -> FloatArray:
-        """Triangular factor of the projected columns and the response after them, a block of rows at a time."""
+        """Triangular factor of the projected columns and the response after them, a stretch of rows at a time."""
         factor: FloatArray = np.zeros((0, batch.rows.shape[1] + 1))
-        for first in range(0, self.left.size, _BLOCK):
-            last = min(first + _BLOCK, self.left.size)
-            block = np.column_stack([self.projected(batch, first, last), self.left[first:last]])
+        for stretch in self.problem.rows.basis.stretches:
+            block = np.column_stack([self._projected(batch, stretch), self.left[stretch.rows]])
             factor = np.asarray(np.linalg.qr(np.concatenate([factor, block]), mode="r"), dtype=float)
         return factor
 
@@ -134,12 +131,15 @@ class Reduced:
 
     def residual(self, batch: Batch, values: FloatArray) -> FloatArray:
         """Whitened residual (rows,)."""
-        return self.left - self.projected(_sum(batch, values), 0, self.left.size)[:, 0]
+        made, out = _sum(batch, values), self.left.copy()
+        for stretch in self.problem.rows.basis.stretches:
+            out[stretch.rows] -= self._projected(made, stretch)[:, 0]
+        return out
 
     def with_baseline(self, batch: Batch, values: FloatArray) -> FloatArray:
         """The baseline's coefficients that go with those of the columns, and these after them."""
         found = self._baseline
-        inside = batch.inside[self.problem.rows.basis.shape[1] :]
+        inside = batch.inside[self.problem.rows.basis.size :]
         own = found.coefficients @ (found.basis.T @ self.problem.response - inside @ values)
         return np.concatenate([own, values])
 

@@ -53,10 +53,10 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         here = np.arange(flight * sizes.rows, (flight + 1) * sizes.rows)
         z = rng.standard_normal((sizes.rows, int(ends[-1])))
         own_z = z - own[here] @ (own[here].T @ z)
+        places = tuple(slice(*each) for each in zip(starts, ends, strict=True))
+        taken = own[here][:, flight * sizes.taken_out : (flight + 1) * sizes.taken_out]
         no_errors = np.zeros((sizes.rows, 0)), np.zeros(0), np.zeros((0, 0)), ()
-        blocks.append(
-            Block(here, own_z, tuple(slice(*each) for each in zip(starts, ends, strict=True)), own_z, *no_errors)
-        )
+        blocks.append(Block(here, own_z, places, own_z, taken, *no_errors))
     groups = tuple(
         Group(f"process {k}", "family", "1", 1.0 + 0.5 * k, (-0.5 - 0.3 * k, 1.0)) for k in range(len(sizes.splines))
     )
@@ -71,7 +71,6 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
         groups=groups,
         moment=1.0,
         static=1.0,
-        own=own,
         counted=np.ones(count, dtype=bool),
     )
     edges = np.linspace(0.0, sizes.stretches, sizes.rows, endpoint=False).astype(int)
@@ -79,6 +78,16 @@ def small(sizes: Sizes, seed: int) -> tuple[Rows, Terms]:
     known = sizes.terms + sizes.shifts
     terms = Terms(columns(known), rng.uniform(0.5, 2.0, known), np.arange(known) < sizes.terms)
     return rows, terms
+
+
+def taken_out(rows: Rows) -> FloatArray:
+    """What has no prior and is of one flight: orthonormal columns (n, columns)."""
+    parts = []
+    for block in rows.blocks:
+        part = np.zeros((rows.y.size, block.own.shape[1]))
+        part[block.rows] = block.own
+        parts.append(part)
+    return np.concatenate(parts, axis=1)
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,7 @@ class Dense:
     @property
     def flat(self) -> FloatArray:
         """All that has no prior (n, columns)."""
-        return np.concatenate([self.rows.own, self.rows.shared[:, np.isinf(self.rows.spread)]], axis=1)
+        return np.concatenate([taken_out(self.rows), self.rows.shared[:, np.isinf(self.rows.spread)]], axis=1)
 
     @property
     def bounded(self) -> tuple[FloatArray, FloatArray]:

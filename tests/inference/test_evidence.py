@@ -18,7 +18,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.inference import Evidence, Rows, evidence, maximised
 from brv_hypo.inference.rows import Terms
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
-from tests.inference.small import Dense, Sizes, dense, small
+from tests.inference.small import Dense, Sizes, dense, small, taken_out
 
 SIZES = st.builds(
     Sizes,
@@ -123,7 +123,7 @@ def test_coefficients_and_their_covariance_are_those_of_the_normal_equations(siz
     rows, whole = own.rows, dense(own)
     mean, covariance = whole.posterior()
     flat, known = whole.flat.shape[1], sizes.terms + sizes.shifts
-    chosen = [*range(rows.own.shape[1], flat), *range(flat + sizes.allowed, flat + sizes.allowed + known)]
+    chosen = [*range(taken_out(rows).shape[1], flat), *range(flat + sizes.allowed, flat + sizes.allowed + known)]
     makes = np.eye(len(chosen))
     makes[: sizes.baseline, : sizes.baseline] = rows.coefficients
     scale = np.sqrt(np.diag(own.covariance))
@@ -162,7 +162,7 @@ def test_a_function_along_a_flight_is_that_of_the_normal_equations(sizes: Sizes)
     flat, known = whole.flat.shape[1], sizes.baseline
     first = flat + sizes.allowed + sizes.terms + sizes.shifts + flight * sum(sizes.splines)
     makes = np.zeros((points, mean.size))
-    makes[:, own.rows.own.shape[1] : flat] = values[:, :known] @ own.rows.coefficients
+    makes[:, taken_out(own.rows).shape[1] : flat] = values[:, :known] @ own.rows.coefficients
     makes[:, flat + sizes.allowed : flat + sizes.allowed + sizes.terms + sizes.shifts] = values[:, known:]
     for k, each in splines.items():
         place = own.rows.blocks[flight].columns[k]
@@ -277,7 +277,7 @@ def test_errors_within_tolerances_are_noise(flights: int) -> None:
     rows, _ = small(Sizes(flights=flights, rows=30, taken_out=1), 13)
     blocks, expected = [], np.zeros((rows.y.size, rows.y.size))
     for block in rows.blocks:
-        own = rows.own[block.rows]
+        own = block.own
         tolerances = 3.0 * rng.standard_normal((30, 4))
         tolerances -= own @ (own.T @ tolerances)
         directions, sizes, _ = np.linalg.svd(tolerances, full_matrices=False)
@@ -285,9 +285,9 @@ def test_errors_within_tolerances_are_noise(flights: int) -> None:
         expected[np.ix_(block.rows, block.rows)] = np.linalg.inv(np.eye(30) + tolerances @ tolerances.T)
     noisy = replace(rows, blocks=tuple(blocks))
     given = rng.standard_normal((rows.y.size, 3))
-    known = given - rows.own @ (rows.own.T @ given)
+    known = given - taken_out(rows) @ (taken_out(rows).T @ given)
     assert noisy.whitened(given).T @ noisy.whitened(given) == pytest.approx(known.T @ expected @ known)
-    assert rows.own.T @ noisy.whitened(given) == pytest.approx(np.zeros((flights, 3)), abs=1e-12)
+    assert taken_out(rows).T @ noisy.whitened(given) == pytest.approx(np.zeros((flights, 3)), abs=1e-12)
 
 
 # ---- On data that the model itself makes ----

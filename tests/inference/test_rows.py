@@ -25,6 +25,7 @@ from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import fit_hypothesis
 from tests.chains import judged_cone
 from tests.flights import flown
+from tests.inference.small import taken_out
 
 PROCESSES = moment_processes()
 
@@ -135,10 +136,10 @@ def test_what_has_no_prior_is_in_nothing(flights: int) -> None:
         parts.append(z)
     for part in parts:
         lengths = np.maximum(np.linalg.norm(part, axis=0), 1e-12)
-        assert np.max(np.abs(rows.own.T @ (part / lengths)), initial=0.0) < 1e-9
-    assert rows.size == np.sum(rows.counted) - rows.own.shape[1]
+        assert np.max(np.abs(taken_out(rows).T @ (part / lengths)), initial=0.0) < 1e-9
+    assert rows.size == np.sum(rows.counted) - taken_out(rows).shape[1]
     assert np.sum(~rows.counted) == 4 * flights * SETTLING // rows.problem.rows.noise.thinning
-    assert rows.own.T @ rows.own == pytest.approx(np.eye(rows.own.shape[1]), abs=1e-9)
+    assert taken_out(rows).T @ taken_out(rows) == pytest.approx(np.eye(taken_out(rows).shape[1]), abs=1e-9)
 
 
 def test_columns_of_the_baseline_are_orthonormal_and_their_coefficients_those_of_its_own() -> None:
@@ -166,7 +167,7 @@ def test_errors_within_tolerances_are_noise(flights: int) -> None:
             if item.flight == flight and np.isfinite(item.present) and item.name not in processes
         ]
         errors = rows.counted[:, np.newaxis] * design[:, mine]
-        errors -= rows.own @ (rows.own.T @ errors)
+        errors -= taken_out(rows) @ (taken_out(rows).T @ errors)
         own = errors[block.rows]
         assert np.all(np.linalg.norm(rows.whitened(errors), axis=0) <= 1.0 + 1e-9)
         given = np.random.default_rng(2).standard_normal((own.shape[0], 2))
@@ -307,7 +308,7 @@ def test_errors_within_tolerances_are_those_of_the_normal_equations() -> None:
     top = own.rows.y.size
     design = own.rows.problem.rows.nuisance_design[:top, -len(nuisances.items) :][:, list(block.items)]
     errors = np.where(own.rows.counted[:, np.newaxis], design, 0.0)
-    errors -= own.rows.own @ (own.rows.own.T @ errors)
+    errors -= taken_out(own.rows) @ (taken_out(own.rows).T @ errors)
     whole = np.eye(top) + errors @ errors.T
     values, vectors = np.linalg.eigh(whole)
     unexplained = vectors @ (np.sqrt(values) * (vectors.T @ own.residual))

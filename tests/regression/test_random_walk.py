@@ -34,10 +34,11 @@ def test_noise_of_the_gyros_makes_the_walk_that_its_unknown_stands_for(order: in
 def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
     problem = prepared(knot_count=3)
     rows = problem.rows
-    lengths = np.linalg.norm(rows.own_noise, axis=0)
+    (own,), (loose,) = rows.of_flights, problem.untied().rows.of_flights
+    lengths = np.linalg.norm(own.own_noise, axis=0)
     assert np.all((lengths > 0.1) & (lengths < 1.3))  # the noise's level is found twice, its colour once
-    assert rows.nuisances.correlated.size == rows.own_noise.shape[1] > 0
-    assert problem.untied().rows.own_noise.shape[1] == 0
+    assert rows.nuisances.correlated.size == own.own_noise.shape[1] > 0
+    assert loose.own_noise.shape[1] == 0
 
 
 @pytest.mark.thorough
