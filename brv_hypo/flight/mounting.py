@@ -32,7 +32,7 @@ SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose
 LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
 COAST_ROUNDS, COAST_PARTS = 5, ((0.0, 0.5), (0.25, 0.75), (0.5, 1.0), (0.0, 1.0))  # parts of a coast; the last is all
 COAST_UNEXPLAINED = 0.1  # share of the transverse force that need not follow from the rates
-COAST_ALIKE = 0.1  # |k - 1| below which mean spin and drag lean alike, and tilt is no other than trim
+COAST_AMBIGUOUS = 0.1  # |k - 1| below which mean spin and drag lean by as much, and tilt is no other than trim
 SLOW = 0.35  # of the highest speed, below which a coast shows little
 FADED = 0.05  # s after the highest speed, until which thrust fades
 RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
@@ -153,7 +153,7 @@ def coasting_axis(
         squares, slope = path_into_force(time - time[0], omega, force, speed, scale)
         axial = -float(force[0] @ scale) / float(scale @ scale)
         times = slope / axial if axial > 0.0 else 0.0
-        if times <= 0.0 or abs(times - 1.0) < COAST_ALIKE or squares[1] > COAST_UNEXPLAINED * squares[0]:
+        if times <= 0.0 or abs(times - 1.0) < COAST_AMBIGUOUS or squares[1] > COAST_UNEXPLAINED * squares[0]:
             return None
         for k, (start, stop) in enumerate(COAST_PARTS):
             part = slice(round(start * time.size), round(stop * time.size))

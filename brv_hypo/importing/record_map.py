@@ -35,7 +35,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -70,7 +69,7 @@ from brv_hypo.flight.record import (
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing import rocket_log
-from brv_hypo.importing.beside import ATTITUDE, aligned, attitude_of, averaged_units, differences
+from brv_hypo.importing.beside import ATTITUDE, attitude_of, together
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
 from brv_hypo.io.binary import ColumnTable
@@ -78,7 +77,6 @@ from brv_hypo.io.text import naming, one_line, refusal
 from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
-SAME_AXES = np.radians(5.0)  # rad between the gyros of two units, below which the difference is misalignment
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
 STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
 INTEGRATED: Mapping[Dimension, Dimension] = {"angular rate": "angle", "acceleration": "speed"}
@@ -412,11 +410,10 @@ def _record(
         contradicted += attitude.faults
     if units:
         stated = instruments_of(mapping, {}, 0.0, channels, None)
-        larger, unit_notes, differing = differences(time, [channels, *map(partial(_as, channels), units)], stated)
+        channels, larger, unit_notes, differing = together(time, channels, units, stated)
         tolerances |= {key: float(np.hypot(size, tolerances.get(key, 0.0))) for key, size in larger.items()}
         notes += unit_notes
-        contradicted += differing
-        channels = averaged_units([channels, *map(partial(_as, channels), units)])
+        contradicted += (*differing,)
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
         if missing := [name for name in INERTIAL_CHANNELS if name not in channels]:
@@ -429,7 +426,7 @@ def _record(
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        leans = attitude.leans(matrix, None if rest is None else rest.up) if attitude is not None else None
+        leans = attitude.leans(time, matrix, None if rest is None else rest.up) if attitude is not None else None
         derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest, leans)
         speed, channels["altitude"], sigma, climb_notes = derived
         # unknown where it is as good as rest
@@ -509,20 +506,6 @@ def _units(channels: Channels, count: int) -> list[Channels]:
         end = f"{OF_UNIT}{number}"
         found.append({name.removesuffix(end): channels.pop(name) for name in [*channels] if name.endswith(end)})
     return found
-
-
-def _as(first: Channels, unit: Channels) -> Channels:
-    """The unit in the axes of the first, by the gyros of both where these are elsewhere."""
-    if not {*GYROS} <= {*unit} & {*first}:
-        return unit
-    turn = aligned(*(np.stack([each[name] for name in GYROS]) for each in (first, unit)))
-    if Rotation.from_matrix(turn).magnitude() < SAME_AXES:
-        return unit
-    triads = [triad for triad in (GYROS, ACCELEROMETERS) if {*triad} <= {*unit}]
-    turned = [turn @ np.stack([unit[name] for name in triad]) for triad in triads]
-    return {
-        name: row for triad, rows in zip(triads, turned, strict=True) for name, row in zip(triad, rows, strict=True)
-    }
 
 
 def _turn(

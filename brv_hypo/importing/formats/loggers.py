@@ -55,9 +55,9 @@ def _format(name: str, words: tuple[str, ...], described: str) -> TableFormat:
         own = {columns[each][0]: each for each in reversed(found.names) if each in columns}
         channels = {each: channel for channel, each in own.items()}
         renamed = tuple(channels.get(each, each) for each in found.names)
-        asked = renamed if names is None else names
-        table = read_text(path, tuple(own.get(each, each) for each in asked), layout, found, numbers_only)
-        values = {each: table.columns[at] for each in asked if (at := own.get(each, each)) in table.columns}
+        wanted = renamed if names is None else names
+        table = read_text(path, tuple(own.get(each, each) for each in wanted), layout, found, numbers_only)
+        values = {each: table.columns[at] for each in wanted if (at := own.get(each, each)) in table.columns}
         units = {each: columns[own.get(each, each)][1] for each in (*own, *channels)}
         return replace(table, columns=values, names=(*renamed, *channels) if names else renamed, units=units)
 
