@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import yaml
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, Template
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo import thresholds as limits
@@ -420,10 +421,7 @@ def _written(found: _Guessed) -> Guess:
         beside = other.path.resolve().parent == table.path.resolve().parent
         return _quoted(other.path.name if beside else str(other.path))
 
-    loader = PackageLoader("brv_hypo.importing", "")
-    templates = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-    templates.filters |= {"one_line": one_line, "quoted": _quoted}
-    text = templates.get_template("map.yaml.j2").render(
+    text = _template().render(
         main=table,
         tables=tables,
         recorders=found.recorders,
@@ -447,6 +445,14 @@ def _written(found: _Guessed) -> Guess:
         file_of=file_of,
     )
     return Guess(text, (*missing, *said, *doubts, *unsure, _GRADE))
+
+
+@cache
+def _template() -> Template:
+    loader = PackageLoader("brv_hypo.importing", "")
+    templates = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    templates.filters |= {"one_line": one_line, "quoted": _quoted}
+    return templates.get_template("map.yaml.j2")
 
 
 def _flow(entry: MapEntry, more: str = "") -> str:
