@@ -20,6 +20,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, Values
 from brv_hypo.flight.clock import joined, runs
+from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 GRAVITY = 9.80665  # m/s^2, standard gravity (CGPM 1901)
 THRUST = 1.5 * GRAVITY  # m/s^2 sensed, beyond what any instrument's bias makes of gravity
@@ -89,11 +90,18 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
     return None
 
 
-def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt | None:
-    """The nose by thrust, drag and much spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2. None without thrust."""
+Air = tuple[FloatArray, FloatArray, FloatArray]
+"""Speed (n,) m/s, what is proportional to the dynamic pressure (n,), and the unit's place (3,) m from the c.g."""
+
+
+def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air | None = None) -> Tilt | None:
+    """The nose by thrust, drag and much spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2.
+
+    Without thrust by a coast in `air`; None where neither shows it.
+    """
     flown = powered_flight(time, forces)
     if flown is None:
-        return None
+        return None if air is None else coasting_axis(time, rates, forces, air)
     first, speed, (ignition, top, end) = flown
     used = slice(ignition, end)
     square = (speed[used] / max(speed[top], 1.0)) ** 2
@@ -132,15 +140,15 @@ def _tilted(
     return Tilt(nose / np.linalg.norm(nose), float(np.sqrt(np.mean(variance) + floor**2)))
 
 
-def coasting_axis(
-    time: FloatArray, rates: FloatArray, forces: FloatArray, speed: FloatArray, scale: FloatArray, arm: FloatArray
-) -> Tilt | None:
+def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air) -> Tilt | None:
     """The nose of a spinning vehicle without thrust, by mean spin, drag, and the force that follows from the rates.
 
-    `rates` (3, n) rad/s and `forces` (3, n) m/s^2 of a unit at `arm` (3,) m from the c.g. in body axes, `speed` (n,)
-    m/s, `scale` (n,) proportional to the dynamic pressure. None without two turns, or where forces follow no rates.
+    Of the longest part without a gap. None without two turns, or where forces follow no rates.
     """
-    turned = np.trapezoid(rates, time, axis=1)
+    known = np.isfinite(air[0] + air[1] + np.sum(rates, axis=0) + np.sum(forces, axis=0))
+    longest = slice(*max(runs(known), key=lambda run: run[1] - run[0], default=(0, 0)))
+    time, rates, forces, speed, scale = (each[..., longest] for each in (time, rates, forces, air[0], air[1]))
+    turned = np.trapezoid(rates, time, axis=1) if time.size >= MINIMUM_SAMPLES else np.zeros(3)
     size = float(np.linalg.norm(turned))
     if size < LEAST_TURNED:
         return None
@@ -149,7 +157,7 @@ def coasting_axis(
     for _ in range(COAST_ROUNDS):
         matrix = Tilt(nose, 0.0).matrix
         omega = matrix @ rates
-        force = matrix @ forces - np.cross(omega.T, np.cross(omega.T, arm)).T
+        force = matrix @ forces - np.cross(omega.T, np.cross(omega.T, air[2])).T
         squares, slope = path_into_force(time - time[0], omega, force, speed, scale)
         axial = -float(force[0] @ scale) / float(scale @ scale)
         times = slope / axial if axial > 0.0 else 0.0

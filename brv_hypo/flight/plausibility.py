@@ -89,19 +89,17 @@ def _fall(time: FloatArray, forces: FloatArray, altitude: FloatArray) -> RecordF
     if powered_flight(time, forces) is not None or np.count_nonzero(known) < limits.MINIMUM_SAMPLES:
         return None
     at, bend = time[known] - time[known][0], FALL_STEEP * forces[0][known] - GRAVITY
-    table = np.stack([np.ones_like(at), at, integral(at, integral(at, bend))], axis=1)
-    made = float(np.std(table[:, 2] - table[:, :2] @ np.linalg.lstsq(table[:, :2], table[:, 2])[0]))
-    if at[-1] < CLIMB_SECONDS or made < FALL_LEAST or np.max(bend) > 0.0:
+    table = np.stack([np.ones_like(at), at, integral(at, integral(at, bend)), altitude[known]], axis=1)
+    made, left = (table[:, 2:] - table[:, :2] @ np.linalg.lstsq(table[:, :2], table[:, 2:])[0]).T
+    power = float(made @ made)
+    if at[-1] < CLIMB_SECONDS or power < at.size * FALL_LEAST**2 or np.max(bend) > 0.0:
         return None
-    inverse = np.linalg.pinv(table.T @ table)
-    answer = inverse @ (table.T @ altitude[known])
-    left = altitude[known] - table @ answer
-    sigma = float(np.sqrt(inverse[2, 2] * (left @ left) / (at.size - 3)))
-    low, high = limits.GAIN_WITHIN
-    if low - limits.CLIMB_SIGMAS * sigma < answer[2] < high + limits.CLIMB_SIGMAS * sigma:
+    factor = float(made @ left) / power
+    sigma = float(np.std(left - factor * made)) * power**-0.5
+    if abs(factor - np.clip(factor, *limits.GAIN_WITHIN)) < max(limits.CLIMB_SIGMAS * sigma, 1e-9):
         return None
     words = (
-        f"the altitude bends by {-np.mean(bend) * answer[2]:.3g} m/s^2 where gravity and drag make "
+        f"the altitude bends by {-np.mean(bend) * factor:.3g} m/s^2 where gravity and drag make "
         f"{-np.mean(bend):.3g} m/s^2: units of altitude or of the accelerometers; correct the map"
     )
     return _fault("altitude, ax", "units", time, words)

@@ -45,10 +45,7 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",)),
     "density": (("density",), ("rho",)),
     "lean": (("lean",), ("tilt",)),
-    "qw": (("qw",), ("q0",)),
-    "qx": (("qx",), ("q1",)),
-    "qy": (("qy",), ("q2",)),
-    "qz": (("qz",), ("q3",)),
+    **{f"q{axis}": ((f"q{axis}",), (f"q{k}",)) for k, axis in enumerate("wxyz")},
     "mach": (("mach",), ("ma",)),
     "reynolds": (("reynolds",), ("re",)),
 }  # fmt: skip

@@ -47,7 +47,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
-from brv_hypo.flight.mounting import SCALE_HEIGHT, Tilt, coasting_axis, nose_axis
+from brv_hypo.flight.mounting import SCALE_HEIGHT, Tilt, nose_axis
 from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
@@ -74,7 +74,6 @@ from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest,
 from brv_hypo.importing.guess_rules import stated_units
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.text import naming, one_line, refusal
-from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
@@ -478,20 +477,14 @@ def _nose(time: FloatArray, channels: Channels, mapping: RecordMap) -> Tilt | No
     """The nose by thrust; without, by a coast of known speed."""
     if not set(INERTIAL_CHANNELS) <= set(channels):
         return None
-    tilt = nose_axis(time, *_triads(channels))
-    air = next((name for name in ("dynamic_pressure", "density", "altitude") if name in channels), None)
-    if tilt is not None or air is None or "velocity" not in channels:
-        return tilt
-    scale = channels[air] if air != "altitude" else np.exp(-channels[air] / SCALE_HEIGHT)
-    scale = scale if air == "dynamic_pressure" else scale * channels["velocity"] ** 2
-    position = mapping.vehicle.get("accelerometer_position")
-    length, value = (position.units, position.value) if isinstance(position, VehicleValue) else ("m", 0.0)
-    arm = np.broadcast_to(to_si(np.asarray(value), length, "length", "vehicle/accelerometer_position"), (3,))
-    known = np.all(np.isfinite([*channels.values()]), axis=0)
-    if np.count_nonzero(known) < MINIMUM_SAMPLES:
-        return None
-    rates, forces = (each[:, known] for each in _triads(channels))
-    return coasting_axis(time[known], rates, forces, channels["velocity"][known], scale[known], arm)
+    name = next((name for name in ("dynamic_pressure", "density", "altitude") if name in channels), None)
+    if name is None or "velocity" not in channels:
+        return nose_axis(time, *_triads(channels))
+    scale = channels[name] if name != "altitude" else np.exp(-channels[name] / SCALE_HEIGHT)
+    scale = scale if name == "dynamic_pressure" else scale * channels["velocity"] ** 2
+    place = mapping.vehicle.get("accelerometer_position", VehicleValue(value=0.0, units="m"))
+    value = to_si(getattr(place, "value", 0.0), place.units, "length", "vehicle/accelerometer_position")
+    return nose_axis(time, *_triads(channels), (channels["velocity"], scale, np.broadcast_to(value, (3,))))
 
 
 def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
@@ -501,11 +494,8 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
 
 def _units(channels: Channels, count: int) -> list[Channels]:
     """The channels of each further unit, taken out of `channels`."""
-    found = []
-    for number in range(2, count + 2):
-        end = f"{OF_UNIT}{number}"
-        found.append({name.removesuffix(end): channels.pop(name) for name in [*channels] if name.endswith(end)})
-    return found
+    ends = [f"{OF_UNIT}{number}" for number in range(2, count + 2)]
+    return [{n.removesuffix(end): channels.pop(n) for n in [*channels] if n.endswith(end)} for end in ends]
 
 
 def _turn(

@@ -33,7 +33,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.mounting import GRAVITY, coasting_axis, fitted_slopes, integral, nose_axis, path_into_force
+from brv_hypo.flight.mounting import GRAVITY, fitted_slopes, integral, nose_axis, path_into_force
 from brv_hypo.flight.plausibility import contradictions, mounting_fault
 from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import gravity_magnitude
@@ -518,12 +518,8 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
         inside[start:stop] = True
     known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
     rates, forces = (np.stack([known[name] for name in triad]) for triad in _TRIADS.values())
-    tilt = nose_axis(flight.time, rates, forces)
-    if tilt is None and flight.segments:
-        part = slice(*max(flight.segments, key=lambda each: each[1] - each[0]))
-        arm = np.array(flight.vehicle.accelerometer_position)
-        air = (flight.velocity[part], flight.dynamic_pressure[part])
-        tilt = coasting_axis(flight.time[part], rates[:, part], forces[:, part], *air, arm)
+    air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
+    tilt = nose_axis(flight.time, rates, forces, air)
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
     turned = mounting_fault(flight.time, tilt, tolerance)
     return (*contradictions(flight.time, known, flight.vehicle), *turned)

@@ -170,7 +170,7 @@ def _cleaned(table: ColumnTable, columns: Mapping[str, Any], zero: np.datetime64
     notes, found, stamps = [*table.notes], dict[str, FloatArray](), [*table.stamps]
     for name, values in columns.items():
         if np.asarray(values).dtype.kind == "M":
-            zero = values[0] if zero is None and len(values) else zero
+            zero = next(iter(values), np.datetime64("NaT")) if zero is None else zero
             values = (values - zero) / np.timedelta64(1, "s")
             stamps.append(name)
             notes.append(f"{one_line(name)} counts from {str(zero)[:19]} UTC")

@@ -20,35 +20,31 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import missing_package
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS
+from brv_hypo.importing.beside import QUATERNION
 from brv_hypo.importing.formats import Layout, TableFormat
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
 
-QUATERNION = ("qw", "qx", "qy", "qz")
 UNITS = {"time": "s", "altitude": "m", "velocity": "m/s", "density": "kg/m^3", "pressure": "Pa"}
 # Of a CATS record by kind (its lowest four bits are the sensor's number): columns, their sizes, and the type.
 RECORDS: Mapping[int, tuple[tuple[str, ...], FloatArray, str]] = {
-    0x10: (("ax", "ay", "az", "p", "q", "r"), np.array([1 / 1024] * 3 + [1 / 14.28] * 3), "<i2"),
+    0x10: ((*ACCELEROMETERS, *GYROS), np.array([1 / 1024] * 3 + [1 / 14.28] * 3), "<i2"),
     0x20: (("pressure", "temperature"), np.array([1.0, 0.01]), "<u4"),
     0x40: (("altitude", "velocity", "acceleration"), np.ones(3), "<f4"),
     0x80: (QUATERNION, np.full(4, 1e-3), "<i2"),
 }
 SIZES = {0x10: 12, 0x20: 8, 0x40: 12, 0x80: 8, 0x100: 8, 0x200: 4, 0x400: 8, 0x800: 4, 0x1000: 9, 0x2000: 2}  # bytes
-OF_CATS = dict.fromkeys(("ax", "ay", "az"), "g") | dict.fromkeys("pqr", "deg/s")
+OF_CATS = UNITS | dict.fromkeys(ACCELEROMETERS, "g") | dict.fromkeys(GYROS, "deg/s")
+OF_PX4 = UNITS | dict.fromkeys(ACCELEROMETERS, "m/s^2") | dict.fromkeys(GYROS, "rad/s")
 TOPICS = {
-    "sensor_combined": dict(
-        zip(
-            (f"{each}[{k}]" for each in ("accelerometer_m_s2", "gyro_rad") for k in range(3)),
-            RECORDS[0x10][0],
-            strict=True,
-        )
-    ),
+    "sensor_combined": {f"gyro_rad[{k}]": name for k, name in enumerate(GYROS)}
+    | {f"accelerometer_m_s2[{k}]": name for k, name in enumerate(ACCELEROMETERS)},
     "vehicle_attitude": {f"q[{k}]": name for k, name in enumerate(QUATERNION)},
     "vehicle_air_data": {"baro_alt_meter": "altitude", "baro_pressure_pa": "pressure", "rho": "density"},
     "airspeed": {"true_airspeed_m_s": "velocity"},
     "airspeed_validated": {"true_airspeed_m_s": "velocity"},
 }
-OF_PX4 = dict.fromkeys(("ax", "ay", "az"), "m/s^2") | dict.fromkeys("pqr", "rad/s")
 
 Section = tuple[int, FloatArray, dict[str, FloatArray]]
 """The number of a sensor, its stamps (n,) s, and its values (n,) by column."""
@@ -92,29 +88,23 @@ def px4_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:
     return _table(sections, names, OF_PX4)
 
 
-def _table(sections: Iterable[Section], names: tuple[str, ...], inertial: Mapping[str, str]) -> ColumnTable:
-    """All sections on the stamps of the first inertial unit; `inertial` has the units of its channels."""
+def _table(sections: Iterable[Section], names: tuple[str, ...], known: Mapping[str, str]) -> ColumnTable:
+    """All sections on the stamps of the first inertial unit; `known` has the units of channels."""
     named: dict[str, tuple[FloatArray, FloatArray]] = {}
-    units: dict[str, str] = {}
+    units = {"time": "s"}
     for number, time, values in sorted(sections, key=lambda each: each[0]):
         for channel, each in values.items():
             name = channel if channel not in named else f"{channel}_{number + 1}"
             named[name] = (time, each)
-            units[name] = {**UNITS, **inertial}.get(channel, "")
+            units |= {name: known[channel]} if channel in known else {}
     if "ax" not in named:
         raise refused("", "no record of an inertial unit", "rates and accelerations", "a damaged log", "copy it again")
     clock = named["ax"][0]
-    columns: dict[str, Any] = {"time": clock}
+    columns: dict[str, Any] = {"time": clock} if "time" in names else {}
     for name in (name for name in names if name in named):
         time, first = np.unique(named[name][0], return_index=True)
         columns[name] = np.interp(clock, time, named[name][1][first], left=np.nan, right=np.nan)
-        if time.size == 0 or named[name][0] is clock:
-            columns[name] = named[name][1]
-    return ColumnTable(
-        {name: columns[name] for name in names if name in columns},
-        ("time", *named),
-        {name: unit for name, unit in (units | {"time": "s"}).items() if unit},
-    )
+    return ColumnTable(columns, ("time", *named), units)
 
 
 def _read_cats(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
