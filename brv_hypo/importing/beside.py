@@ -99,7 +99,7 @@ def together(
     for number, unit in enumerate(units[1:], 2):
         worst = (0.0, "")
         elsewhere = unit is not further[number - 2]  # turned by an estimate, which says nothing of misalignment
-        for key, size, sigma in _differences(time, first, unit):
+        for key, size, sigma in _differences(time, first, unit) if {*GYROS} <= {*first} else ():
             if elsewhere and key.endswith("misalignment"):
                 continue
             allowed = float(np.sqrt(2.0)) * max(getattr(stated, key))
@@ -114,8 +114,9 @@ def together(
                     RecordFault(channels, "tolerance", float(time[0]), float(time[-1]), words, decisive=False)
                 )
         notes += [f"{worst[1]}: the most, in stated errors"] if worst[1] else []
-    mean = {name: np.nanmean([unit[name] for unit in units if name in unit], axis=0) for name in INERTIAL_CHANNELS}
-    return first | {name: np.asarray(each) for name, each in mean.items()}, larger, notes, faults
+    several = {name: [unit[name] for unit in units if name in unit] for name in INERTIAL_CHANNELS if name in first}
+    mean = {name: np.ma.masked_invalid(np.stack(each)).mean(axis=0).filled(np.nan) for name, each in several.items()}
+    return first | mean, larger, notes, faults
 
 
 def _in_axes_of(first: Channels, unit: Channels) -> Channels:

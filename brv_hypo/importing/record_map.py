@@ -395,7 +395,7 @@ def _record(
     tolerances: dict[str, Any] = {}
     sigma, rest = None, None
     attitude = attitude_of(time, channels, float(time[0]) if mapping.pad is None else mapping.pad[1])
-    units = _units(channels, len(mapping.beside))
+    further = [{n: channels.pop(f"{n}{OF_UNIT}{k}") for n in unit} for k, unit in enumerate(mapping.beside, 2)]
     tilt = _nose(time, channels, mapping)
     matrix = np.eye(3)
     if mapping.rotation is not None:
@@ -407,9 +407,9 @@ def _record(
         contradicted += gyro_fault(time, *_triads(channels))
     if attitude is not None:
         contradicted += attitude.faults
-    if units:
+    if further:
         stated = instruments_of(mapping, {}, 0.0, channels, None)
-        channels, larger, unit_notes, differing = together(time, channels, units, stated)
+        channels, larger, unit_notes, differing = together(time, channels, further, stated)
         tolerances |= {key: float(np.hypot(size, tolerances.get(key, 0.0))) for key, size in larger.items()}
         notes += unit_notes
         contradicted += (*differing,)
@@ -492,12 +492,6 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
     return rates, forces
 
 
-def _units(channels: Channels, count: int) -> list[Channels]:
-    """The channels of each further unit, taken out of `channels`."""
-    ends = [f"{OF_UNIT}{number}" for number in range(2, count + 2)]
-    return [{n.removesuffix(end): channels.pop(n) for n in [*channels] if n.endswith(end)} for end in ends]
-
-
 def _turn(
     rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]
 ) -> FloatArray:
@@ -508,11 +502,7 @@ def _turn(
     """
     missing = [name for name in INERTIAL_CHANNELS if name not in channels]
     if missing or (rotation == "auto" and tilt is None):
-        lacks = (
-            f"the map has no channel {missing[0]}"
-            if missing
-            else "the record holds neither thrust nor a spinning coast of known speed, which show x"
-        )
+        lacks = f"the map has no channel {missing[0]}" if missing else "no thrust, nor a spinning coast, shows x"
         raise UsageError(f"rotation: {lacks}. Give a rotation by hand (turns or three rows) over all six channels.")
     matrix = np.array(rotation) if rotation != "auto" or tilt is None else tilt.matrix
     for names, triad in zip((GYROS, ACCELEROMETERS), _triads(channels), strict=True):
@@ -538,11 +528,7 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
     for name in channels:
         channels[name] = _rate(time, channels[name]) if mapping.channels[name].increments else channels[name]
     notes: list[str] = []
-    steps = [
-        held_or_rounded(name, time, values)
-        for name, values in channels.items()
-        if values.shape == time.shape and name in CHANNEL_DIMENSIONS
-    ]
+    steps = [held_or_rounded(name, time, values) for name, values in channels.items() if values.shape == time.shape]
     for name, recorder in mapping.recorders.items():
         columns = raw[name].columns
         clock = _channel(columns[recorder.time.column], recorder.time, "time", f"recorders/{name}/time")
@@ -566,8 +552,7 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
                 values = _channel(columns[entry.column], entry, _dimension(channel, entry), channel)
                 values = _rate(clock, values) if entry.increments else values
                 known = np.isfinite(values) & np.isfinite(clock)
-                if channel in CHANNEL_DIMENSIONS:
-                    steps.append(held_or_rounded(channel, clock[known], values[known]))
+                steps.append(held_or_rounded(channel, clock[known], values[known]))
                 channels[channel] = np.interp(time, clock[known], values[known], left=np.nan, right=np.nan)
     check_time(time)
     for name, values in channels.items():

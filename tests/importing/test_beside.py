@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.plausibility import contradictions
 from brv_hypo.importing import Imported, bring_in
 from brv_hypo.importing.beside import QUATERNION
@@ -117,3 +117,13 @@ def test_units_of_altitudes_show_where_nothing_else_says_the_speed(factor: float
     found = contradictions(read.pop("time"), read | {"altitude": factor * read["altitude"]})
     assert bool(found) == bool(says)
     assert all(says in fault.action for fault in found)
+
+
+def test_a_further_unit_may_have_what_the_first_lacks_or_less(tmp_path: Path) -> None:
+    read = two_units()
+    content = log_map(flown()) | {"beside": [{"ax": SECOND["ax"]}]}
+    for name in "pqr":
+        content["channels"].pop(name)
+    content.pop("pad")
+    with pytest.raises(FlightRecordError, match="no such dataset"):
+        bring_in(write_csv(tmp_path / "a.csv", read), write_map(tmp_path, content))

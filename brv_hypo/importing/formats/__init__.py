@@ -31,7 +31,6 @@ from brv_hypo.io.text import counted, one_line, refusal
 from brv_hypo.io.text import nearest as nearest_names
 
 MOST_NAMED = 40  # columns named where one is missing
-MOST_GUESSED = 1000  # columns read one by one: bounds the time
 HEAD_BYTES = 1 << 14  # by which a format is recognised
 ENTRY_POINTS = "brv_hypo.table_formats"
 # What counters of 16 and 32 bits count, in their own units and as seconds of ms and us; a day and a week in s.
@@ -111,7 +110,7 @@ def read_all(path: Path) -> ColumnTable:
     with suppress(BrvHypoError):
         table = found.read(path, tuple(dict.fromkeys(table.names)), Layout())
         columns = {name: _vector(values, name) for name, values in table.columns.items()}
-    for name in table.names[:MOST_GUESSED] if not columns else ():
+    for name in table.names if not columns else ():
         with suppress(BrvHypoError):  # text: it is no channel
             columns[name] = _vector(found.read(path, (name,), Layout()).columns[name], name)
     return _cleaned(table, columns, None)
