@@ -3,8 +3,8 @@
 load_flight(path)              flight record -> Flight                     brv_hypo.flight
 reconstruct(flight)            wind-relative motion and moments            brv_hypo.model
 compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.ranking
-trace(flight, config)          the residual, traced to its effect          brv_hypo.residuals
-predict(flight, model, refit)  a model of other flights on this one        brv_hypo.residuals
+trace(flight, config)          the residual, traced to its effect          brv_hypo.tracing
+predict(flight, model, refit)  a model of other flights on this one        brv_hypo.prediction
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
 run_study(study, folder)       many simulated flights, each compared       brv_hypo.study
 best_subsets, fit              the kernels, on bare arrays                 brv_hypo.subset, .likelihood
@@ -24,20 +24,20 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from brv_hypo.flight import load_flight as load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstruct
+    from brv_hypo.prediction.predict import predict as predict
     from brv_hypo.ranking.compare import compare as compare
     from brv_hypo.report.write import plot_compare as plot_compare
-    from brv_hypo.residuals import trace as trace
-    from brv_hypo.residuals.predict import predict as predict
     from brv_hypo.simulation import simulate as simulate
     from brv_hypo.study import run_study as run_study
+    from brv_hypo.tracing.trace import trace as trace
 
 _HOME = {
     "load_flight": "brv_hypo.flight",
     "reconstruct": "brv_hypo.model.reconstruction",
     "compare": "brv_hypo.ranking",
     "plot_compare": "brv_hypo.report.write",
-    "trace": "brv_hypo.residuals",
-    "predict": "brv_hypo.residuals",
+    "trace": "brv_hypo.tracing",
+    "predict": "brv_hypo.prediction",
     "simulate": "brv_hypo.simulation",
     "run_study": "brv_hypo.study",
 }

@@ -37,8 +37,8 @@ from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.regression.problem import Problem
-from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
+from brv_hypo.tracing import Trace, TraceConfig, trace
 
 VEHICLE = "research_cone"
 DURATION, SAMPLE_RATE = 4.0, 100.0

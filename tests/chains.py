@@ -11,8 +11,8 @@ from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.judgement import Judged, judged
 from brv_hypo.ranking.preparation import prepare
 from brv_hypo.regression.problem import Problem
-from brv_hypo.residuals import Trace, TraceConfig, trace
 from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
+from brv_hypo.tracing import Trace, TraceConfig, trace
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, flown, nominal
 
 # Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5.

@@ -19,9 +19,9 @@ from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.likelihood import Segment, fit
 from brv_hypo.ranking import CompareConfig, Comparison
 from brv_hypo.report.write import document_of, write_figures, write_report
-from brv_hypo.residuals import Trace
 from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.subset import best_subsets
+from brv_hypo.tracing import Trace
 from tests.chains import compared_nominal, traced_trim, trimmed
 from tests.flights import flown as planted
 

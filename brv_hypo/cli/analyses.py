@@ -16,8 +16,8 @@ from brv_hypo.io.mappings import YAML_ENDINGS, read_json
 from brv_hypo.io.text import one_line
 
 if TYPE_CHECKING:
+    from brv_hypo.model.model import SavedModel
     from brv_hypo.ranking import CompareConfig, Comparison
-    from brv_hypo.residuals.saved import SavedModel
 
 
 COMPARED, TRACED = 12.0, 40.0
@@ -139,11 +139,11 @@ def trace(
     from brv_hypo.flight.format import load_for_analysis
     from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
     from brv_hypo.model.aero_table import read_aero_table
+    from brv_hypo.model.model import model_text
     from brv_hypo.report.trace import trace_document
-    from brv_hypo.residuals import TraceConfig
-    from brv_hypo.residuals import trace as traced
-    from brv_hypo.residuals.saved import model_text
     from brv_hypo.settings import read_settings
+    from brv_hypo.tracing import TraceConfig
+    from brv_hypo.tracing import trace as traced
 
     chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
     if aero is not None:
@@ -174,7 +174,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
-    from brv_hypo.residuals.saved import SavedModel, is_model, read_structure
+    from brv_hypo.model.model import SavedModel, is_model, read_structure
 
     if path.suffix in YAML_ENDINGS:
         return read_structure(path)
@@ -235,10 +235,10 @@ def predict(
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
     from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.prediction import predict as predicted
     from brv_hypo.report.trace import prediction_document
-    from brv_hypo.residuals import TraceConfig
-    from brv_hypo.residuals import predict as predicted
     from brv_hypo.settings import read_settings
+    from brv_hypo.tracing import TraceConfig
 
     settings = read_settings(TraceConfig, config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)

@@ -34,6 +34,7 @@ FINER_EDGES = 9  # times about each of the best two of them: jumps have several 
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which all mechanisms and delays, and the best of them, are tried
 TRIED_FINELY = 3  # of those, at most
+NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket one
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
@@ -52,7 +53,34 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.ordinary) if null.has_large_processes else (null,)
-    return [pair, *acting(problem, like, fit.mechanisms, beside)]
+    return [pair, *_bracketed(problem, pair), *acting(problem, like, fit.mechanisms, beside)]
+
+
+def _bracketed(problem: Problem, pair: Pair) -> list[Pair]:
+    """With two changes of like direction at neighbouring knots of the grid joined to one between them, one such pair
+    after another: with a change between two knots, both are likelier than either.
+    """
+    found: list[Pair] = []
+    apart = NEIGHBOURS * float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
+    while True:
+        fit, own = found[-1] if found else pair
+        values, jumps = own.values[fit.baseline_size :], sorted({c.time_basis for c in fit.selected}, key=middle)
+        sized = [
+            (basis, {(c.term, c.theta): v for c, v in zip(fit.selected, values, strict=False) if c.time_basis == basis})
+            for basis in jumps
+            if basis.kind == "jump"
+        ]
+        for (early, first), (late, second) in pairwise(sized):
+            size, other = (float(np.linalg.norm(list(each.values()))) for each in (first, second))
+            like = first.keys() == second.keys() and sum(first[key] * second[key] for key in first) > 0.0
+            if like and late.start - early.start < apart:
+                between = replace(early, start=(size * early.start + other * late.start) / (size + other))
+                at = {early: between, late: between}
+                columns = [c.at(c.theta, at.get(c.time_basis, c.time_basis)) for c in fit.selected]
+                found.append(moved(problem, fitted(problem, fit, tuple(dict.fromkeys(columns)), own)))
+                break
+        else:
+            return found
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:

@@ -164,6 +164,8 @@ class WhitenedRows:
         if self.correlated:
             present = np.array([self.nuisances.items[k].present for k in self.nuisances.correlated])
             for own, noise in zip(self.of_flights, self.nuisances.noise.flights, strict=True):
+                if not own.own_noise.size:
+                    continue
                 shown = own.decorrelated(own.own_noise @ present[noise.places][:, np.newaxis])[:, 0]
                 for rows, part in zip(own.channels[:2], np.split(shown, 2), strict=True):
                     out[rows] -= part

@@ -8,12 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.io.text import interval, number, p_value, share
+from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
-from brv_hypo.residuals.prediction import LocalChange, Prediction, Region
-from brv_hypo.residuals.result import ProcessHistory, Residual, Step, Trace
+from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
@@ -171,8 +171,8 @@ def _step(step: Step) -> list[Block]:
         for row in step.candidates
     ]
     sentences = list(filter(None, (families_text(step), outcome_text(step))))
-    if step.taken_out:
-        sentences.append(f"removed, as the model no longer needs it: {', '.join(step.taken_out)}")
+    if step.removed:
+        sentences.append(f"removed, as the model no longer needs it: {', '.join(step.removed)}")
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
     words = ("effect", "kind", "confounded with")
     return [
@@ -202,7 +202,7 @@ def outcome_text(step: Step) -> str:
         "" if step.evidence_gain is None else f", {number(step.evidence_gain, 2)} nats more evidence beside processes"
     )
     text = (
-        f"{what}, a {step.standing}, which {share(step.named_in)} of the repetitions name: error in the fit "
+        f"{what}, a {step.status}, which {share(step.named_in)} of the repetitions name: error in the fit "
         f"{number(before.fit)} → {number(after.fit)}, held out {number(before.held_out)} → {number(after.held_out)} "
         f"(ratio {ratio}){gain}"
     )

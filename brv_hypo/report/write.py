@@ -17,14 +17,14 @@ from brv_hypo.errors import UsageError, missing_package
 from brv_hypo.flight import Flight
 from brv_hypo.io.files import check_target, make_folder, write_whole
 from brv_hypo.motion import Reconstruction
+from brv_hypo.prediction.result import Prediction
 from brv_hypo.ranking.result import Comparison
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Chart, Document
 from brv_hypo.report.html import page, provenance
 from brv_hypo.report.reconstruction import reconstruction_document, record_document
 from brv_hypo.report.trace import prediction_document, trace_document
-from brv_hypo.residuals.prediction import Prediction
-from brv_hypo.residuals.result import Trace
+from brv_hypo.tracing.result import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,10 +10,10 @@ import yaml
 from brv_hypo.errors import UsageError
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.residuals import TraceConfig
 from brv_hypo.settings import commented, read_settings, settings_of
 from brv_hypo.simulation import load_config
 from brv_hypo.study import read_study
+from brv_hypo.tracing import TraceConfig
 
 MODELS = {"compare": CompareConfig, "trace": TraceConfig, "reconstruct": ReconstructionConfig}
 

@@ -18,9 +18,9 @@ import brv_hypo
 from brv_hypo import errors
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.ranking import CompareConfig
-from brv_hypo.residuals import TraceConfig
 from brv_hypo.simulation import SimulationConfig
 from brv_hypo.study import StudyConfig
+from brv_hypo.tracing import TraceConfig
 
 NAMES = ("load_flight", "reconstruct", "compare", "simulate")
 SETTINGS = {"compare": CompareConfig, "trace": TraceConfig, "reconstruct": ReconstructionConfig}
@@ -28,7 +28,7 @@ SETTINGS |= {"predict": TraceConfig, "simulate": SimulationConfig, "run_study": 
 EXAMPLES = ("brv_hypo.progress", "brv_hypo.flight.format", "brv_hypo.simulation.simulator", "brv_hypo.ranking.compare")
 EXAMPLES += ("brv_hypo.model.reconstruction", "brv_hypo.results", "brv_hypo.flight.record")
 EXAMPLES += ("brv_hypo.subset.best", "brv_hypo.likelihood.fit")
-SLOW_EXAMPLES = ("brv_hypo.residuals.trace_loop", "brv_hypo.residuals.predict", "brv_hypo.study.run")
+SLOW_EXAMPLES = ("brv_hypo.tracing.trace", "brv_hypo.prediction.predict", "brv_hypo.study.run")
 QUICK = {"mechanisms": ["lag"], "maximum_likelihood": "none", "knot_count": 2, "refine": False}
 
 

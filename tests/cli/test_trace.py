@@ -9,7 +9,7 @@ import pytest
 from brv_hypo.cli.analyses import starting_model
 from brv_hypo.cli.session import Session
 from brv_hypo.errors import UsageError
-from brv_hypo.residuals import TraceConfig
+from brv_hypo.tracing import TraceConfig
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
 
 STEP_KEYS = "step residual candidates added error_before error_after error_ratio_held_out"
@@ -47,7 +47,7 @@ def traced(request, brv_hypo, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "known":
             trimmed().save(folder / "flight.h5")
-            patch.setattr("brv_hypo.residuals.trace", known)
+            patch.setattr("brv_hypo.tracing.trace", known)
         else:
             assert brv_hypo("simulate", folder / "flight.yaml", "-o", folder / "flight.h5").returncode == 0
         done = brv_hypo("trace", folder / "flight.h5", "--config", folder / "config.yaml", *files)

@@ -17,14 +17,12 @@ from rich.console import Console
 
 from brv_hypo.mechanisms import Mechanism, find
 from brv_hypo.mechanisms.conformance import Alias, renamed
+from brv_hypo.model.model import Model, SavedModel, model_text, restored
 from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.ranking.result import RankedHypothesis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.terminal import terminal_view
-from brv_hypo.residuals.linearisation import Model
-from brv_hypo.residuals.restore import restored, saved
-from brv_hypo.residuals.saved import SavedModel, model_text
 from brv_hypo.simulation import load_config, simulate
 from tests.chains import prepared
 from tests.flights import flown, nominal
@@ -69,8 +67,8 @@ def test_it_is_flown_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_it_is_saved_and_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism, flights = late("lag"), (nominal().flight,)
     columns = fit_hypothesis(prepared("bodyfixed", knot_count=3), "lag", (mechanism,)).selected
-    model = saved(Model({"lag": mechanism}, columns))
-    known_as_late(monkeypatch, "brv_hypo.residuals.restore")
+    model = Model(mechanisms={"lag": mechanism}, columns=columns).saved()
+    known_as_late(monkeypatch, "brv_hypo.model.model")
     for text, read in ((model.model_dump_json(), SavedModel.model_validate_json), (model_text(model), _of_yaml)):
         again = restored(read(text), flights)
         assert again.columns == columns

@@ -9,9 +9,9 @@ import pytest
 
 from brv_hypo.motion.signals import differentiate
 from brv_hypo.regression.uncertainty import residual_moments
-from brv_hypo.residuals import TraceConfig
-from brv_hypo.residuals.baseline import start_model
-from brv_hypo.residuals.linearisation import correct
+from brv_hypo.tracing import TraceConfig
+from brv_hypo.tracing.baseline import start_model
+from brv_hypo.tracing.fit import correct
 from tests.flights import nominal
 
 

@@ -14,7 +14,7 @@ from brv_hypo.report.document import Document, Table, Texts
 from brv_hypo.report.tables import ranking_table, term_table
 from brv_hypo.report.terminal import Fitted, terminal_view
 from brv_hypo.report.trace import outcome_text
-from brv_hypo.residuals.result import Errors, Step
+from brv_hypo.tracing.result import Errors, Step
 from tests.chains import compared_nominal
 
 WORDS = ("mechanism", "kind", "term")

@@ -20,7 +20,7 @@ import numpy as np
 from joblib import delayed
 
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlTerm, mechanism_text
-from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.tracing import Trace, TraceConfig, trace
 from tests.studies.independent.dynamics import PAD
 from tests.studies.independent.effects import TIMES, sized
 from tests.studies.independent.flights import Made, make_flight

@@ -14,8 +14,8 @@ import numpy as np
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.mechanisms import RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
-from brv_hypo.residuals import Trace
-from brv_hypo.residuals.config import Baseline
+from brv_hypo.tracing import Trace
+from brv_hypo.tracing.result import Baseline
 from tests.studies.independent.dynamics import PAD
 from tests.studies.independent.flights import Made, draw_flight, make_flight
 from tests.studies.independent.instruments import Errors, inertia_tensor, no_errors

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from joblib import delayed
 
-from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.tracing import Trace, TraceConfig, trace
 from tests.studies.independent.drawn_vehicles import draw_craft
 from tests.studies.independent.effects import EFFECTS, TIMES, baseline_for, deviations, sized, sized_pair
 from tests.studies.independent.flights import Made, draw_flight
@@ -126,7 +126,7 @@ def added_by(found: Trace) -> tuple[Added, ...]:
     return tuple(
         Added(
             step.added,
-            step.standing or "hint",
+            step.status or "hint",
             step.candidates[0].near_equals,
             step.named_in or 0.0,
             step.error_ratio_held_out or 1.0,

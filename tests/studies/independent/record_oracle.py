@@ -14,15 +14,16 @@ import numpy as np
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Mechanism, RecordEffect, Term
 from brv_hypo.model.baseline import StaticBend
+from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.regression.linear import lengths
 from brv_hypo.regression.nuisance import on_frame
 from brv_hypo.regression.problem import Problem, given_column
-from brv_hypo.residuals.baseline import start_model, starting_columns, with_priors, without
-from brv_hypo.residuals.config import Baseline, TraceConfig
-from brv_hypo.residuals.fitted_model import State, converged_state
-from brv_hypo.residuals.linearisation import correct
+from brv_hypo.tracing import TraceConfig
+from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
+from brv_hypo.tracing.fit import Fit, converged, correct
+from brv_hypo.tracing.result import Baseline
 from tests.studies.independent.flights import Made
 
 _PLANTED = "what was planted"
@@ -30,18 +31,17 @@ _PLANTED = "what was planted"
 
 def baseline_state(
     flight: Flight, known: Sequence[Mechanism] = (), baseline: Baseline = "scheduled", bent: bool = True
-) -> State:
+) -> Fit:
     """The loop's first model on the record, all terms of `known` mechanisms beside it; `bent`: with its bend."""
     config = TraceConfig(baseline=baseline)
     model = start_model((flight,), (), baseline)
     first = correct((flight,), model, config)
-    model = with_priors(replace(model, columns=starting_columns(model, first.frame)), first)
+    model = with_priors(model.but(columns=starting_columns(model, first.frame)), first)
     if not bent:
-        model = without(model, [StaticBend.name])
+        model = model.without([StaticBend.name])
     motion, always = first.reconstructions[0].motion, TimeBasis("constant")
     own = tuple(Regressor(each.name, term.name, (), always, "1") for each in known for term in each.terms(motion, {}))
-    mechanisms = {**model.mechanisms, **{each.name: each for each in known}}
-    return converged_state((flight,), replace(model, mechanisms=mechanisms, columns=(*model.columns, *own)), config)
+    return converged((flight,), model.having(*known) + Model(columns=own), config)
 
 
 def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool = True) -> tuple[float, ...]:
@@ -51,14 +51,14 @@ def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool 
     return tuple(_beyond(design, design.shape[1] - count + k) for k in range(count))
 
 
-def f_ratio_of_error(state: State, effect: RecordEffect, component: str, size: float) -> float:
+def f_ratio_of_error(state: Fit, effect: RecordEffect, component: str, size: float) -> float:
     """F of an error of an instrument, or of a wind, of this size (SI)."""
     history = on_frame(state.problem.frame, 0, state.linear[0].effect(effect, component, size))
     problem = replace(state.problem, given={_PLANTED: history})
     return size**2 * _beside_baseline(problem, problem.design(problem.frame, [given_column(_PLANTED)])[:, 0])
 
 
-def f_ratio_of_moment(state: State, mechanism: Mechanism, values: Sequence[float]) -> float:
+def f_ratio_of_moment(state: Fit, mechanism: Mechanism, values: Sequence[float]) -> float:
     """F of a mechanism's terms at these values, throughout."""
     problem, always = state.problem, TimeBasis("constant")
     names = [term.name for term in mechanism.terms(state.data.reconstructions[0].motion, {})]

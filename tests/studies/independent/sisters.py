@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import delayed
 
-from brv_hypo.residuals import TraceConfig, predict, trace
-from brv_hypo.residuals.prediction import LocalChange
+from brv_hypo.prediction import predict
+from brv_hypo.prediction.result import LocalChange
+from brv_hypo.tracing import TraceConfig, trace
 from tests.studies.independent.dynamics import PAD
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.mechanisms import Planted

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import delayed
 
-from brv_hypo.residuals import Trace, TraceConfig, trace
+from brv_hypo.tracing import Trace, TraceConfig, trace
 from tests.studies.independent.dynamics import PAD
 from tests.studies.independent.effects import sized
 from tests.studies.independent.flights import Made, make_flight

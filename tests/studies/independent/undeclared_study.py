@@ -18,8 +18,8 @@ from time import process_time
 import numpy as np
 from joblib import delayed
 
-from brv_hypo.residuals import TraceConfig, trace
-from brv_hypo.residuals.candidates_at_step import GENERIC
+from brv_hypo.tracing import TraceConfig, trace
+from brv_hypo.tracing.additions import GENERIC
 from tests.studies.independent import grammar
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfect_study import count

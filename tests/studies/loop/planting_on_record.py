@@ -22,8 +22,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.motion import Motion
-from brv_hypo.residuals.fitted_model import State
-from brv_hypo.residuals.problem import increments
+from brv_hypo.tracing.fit import Fit
 
 # Steps of the integration for each sample.
 _STEPS = 2
@@ -34,7 +33,7 @@ _LEAST_ANGLE = 1e-9  # rad; the meridian has no rate at none
 
 
 def with_moment(
-    flight: Flight, state: State, mechanism: Mechanism, values: Sequence[float], onset: float | None = None
+    flight: Flight, state: Fit, mechanism: Mechanism, values: Sequence[float], onset: float | None = None
 ) -> Flight:
     """The record with a mechanism's terms times `values` planted, about the motion that `state` has of it.
 
@@ -57,7 +56,7 @@ def with_moment(
     )
 
 
-def _normal_force(flight: Flight, state: State) -> FloatArray:
+def _normal_force(flight: Flight, state: Fit) -> FloatArray:
     """The transverse specific force (n,) per unit of chi, m/s^2."""
     slope = state.data.reconstructions[0].normal_force_ratio
     known = np.where(np.isfinite(slope), slope, 0.0)
@@ -112,7 +111,7 @@ class _Course:
         )
 
 
-def _course(flight: Flight, state: State, lift: FloatArray) -> _Course:
+def _course(flight: Flight, state: Fit, lift: FloatArray) -> _Course:
     motion = state.data.reconstructions[0].motion
     count = (flight.samples - 1) * 2 * _STEPS + 1
     time = np.interp(np.arange(count) / (2 * _STEPS), np.arange(flight.samples), flight.time)
@@ -140,11 +139,10 @@ def _course(flight: Flight, state: State, lift: FloatArray) -> _Course:
 _HISTORIES = ("p", "velocity", "dynamic_pressure", "mach", "reynolds")
 
 
-def _own_moments(state: State, motion: Motion) -> tuple[list[FloatArray], FloatArray]:
+def _own_moments(state: Fit, motion: Motion) -> tuple[list[FloatArray], FloatArray]:
     """Of the model: the static moment's parts without alpha, with alpha and with its cube, and damping (n,) each."""
-    _, others = state.problem.solution(state.data.frame, state.model.columns)
     columns: dict[Regressor, float] = dict(zip(state.model.columns, state.values, strict=True))
-    columns |= increments(state.problem, others)
+    columns |= state.increments
     static, damping = [np.zeros(motion.time.size) for _ in range(3)], np.zeros(motion.time.size)
     alpha = np.maximum(motion.alpha, _LEAST_ANGLE)
     for column, value in columns.items():

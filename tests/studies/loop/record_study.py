@@ -24,18 +24,14 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.model.baseline import StaticBend
+from brv_hypo.model.model import Model, SavedModel, read_structure, restored
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.regression.problem import Problem, given_column
-from brv_hypo.residuals.baseline import is_bend
-from brv_hypo.residuals.candidates_at_step import Analysis, analyse_step
-from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.fitted_model import State, converged_state
-from brv_hypo.residuals.problem import with_efficiency
-from brv_hypo.residuals.restore import restored
-from brv_hypo.residuals.result import Trace
-from brv_hypo.residuals.saved import SavedModel, read_structure
-from brv_hypo.residuals.trace_loop import trace
+from brv_hypo.tracing import Trace, TraceConfig, trace
+from brv_hypo.tracing.additions import Analysis, analyse_step
+from brv_hypo.tracing.baseline import is_bend
+from brv_hypo.tracing.fit import Fit, converged, with_efficiency
 from tests.studies.loop.planting import DETECTED, free_length, free_part
 from tests.studies.loop.planting_on_record import with_moment
 
@@ -46,7 +42,7 @@ class Ground:
 
     flight: Flight
     model: SavedModel
-    state: State
+    state: Fit
     here: Analysis
 
 
@@ -62,10 +58,8 @@ def standing_on(flight: Flight, found: SavedModel) -> Ground:
     """The record with a model that was found on it."""
     settings = TraceConfig(maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
-        state = converged_state((flight,), restored(found, (flight,)), settings)
-        here = analyse_step(
-            state.data, state.model, state.linear, (), (), settings.model_copy(update={"discover": False})
-        )
+        state = converged((flight,), restored(found, (flight,)), settings)
+        here = analyse_step(state, (), ())
     return Ground(flight, found, state, here)
 
 
@@ -117,9 +111,9 @@ def limits_there(
     names = [term.name for term in item.terms(base.state.data.reconstructions[0].motion, {})]
     own = tuple(Regressor(item.name, name, (), _course(onset), "1") for name in names)
     settings = TraceConfig(maximum_likelihood=False)
-    both = replace(model, mechanisms={**model.mechanisms, item.name: item}, columns=(*model.columns, *own))
+    both = model + Model(mechanisms={item.name: item}, columns=own)
     with threadpool_limits(limits=1, user_api="blas"):
-        problem = converged_state((flight,), both, settings).problem
+        problem = converged((flight,), both, settings).problem
         problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
         others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
         moment = problem.design(problem.frame, last) @ values
@@ -131,13 +125,12 @@ def limits_there(
 
 def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.random.Generator) -> tuple[Flight, str]:
     """The record with an error of one component of an instrument, of those that have errors so large."""
-    settings = TraceConfig(discover=False, maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
-        here = analyse_step(base.state.data, base.state.model, base.state.linear, (), (effect,), settings)
-    problem = with_efficiency(here.problem, here.null)
+        here = analyse_step(base.state, (), (effect,))
+    problem = with_efficiency(here.fit.problem, here.fit.null)
     limits = {
-        component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
-        for name, (_, component) in here.components.items()
+        each.component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
+        for name, each in here.histories.items()
     }
     possible = [c for c, limit in limits.items() if times * limit <= RECORD_EFFECT_LARGEST * c.size]
     if not possible:
@@ -159,7 +152,7 @@ def _limit(here: Analysis, effect: str, names: Sequence[str], direction: FloatAr
     A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective
     samples.
     """
-    problem = with_efficiency(here.problem, here.null)
+    problem = with_efficiency(here.fit.problem, here.fit.null)
     frame = problem.frame.with_mechanisms([find(effect)])
     columns = [Regressor(effect, name, (), _course(onset), "1") for name in names]
     return _limit_of(problem, problem.design(frame, columns) @ direction)
@@ -183,7 +176,7 @@ def found_in(base: Ground, flight: Flight) -> Trace:
 def line(effect: str, size: str, result: Trace) -> str:
     """One planted effect in words."""
     told = [
-        f"{step.standing} {step.added} ({step.description}): held out {step.error_before.held_out:.3g} to "
+        f"{step.status} {step.added} ({step.description}): held out {step.error_before.held_out:.3g} to "
         f"{step.error_after.held_out:.3g}"
         + (f", confounded with {', '.join(near)}" if (near := step.candidates[0].near_equals) else "")
         for step in result.steps

@@ -8,9 +8,9 @@ import pytest
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import Flight
 from brv_hypo.mechanisms import Mechanism, find
-from brv_hypo.residuals import TraceConfig, trace
-from brv_hypo.residuals.fitted_model import State, converged_state
-from brv_hypo.residuals.restore import restored
+from brv_hypo.model.model import restored
+from brv_hypo.tracing import TraceConfig, trace
+from brv_hypo.tracing.fit import Fit, converged
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
 from tests.studies.loop import record_study
@@ -27,14 +27,14 @@ def base() -> Ground:
 
 
 @pytest.fixture(scope="module")
-def state() -> State:
+def state() -> Fit:
     """What the flight's least-squares problem is linearised about."""
     flights = (trimmed().flight,)
-    return converged_state(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
+    return converged(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
 
 
 @pytest.mark.thorough
-def test_nothing_planted_changes_nothing(state: State) -> None:
+def test_nothing_planted_changes_nothing(state: Fit) -> None:
     flight = trimmed().flight
     again = with_moment(flight, state, find("magnus"), [0.0])
     for name in ("q", "r", "ay", "az"):
@@ -52,7 +52,7 @@ def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
 
 
 @pytest.mark.thorough
-def test_little_is_planted_in_proportion(state: State) -> None:
+def test_little_is_planted_in_proportion(state: Fit) -> None:
     """Much of it acts on the motion that it changed."""
     flight = trimmed().flight
 
@@ -65,7 +65,7 @@ def test_little_is_planted_in_proportion(state: State) -> None:
 
 
 @pytest.mark.thorough
-def test_nothing_is_planted_before_its_onset(state: State) -> None:
+def test_nothing_is_planted_before_its_onset(state: Fit) -> None:
     flight = trimmed().flight
     onset = float(flight.time[flight.samples // 2])
     changed = with_moment(flight, state, find("magnus"), [MAGNUS], onset)
@@ -75,7 +75,7 @@ def test_nothing_is_planted_before_its_onset(state: State) -> None:
 
 
 @pytest.mark.thorough
-def test_what_turns_the_vehicle_too_far_is_refused(state: State) -> None:
+def test_what_turns_the_vehicle_too_far_is_refused(state: Fit) -> None:
     with pytest.raises(UnanswerableError, match="would turn the vehicle to"):
         with_moment(trimmed().flight, state, find("trim"), [1.0, 0.0])
 
@@ -110,7 +110,7 @@ def test_a_moment_that_the_vehicle_cannot_bear_is_planted_with_the_other_sign(
 ) -> None:
     tried: list[list[float]] = []
 
-    def bears_the_second(flight: Flight, state: State, item: Mechanism, values: list[float], onset: float) -> Flight:
+    def bears_the_second(flight: Flight, state: Fit, item: Mechanism, values: list[float], onset: float) -> Flight:
         tried.append(values)
         if len(tried) == 1:
             raise UnanswerableError("too far")

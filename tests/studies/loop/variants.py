@@ -14,9 +14,8 @@ from pathlib import Path
 
 from brv_hypo.flight.format import load_for_analysis
 from brv_hypo.flight.record import Flight
-from brv_hypo.residuals.config import TraceConfig
-from brv_hypo.residuals.result import Step, Trace
-from brv_hypo.residuals.trace_loop import trace
+from brv_hypo.tracing import Trace, TraceConfig, trace
+from brv_hypo.tracing.result import Step
 
 # Share of the record that a later start and an earlier stop leave out, and by which a finding's time may move.
 _PART = 1.0 / 16.0
@@ -98,7 +97,7 @@ def line(label: str, result: Trace) -> str:
 def _told(step: Step) -> str:
     after = step.error_after.held_out if step.error_after is not None else float("nan")
     return (
-        f"{step.standing} {step.added} ({step.description}) {step.error_before.held_out:.3g} to {after:.3g}, ratio "
+        f"{step.status} {step.added} ({step.description}) {step.error_before.held_out:.3g} to {after:.3g}, ratio "
         f"{step.error_ratio_held_out:.3g} ± {step.error_ratio_std_error:.2g}, named in {step.named_in:.0%}"
     )
 

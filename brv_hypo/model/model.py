@@ -1,0 +1,413 @@
+"""A model of the moments and of the records' errors, as a value that adds with +, and as its file.
+
+`Model` holds mechanisms with their regressors, and components of record effects with the values that were taken out.
+`SavedModel` is its file: what is declared, found and described, with values, errors and covariance, in YAML that a
+person can read and edit (`trace --write-model`), or in the JSON of a trace, which holds the same. `Model.saved` and
+`restored` lead from one to the other; `read_model` reads the file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidationError, field_validator, model_validator
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.errors import UsageError
+from brv_hypo.flight.record import Flight
+from brv_hypo.io.mappings import YAML_ENDINGS, read_json, read_yaml
+from brv_hypo.io.text import one_line
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, TimeVariation, current_name
+from brv_hypo.mechanisms.registry import find, find_installed, nuisance_mechanisms
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism, mechanism_of
+from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
+from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
+from brv_hypo.model.term import Regressor, TimeBasis, delays_among
+
+TOLERATED = (TableIncrements.name, SlopeSchedule.name, StaticBend.name)
+"""What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit."""
+_EXPECTED = "a model: what `trace --write-model` or `trace --json` wrote"
+
+
+class Applied(BaseModel):
+    """A component of a record effect that the model holds, with the value that was taken out of one flight's record."""
+
+    model_config = ConfigDict(frozen=True)
+
+    effect: InstanceOf[RecordEffect]
+    component: str
+    units: str
+    size: float
+    value: float
+    flight: int = 0
+
+
+class Model(BaseModel):
+    """What explains the flights: regressors of these mechanisms, components of record effects; `added`: in what order.
+
+    `model + more` has the mechanisms, regressors and effects of both.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    mechanisms: dict[str, InstanceOf[Mechanism]] = {}
+    columns: tuple[InstanceOf[Regressor], ...] = ()
+    applied: tuple[Applied, ...] = ()
+    added: tuple[str, ...] = ()
+
+    def __add__(self, more: Model) -> Model:
+        """Both."""
+        return Model(
+            mechanisms={**self.mechanisms, **more.mechanisms},
+            columns=(*self.columns, *more.columns),
+            applied=(*self.applied, *more.applied),
+            added=(*self.added, *more.added),
+        )
+
+    def but(self, **changes: Any) -> Model:
+        """The same with other fields."""
+        return self.model_copy(update=changes)
+
+    def having(self, *mechanisms: Mechanism) -> Model:
+        """The same with further mechanisms, of which it has no regressors yet."""
+        return self + Model(mechanisms={each.name: each for each in mechanisms})
+
+    def without(self, names: Sequence[str]) -> Model:
+        """The model without the moments of these effects."""
+        return self.but(
+            mechanisms={name: mechanism for name, mechanism in self.mechanisms.items() if name not in names},
+            columns=tuple(column for column in self.columns if column.mechanism not in names),
+            added=tuple(name for name in self.added if name not in names),
+        )
+
+    @property
+    def lasting(self) -> BoolArray:
+        """Which columns do not belong to the times of one record, and mean the same on another (columns,)."""
+        return np.array([not _follows_time(c, self.mechanisms[c.mechanism]) for c in self.columns], dtype=bool)
+
+    def tolerated(self, flight: Flight) -> tuple[Mechanism, ...]:
+        """Mechanisms whose coefficients have a prior on this flight: its vehicle's errors, and those of the baseline.
+
+        What the model has as columns, for all flights, is free or known from elsewhere, and has none.
+        """
+        free = {column.mechanism for column in self.columns if column.flight is None}
+        own = (self.mechanisms[name] for name in TOLERATED if name in self.mechanisms)
+        return tuple(mechanism for mechanism in (*nuisance_mechanisms(flight), *own) if mechanism.name not in free)
+
+    def saved(self) -> SavedModel:
+        """The model as data, without coefficients."""
+        static, table, schedule, bend = (
+            self.mechanisms.get(each.name) for each in (StaticMoment, TableSlope, SlopeSchedule, StaticBend)
+        )
+        return SavedModel(
+            columns=tuple(SavedColumn.of(column) for column in self.columns),
+            static=static if isinstance(static, StaticMoment) and static.by == "mach" else None,
+            table=table.table if isinstance(table, TableSlope) else None,
+            schedule=schedule if isinstance(schedule, SlopeSchedule) else None,
+            bend=bend if isinstance(bend, StaticBend) else None,
+            record=tuple(
+                SavedRecordError(
+                    effect=a.effect.name,
+                    component=a.component,
+                    value=a.value,
+                    options=a.effect.model_dump(),
+                    flight=a.flight,
+                )
+                for a in self.applied
+            ),
+            files=tuple(
+                MechanismFile(name=m.name, title=m.title, claims=m.claims, source=m.source, terms=m.definition)
+                for m in self.mechanisms.values()
+                if isinstance(m, YamlMechanism)
+            ),
+        )
+
+
+def _follows_time(column: Regressor, mechanism: Mechanism) -> bool:
+    terms = mechanism.definition if isinstance(mechanism, YamlMechanism) else ()
+    return column.time_basis.kind != "constant" or any(t.name == column.term and t.follows_time for t in terms)
+
+
+# ---- Its file ----
+
+
+class _Saved(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+
+class SavedColumn(_Saved):
+    """A column of the moment model; `start`, `stop` s, None where its course has no such end.
+
+    `value` is its coefficient in `units`, `std_error` its 1-sigma error; None where the model is a structure alone.
+    `elsewhere` is the coefficient on other flights, where what belongs to the times and the instruments of the model's
+    own is left out; None where it is `value`. `flight`: the one of several flights that it belongs to, counted from 0;
+    None for all.
+    """
+
+    mechanism: str
+    term: str
+    units: str
+    theta: dict[str, float] = {}
+    kind: TimeVariation = "constant"
+    start: float | None = None
+    stop: float | None = None
+    grouped: bool = Field(default=False, alias="tied")
+    part_of: str | None = None
+    value: float | None = None
+    std_error: float | None = None
+    elsewhere: float | None = None
+    flight: int | None = None
+
+    @field_validator("term")
+    @classmethod
+    def _earlier_name(cls, term: str) -> str:
+        return current_name(term)
+
+    @classmethod
+    def of(cls, column: Regressor) -> SavedColumn:
+        """The column as data."""
+        basis = column.time_basis
+        return cls(
+            mechanism=column.mechanism,
+            term=column.term,
+            units=column.units,
+            theta=dict(column.theta),
+            kind=basis.kind,
+            start=basis.start if math.isfinite(basis.start) else None,
+            stop=basis.stop if math.isfinite(basis.stop) else None,
+            tied=column.grouped,
+            part_of=column.part_of,
+            flight=column.flight,
+        )
+
+    def regressor(self, mechanism: Mechanism) -> Regressor:
+        """The column that the data hold."""
+        start = -math.inf if self.start is None else self.start
+        stop = math.inf if self.stop is None else self.stop
+        return Regressor(
+            self.mechanism,
+            self.term,
+            tuple(self.theta.items()),
+            TimeBasis(self.kind, start, stop),
+            self.units,
+            self.grouped,
+            delays_among(mechanism.parameters()),
+            self.flight,
+            self.part_of,
+        )
+
+
+class ModelError(_Saved):
+    """What the model leaves beyond the noise on stretches held out of its fit, 1-sigma of either moment coefficient.
+
+    By Mach number, which increases; without one, one value for all. `own`: the whole model; `elsewhere`: without what
+    belongs to the times and the instruments of its own flights.
+    """
+
+    mach: tuple[float, ...] = ()
+    own: tuple[float, ...]
+    elsewhere: tuple[float, ...]
+
+    @model_validator(mode="after")
+    def _sizes_fit(self) -> ModelError:
+        wanted = max(len(self.mach), 1)
+        if (len(self.own), len(self.elsewhere)) != (wanted, wanted):
+            raise ValueError(
+                f"the model's error has {len(self.own)} and {len(self.elsewhere)} values for {len(self.mach)} Mach "
+                f"numbers, expected {wanted}: change all together, or drop it"
+            )
+        if any(b <= a for a, b in pairwise(self.mach)):
+            raise ValueError("the Mach numbers of the model's error must increase")
+        return self
+
+    def at(self, mach: FloatArray, *, elsewhere: bool) -> FloatArray:
+        """Its 1-sigma (n,) at the Mach numbers of a flight (n,); where these are unknown, the rms of all."""
+        values = np.array(self.elsewhere if elsewhere else self.own)
+        whole = float(np.sqrt(np.mean(values**2)))
+        if not self.mach:
+            return np.full(mach.shape, whole)
+        known = np.isfinite(mach)
+        found = np.sqrt(np.interp(np.where(known, mach, self.mach[0]), self.mach, values**2))
+        return np.where(known, found, whole)
+
+
+class SavedRecordError(_Saved):
+    """A component of a record effect with its value (SI) on one flight; `options` are the effect's own, as its time."""
+
+    effect: str
+    component: str
+    value: float
+    options: dict[str, Any] = {}
+    flight: int = 0
+
+    def applied(self, flight: Flight) -> Applied:
+        """The component as it is taken out of a flight's record; UsageError where nothing installed has it."""
+        item = find_installed(self.effect)
+        if not isinstance(item, RecordEffect):
+            raise UsageError(
+                f"the model takes '{self.effect}' out of the record, but that is a mechanism. Trace the flight anew."
+            )
+        try:
+            effect = type(item).model_validate({**item.model_dump(), **self.options})
+        except ValidationError as wrong:
+            raise UsageError(f"the model sets options that '{self.effect}' refuses: {wrong}") from None
+        found = {each.name: each for each in effect.components(flight)}
+        if self.component not in found:
+            raise UsageError(
+                f"the model holds '{self.component}' of '{self.effect}', which has {', '.join(found)}. "
+                "Trace the flight anew."
+            )
+        name, units, size = found[self.component]
+        return Applied(effect=effect, component=name, units=units, size=size, value=self.value, flight=self.flight)
+
+
+class SavedModel(_Saved):
+    """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
+
+    `covariance` is that of the columns' coefficients, in their order; empty where they have none.
+    `covariance_elsewhere` is that of the coefficients on other flights, 0 for what is left out there; empty where it is
+    the same. `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
+    aerodynamic table in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
+    of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops; `error`
+    is what it left there; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the
+    model is known to nobody.
+    """
+
+    format: Literal["brv-model"] = "brv-model"
+    format_version: Literal[1] = 1
+    columns: tuple[SavedColumn, ...]
+    record: tuple[SavedRecordError, ...] = ()
+    files: tuple[MechanismFile, ...] = ()
+    static: StaticMoment | None = None
+    table: AeroTable | None = None
+    schedule: SlopeSchedule | None = None
+    bend: StaticBend | None = None
+    covariance: tuple[tuple[float, ...], ...] = ()
+    covariance_elsewhere: tuple[tuple[float, ...], ...] = ()
+    error: ModelError | None = None
+    found_on: tuple[str, ...] = ()
+    times: tuple[tuple[float, float], ...] = ()
+    flown: dict[str, tuple[float, float]] = {}
+
+    @model_validator(mode="after")
+    def _covariance_fits(self) -> SavedModel:
+        for name in ("covariance", "covariance_elsewhere"):
+            matrix = getattr(self, name)
+            if matrix and {len(matrix), *(len(row) for row in matrix)} != {len(self.columns)}:
+                raise ValueError(
+                    f"{name} has {len(matrix)} rows for {len(self.columns)} columns: change both together, or drop it, "
+                    "so that the columns' own std_error count"
+                )
+        return self
+
+    def with_coefficients(
+        self, values: FloatArray, covariance: FloatArray, elsewhere: FloatArray, covariance_elsewhere: FloatArray
+    ) -> SavedModel:
+        """With coefficients (columns,), on other flights `elsewhere` (NaN for what belongs to its own), and both
+        covariances.
+        """
+        errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+        moved = np.isfinite(elsewhere) & (elsewhere != values)
+        there = [value if own else None for value, own in zip(elsewhere.tolist(), moved.tolist(), strict=True)]
+        known = zip(self.columns, values.tolist(), errors, there, strict=True)
+        same = np.array_equal(covariance, covariance_elsewhere)
+        return self.model_copy(
+            update={
+                "columns": tuple(
+                    column.model_copy(update={"value": value, "std_error": error, "elsewhere": other})
+                    for column, value, error, other in known
+                ),
+                "covariance": tuple(map(tuple, covariance.tolist())),
+                "covariance_elsewhere": () if same else tuple(map(tuple, covariance_elsewhere.tolist())),
+            }
+        )
+
+    def of_as_many(self, flights: int) -> SavedModel:
+        """The model without what belongs to single flights, unless it was found on as many."""
+        if max(len(self.found_on), 1) == flights:
+            return self
+        kept = [k for k, column in enumerate(self.columns) if column.flight is None]
+        chosen = {
+            name: tuple(tuple(matrix[j][k] for k in kept) for j in kept) if (matrix := getattr(self, name)) else ()
+            for name in ("covariance", "covariance_elsewhere")
+        }
+        record = () if len(self.found_on) > 1 or flights > 1 else self.record
+        return self.model_copy(update={"columns": tuple(self.columns[k] for k in kept), "record": record, **chosen})
+
+
+def constant_moment(flights: Sequence[Flight]) -> StaticMoment:
+    """The static moment of constant coefficients."""
+    start, stop = min(float(flight.time[0]) for flight in flights), max(float(flight.time[-1]) for flight in flights)
+    return StaticMoment(start=start, stop=stop, offset_degree=0, slope_degree=0)
+
+
+def restored(content: SavedModel, flights: Sequence[Flight], *, frozen: bool = False) -> Model:
+    """The model that the data hold, for these flights.
+
+    What belongs to one of several flights stays with it where as many are given, and is left out elsewhere. Increments
+    to a table, a schedule's terms and the static moment's bend are columns where the model is `frozen`; else they are
+    estimated anew, within their priors.
+    Raises UsageError where a mechanism or an effect is not installed, or has no such term, component or option.
+    """
+    content = content.of_as_many(len(flights))
+    files = {file.name: mechanism_of(file) for file in content.files}
+    table = () if content.table is None else (TableSlope(table=content.table), TableIncrements(table=content.table))
+    own = (content.static or constant_moment(flights), PitchDamping(), *table, content.schedule, content.bend)
+    known: dict[str, Mechanism] = {mechanism.name: mechanism for mechanism in own if mechanism is not None}
+    names = dict.fromkeys(c.mechanism for c in content.columns if c.mechanism not in known)
+    known |= {name: files[name] if name in files else find(name) for name in names}
+    applied = tuple(error.applied(flights[error.flight]) for error in content.record)
+    return Model(
+        mechanisms={mechanism.name: mechanism for mechanism in known.values()},
+        columns=tuple(
+            column.regressor(known[column.mechanism])
+            for column in content.columns
+            if frozen or column.mechanism not in TOLERATED
+        ),
+        applied=applied,
+        added=(*names, *dict.fromkeys(a.effect.name for a in applied)),
+    )
+
+
+def read_model(path: Path) -> SavedModel:
+    """The model in a file, with its coefficients.
+
+    Raises UsageError where the file holds none, or one without coefficients.
+    """
+    model = read_structure(path)
+    if not model.columns or any(column.value is None for column in model.columns):
+        raise UsageError(
+            f"the model in {path} holds no coefficients, which a prediction needs. Trace its flight anew with "
+            "--write-model or --json, or give every column its value."
+        )
+    return model
+
+
+def read_structure(path: Path) -> SavedModel:
+    """The model in a file, with coefficients or without. Raises UsageError where the file holds none."""
+    content = read_yaml(path, _EXPECTED) if path.suffix in YAML_ENDINGS else read_json(path, _EXPECTED)
+    try:
+        return SavedModel.model_validate(content if is_model(content) else content["model"]["definition"])
+    except ValidationError as error:
+        said = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'model'}: {e['msg']}" for e in error.errors()[:4])
+        raise UsageError(f"{path} is not {_EXPECTED}: {one_line(said)}.") from None
+    except (KeyError, TypeError) as error:
+        raise UsageError(f"{path} holds no model ({type(error).__name__}: {error}); expected {_EXPECTED}.") from None
+
+
+def is_model(content: dict[str, Any]) -> bool:
+    """Whether a file's content is a model itself."""
+    return content.get("format") == "brv-model"
+
+
+def model_text(model: SavedModel) -> str:
+    """The model as YAML; what is at its default is left out."""
+    data = model.model_dump(mode="json", exclude_defaults=True, by_alias=True)
+    header = {"format": model.format, "format_version": model.format_version}
+    return yaml.safe_dump({**header, **data}, sort_keys=False, width=110, default_flow_style=None)

@@ -1,0 +1,343 @@
+"""`predict`: what a model that was found on other flights, its coefficients frozen, says of this one."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.constants import HELD_OUT_SHORTEST, PREDICTED_BLOCKS, PREDICTED_LINEARISATIONS, TRACED_SMALLEST
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight import FlightSource, one_flight
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism, current_name
+from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms, record_processes
+from brv_hypo.model.model import Model, SavedModel, read_model, restored
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.motion import try_record
+from brv_hypo.prediction.changes import evidence_here, find_difference, find_local_change, fixed_within
+from brv_hypo.prediction.interval import band_of, noise_of, predictive_sigma
+from brv_hypo.prediction.result import ErrorsOfPrediction, ModelSource, Prediction, Region, reason
+from brv_hypo.progress import Progress, report_to
+from brv_hypo.ranking.summary import flight_summary, record_summary
+from brv_hypo.regression.noise import first_noise
+from brv_hypo.regression.nuisance import Errors
+from brv_hypo.regression.uncertainty import ResidualMoments
+from brv_hypo.settings import settings_of, takes_settings
+from brv_hypo.thresholds import REFUSED
+from brv_hypo.tracing.final_model import Coefficients
+from brv_hypo.tracing.fit import (
+    Constrained,
+    Corrected,
+    Fit,
+    constrained,
+    correct,
+    fitted_about,
+    next_corrections,
+    noise_floor,
+)
+from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
+
+# Stretches of the record whose errors are reported apart.
+_REGIONS = 8
+# What every fit finds anew: how the flight began, and the normal force that shows it.
+_OF_THE_MOTION = ("motion", "force")
+# What `refit` calls all errors of record and vehicle that the tolerances allow.
+INSTRUMENTS = "instruments"
+
+
+@takes_settings(
+    TraceConfig,
+    model="Trace, SavedModel, str or Path\n    What `trace` returned, the model of it, or a file that holds either.",
+    refit="sequence of str\n    What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of "
+    "the record;\n    `instruments` stands for all of these, within their tolerances.",
+)
+def predict(
+    flight: FlightSource,
+    model: Trace | SavedModel | str | Path,
+    refit: Sequence[str] = (),
+    config: TraceConfig | Mapping[str, Any] | str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    **settings: Unpack[TraceSettings],
+) -> Prediction:
+    """Errors of the moments that a frozen model predicts for a flight.
+
+    Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
+    (its file, at its times); so is what belongs to its times, unless `refit` names it.
+    What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
+    predicted as it is; `record` of the result says so.
+
+    Returns
+    -------
+    Prediction
+        Errors (mean squares of the moment coefficients), by region too, and the prediction interval.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> flown, sister = (brv_hypo.simulate("research_cone", seed=seed, sample_rate=50.0) for seed in (1, 2))
+    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False, maximum_likelihood=False)
+    >>> brv_hypo.predict(sister, traced).ratio < 0.01
+    True
+    """
+    report_to(progress)(0.0, "predicting the moments")
+    saved = model.model.definition if isinstance(model, Trace) else model
+    path, chosen = None if isinstance(saved, SavedModel) else Path(saved), settings_of(TraceConfig, config, settings)
+    content = (saved if isinstance(saved, SavedModel) else read_model(Path(saved))).of_as_many(1)
+    record = one_flight(flight)
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = _predict(record, content, path, tuple(map(current_name, refit)), _in_blocks(record, chosen))
+    return found.model_copy(update={"record": record_summary([try_record(record)[1]])})
+
+
+def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
+    """The settings with no more blocks than the record has samples for: nothing is chosen by them here."""
+    most = flight.samples // HELD_OUT_SHORTEST
+    if most < PREDICTED_BLOCKS:
+        raise UnanswerableError(
+            f"the record holds {flight.samples} samples in the window, expected at least "
+            f"{PREDICTED_BLOCKS * HELD_OUT_SHORTEST}: too few to know its motion and noise. Widen --start and --stop."
+        )
+    return config.model_copy(update={"blocks": min(config.blocks, most)})
+
+
+def _predict(
+    flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
+) -> Prediction:
+    model = _frozen(flight, content, refit, config)
+    fit, data, tolerated = model.fit, model.fit.data, _tolerated(flight)
+    freed, columns = model.freed(tolerated), model.fit.model.columns
+    frozen, within = model.solved(model.fixed), freed.solved(freed.fixed)
+    measured = data.moments(data.frame.observed)
+    left, own, left_within = (
+        data.moments(each.left.rates) for each in (frozen, model.solved(np.full(len(columns), np.nan)), within)
+    )
+    errors = ErrorsOfPrediction(
+        without=_mean_square(measured),
+        frozen=_mean_square(left),
+        own=_mean_square(own),
+        noise=noise_floor(data.whole, measured),
+    )
+    covariance, known = frozen.covariance.copy(), np.flatnonzero(np.isfinite(model.fixed))
+    covariance[np.ix_(known, known)] = _covariance_of(content, model, known)
+    flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
+    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=model.elsewhere)
+    whole = data.regression(fit.model, fit.linear, None, first_noise(fit.linear), record_processes())
+    alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
+    known_by = covariance[np.ix_(known, known)]
+    change = find_local_change(fixed_within(alone, columns, model.fixed, known_by))
+    better = max(alone, beside, key=lambda each: each.level)
+    difference = find_difference(better, columns, model.fixed, known_by)
+    remain = np.flatnonzero(np.isfinite(freed.fixed))
+    fitted, noise = np.isnan(np.concatenate([freed.fixed, freed.others])), noise_of(fit, measured, within.values)
+    sigma = predictive_sigma(fit, covariance[np.ix_(remain, remain)], fitted, noise, beyond)
+    band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
+    terms = Coefficients(columns, frozen.values, covariance).estimates(data)
+    found = Prediction(
+        flight=flight_summary(flight),
+        model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
+        frozen=tuple(terms[k] for k in known),
+        refitted=tuple(term for k, term in enumerate(terms) if k not in known),
+        error=errors,
+        ratio=errors.frozen / errors.without,
+        explained=_explained(measured, left, errors.noise, flown),
+        flown=float(flown.mean()),
+        band=band,
+        regions=_regions(data, measured, left),
+        local_change=change,
+        difference=difference,
+        refused=change is not None or (difference is not None and difference.p_value < REFUSED),
+        left_out=model.left_out,
+        reason="",
+    )
+    of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(model, refit, tolerated)
+    rest, freely = (_beyond(e, errors.without, errors.noise) for e in (errors.frozen, _mean_square(left_within)))
+    said = reason(found, of_own, rest, freely, remedy)
+    return found.model_copy(update={"reason": said})
+
+
+# ---- The frozen model on this flight ----
+
+
+@dataclass(frozen=True)
+class _Frozen:
+    """The model on this flight; `fixed` (columns,) are its frozen coefficients, `others` (unknowns,) errors of record
+    and vehicle, both NaN where they are fitted here.
+
+    `left_out` are the mechanisms of columns that belong to the times of the model's own flights; `elsewhere` says that
+    this is none of them.
+    """
+
+    fit: Fit
+    fixed: FloatArray
+    others: FloatArray
+    left_out: tuple[str, ...] = ()
+    elsewhere: bool = True
+
+    def freed(self, names: tuple[str, ...]) -> _Frozen:
+        """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
+        own = np.array([column.mechanism in names for column in self.fit.model.columns], dtype=bool)
+        errors = np.array([item.name in names for item in self.fit.nuisances], dtype=bool)
+        return replace(self, fixed=np.where(own, np.nan, self.fixed), others=np.where(errors, np.nan, self.others))
+
+    def solved(self, fixed: FloatArray) -> Constrained:
+        """With these coefficients (columns,) fixed instead."""
+        return constrained(self.fit.problem, self.fit.data.frame, self.fit.model.columns, fixed, self.others)
+
+
+def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Frozen:
+    model, here = restored(content, (flight,), frozen=True), _is_found_on(content, flight)
+    columns, lasts = model.columns, model.lasting
+    values = {
+        column: saved.value if here or saved.elsewhere is None else saved.elsewhere
+        for column, saved in zip(columns, content.columns, strict=True)
+    }
+    if not here:  # without what belongs to the times and to the instruments of its own flights
+        kept = [c for c, own in zip(columns, lasts, strict=True) if own or {c.mechanism, c.term} & set(refit)]
+        model = model.but(columns=tuple(kept), applied=())
+    left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
+    effects = _effects(refit, model, flight)
+    model = _with_refitted(model, refit, flight, config)
+    free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in values}
+    fixed = np.array([np.nan if c in free else values[c] for c in model.columns], dtype=float)
+    corrections: Errors = {}
+    found = _read_with(flight, model, fixed, effects, corrections, config, content.flown)
+    for _ in range(PREDICTED_LINEARISATIONS if effects else 0):
+        errors = found.fit.problem.rows.nuisances.values(found.solved(fixed).others, 1)[0]
+        own = {name: value for name, value in errors.items() if name[0] in effects}
+        corrections = next_corrections(0, flight, model, own, corrections)
+        found = _read_with(flight, model, fixed, effects, corrections, config, content.flown)
+    return replace(found, left_out=left_out, elsewhere=not here)
+
+
+def _is_found_on(content: SavedModel, flight: Flight) -> bool:
+    """Whether the model was found on this very record at these times: then its times and errors are the flight's."""
+    first, last = float(flight.time[0]), float(flight.time[-1])
+    return flight.path is not None and any(
+        Path(flight.path).resolve() == Path(name).resolve() and start <= first and last <= stop
+        for name, (start, stop) in zip(content.found_on, content.times, strict=False)
+    )
+
+
+def _read_with(
+    flight: Flight,
+    model: Model,
+    fixed: FloatArray,
+    effects: tuple[str, ...],
+    corrections: Errors,
+    config: TraceConfig,
+    flown: Mapping[str, tuple[float, float]],
+) -> _Frozen:
+    """The model where `corrections` is taken out of the record and `effects` are free within their tolerances.
+
+    What is fitted here is fitted where the model is known, if that is enough of the record.
+    """
+    data = correct((flight,), model, config, (corrections,))
+    there = _flown(flown, data)
+    part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
+    fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
+    # What has no prior was found on this very record, and is taken out of it.
+    known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
+    others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
+    return _Frozen(replace(fit, problem=fit.problem.on(part)), fixed, others)
+
+
+def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:
+    """The names among `refit` that are errors of record or vehicle; UsageError for those that nothing has."""
+    known = {name for column in model.columns for name in (column.mechanism, column.term)}
+    others = tuple(name for name in refit if name not in known and name != INSTRUMENTS)
+    named = tuple(name for name in others if not isinstance(find_installed(name), Mechanism))
+    return tuple(dict.fromkeys((*named, *_tolerated(flight)))) if INSTRUMENTS in refit else named
+
+
+def _tolerated(flight: Flight) -> tuple[str, ...]:
+    """What record and vehicle may err by within their tolerances."""
+    return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
+
+
+def _remedy(model: _Frozen, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
+    """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
+    columns = zip(model.fit.model.columns, model.fixed, strict=True)
+    fixed = {column.mechanism for column, value in columns if np.isfinite(value)}
+    more = [*(name for name in tolerated if name in fixed), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
+    return ",".join((*refit, *more)) if more else ""
+
+
+def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig) -> Model:
+    """The model with the constant columns of mechanisms that it lacks and that are to be fitted here."""
+    known = {name for column in model.columns for name in (column.mechanism, column.term)}
+    for name in refit:
+        item = None if name in known or name == INSTRUMENTS else find_installed(name)
+        if isinstance(item, Mechanism):
+            motion = correct((flight,), model, config).reconstructions[0].motion
+            terms = item.terms(motion, {})
+            more = tuple(Regressor(name, term.name, (), TimeBasis("constant"), term.units) for term in terms)
+            model += Model(mechanisms={name: item}, columns=more)
+    return model
+
+
+def _covariance_of(content: SavedModel, model: _Frozen, known: IntArray) -> FloatArray:
+    """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none.
+
+    Not on its own flights, it is that of the coefficients that were fitted without what belongs to those alone.
+    """
+    stated = (content.covariance_elsewhere or content.covariance) if model.elsewhere else content.covariance
+    errors = np.array([column.std_error or 0.0 for column in content.columns])
+    whole, mechanisms = np.array(stated) if stated else np.diag(errors**2), model.fit.data.frame.mechanisms
+    place = {column.regressor(mechanisms[column.mechanism]): k for k, column in enumerate(content.columns)}
+    order = [place[model.fit.model.columns[k]] for k in known]
+    return np.asarray(whole[np.ix_(order, order)], dtype=float)
+
+
+# ---- Errors and shares ----
+
+
+def _mean_square(moments: ResidualMoments, kept: BoolArray | None = None) -> float:
+    """Of both coefficients, over all that are usable or over what is kept of them (rows,)."""
+    return float(np.mean(np.abs(moments.body[moments.usable if kept is None else kept]) ** 2) / 2.0)
+
+
+def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
+    """Errors over even stretches of the record, with the Mach numbers that each runs through."""
+    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.samples_of(0)]
+    found = []
+    for start, stop in itertools.pairwise(np.linspace(time.min(), time.max(), _REGIONS + 1).tolist()):
+        inside = (time >= start) & (time <= stop) & left.usable
+        if not np.any(inside):
+            continue
+        own = mach[inside]
+        ends = (float(own.min()), float(own.max())) if np.all(np.isfinite(own)) else None
+        ratio = float(np.sum(np.abs(left.body[inside]) ** 2) / np.sum(np.abs(measured.body[inside]) ** 2))
+        found.append(Region(start_s=start, stop_s=stop, mach=ends, ratio=ratio))
+    return tuple(found)
+
+
+def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArray:
+    """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
+    motion, samples = data.reconstructions[0].motion, data.samples_of(0)
+    there = np.ones(samples.size, dtype=bool)
+    for name, (low, high) in ends.items():
+        values = getattr(motion, name)[samples]
+        there &= ~((values < low) | (values > high))
+    return there
+
+
+def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, flown: BoolArray) -> float:
+    """The share of the moments' mean square, noise aside, that a model explains over some of the samples."""
+    kept = left.usable & flown
+    if not np.any(kept):
+        return 0.0
+    without, error = (_mean_square(each, kept) for each in (measured, left))
+    return 1.0 - _beyond(error, without, noise)
+
+
+def _beyond(error: float, without: float, noise: float) -> float:
+    """A mean square as a share of that without a model, noise aside."""
+    return max(error - noise, 0.0) / max(without - noise, 1e-300)

@@ -1,0 +1,237 @@
+"""The result of a prediction; its dump is the contract's JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import Field
+
+from brv_hypo.constants import (
+    PREDICTED_DISTINCT,
+    PREDICTED_GREATLY,
+    PREDICTED_HOLDS,
+    PREDICTED_NEARLY_ALL,
+    PREDICTED_SMALL,
+)
+from brv_hypo.json_result import NullIsNaN, Result
+from brv_hypo.ranking.result import FlightSummary, RecordSummary, TermEstimate
+from brv_hypo.results import HasCharts, Row
+from brv_hypo.thresholds import REFUSED
+
+
+class ModelSource(NullIsNaN):
+    """Where the model came from: its file, and the flights that it was found on."""
+
+    path: str | None
+    found_on: tuple[str, ...]
+
+
+class ErrorsOfPrediction(NullIsNaN):
+    """Mean squares of the moment coefficients, both axes together.
+
+    `without` a model: as measured; less the `frozen` model; less the same model refitted here (`own`); of the `noise`.
+    """
+
+    without: float
+    frozen: float
+    own: float
+    noise: float
+
+
+class Region(NullIsNaN):
+    """A stretch of the record, the Mach numbers that it runs through (None where unknown), and its ratio of errors."""
+
+    start_s: float
+    stop_s: float
+    mach: tuple[float, float] | None
+    ratio: float
+
+
+class LocalChange(NullIsNaN):
+    """Where this flight differs from the frozen model: a term's coefficient is more by `value` from start to stop.
+
+    More than before and after: what is off throughout is no change.
+    `mach` are the Mach numbers there, None where they are unknown; `f_ratio` is of one coefficient, at the effective
+    number of samples, `p_value` is paid for all terms and regions that were tried.
+    """
+
+    term: str
+    units: str
+    start_s: float
+    stop_s: float
+    mach: tuple[float, float] | None
+    value: float
+    std_error: float
+    f_ratio: float
+    p_value: float
+
+
+class Difference(NullIsNaN):
+    """The frozen coefficient that differs most from this flight's, the others within their errors.
+
+    `value` is what it is more here, `p_value` paid for all of them; `beside_processes` where the evidence wants these.
+    """
+
+    term: str
+    units: str
+    frozen: float
+    value: float
+    std_error: float
+    p_value: float
+    beside_processes: bool
+
+
+Series = tuple[float, ...]
+
+
+class Band(NullIsNaN):
+    """The predictive band of the moments at `level`, noise included; `inside` is the share of the samples within it.
+
+    Record and vehicle err within their tolerances, by what this flight shows: that is no error of the model. Counted
+    where the model's flights flew. `model_error` is the rms of the part of it that the model left beyond the
+    noise where it was found. `measured`, `predicted` and `half_width` are of C_m and C_n at `time_s`.
+    """
+
+    level: float
+    inside: float
+    model_error: float = 0.0
+    time_s: Series
+    measured: tuple[Series, Series]
+    predicted: tuple[Series, Series]
+    half_width: tuple[Series, Series]
+
+
+class Prediction(HasCharts, Result):
+    """What a frozen model says of a flight; `ratio` is the error with it over that without.
+
+    `explained` is the share of the moments' mean square, noise aside, that the frozen model explains where the flights
+    that it was found on flew in Mach number and angle of attack; `flown` is the share of the samples there.
+    `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
+    `refused` says that this flight contradicts the model: there is a local change, or `difference`, None where no
+    coefficient is frozen, is more than chance makes it.
+    `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
+    the flight's record found.
+    """
+
+    schema_: str = Field(default="brv-hypo/predict/1", alias="schema")
+    flight: FlightSummary
+    model: ModelSource
+    frozen: tuple[TermEstimate, ...]
+    refitted: tuple[TermEstimate, ...]
+    error: ErrorsOfPrediction
+    ratio: float
+    explained: float
+    flown: float
+    band: Band
+    regions: tuple[Region, ...]
+    local_change: LocalChange | None = None
+    difference: Difference | None = None
+    refused: bool = False
+    left_out: tuple[str, ...] = ()
+    reason: str
+    record: RecordSummary = RecordSummary()
+
+    def headline(self) -> str:
+        """The flight, and the ratio of mean squares."""
+        return f"{self.flight.title or self.flight.path}: error {self.ratio:.3g} of that without the model"
+
+    def conclusion(self) -> str:
+        """The outcome in a few sentences."""
+        return self.reason
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each region of time."""
+        return [
+            {
+                "start_s": region.start_s,
+                "stop_s": region.stop_s,
+                "mach_from": None if region.mach is None else region.mach[0],
+                "mach_to": None if region.mach is None else region.mach[1],
+                "ratio": region.ratio,
+            }
+            for region in self.regions
+        ]
+
+
+# ---- The outcome in words ----
+
+_NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
+
+
+def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
+    """The outcome in a few sentences.
+
+    `own` is the share that the same model explains where it is fitted here. Of the whole record, as shares of the mean
+    square: what the frozen model leaves (`left`), and what it would if record and vehicle erred within their tolerances
+    (`freed`); `remedy` is what `--refit` would name as well for that.
+    """
+    band, change, difference, noise = found.band, found.local_change, found.difference, found.error.noise
+    much = left > PREDICTED_SMALL and freed < PREDICTED_GREATLY * left
+    fixed_too_much = ""
+    if remedy and (much or left > 1.0 or found.explained < 0.0):
+        fixed_too_much = (
+            f" Over the whole record its error is {left:.3g} of the mean square. Errors of the record were assumed "
+            "zero, and those of the vehicle as on the flights that the model was found on; "
+            f"`--refit {remedy}` lets this flight have its own"
+            + (f", for an error of about {freed:.2g}." if much else ".")
+        )
+    if found.flown == 0.0:
+        nowhere = (
+            "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts "
+            "nothing about this flight."
+        )
+        return nowhere + fixed_too_much
+    said = (
+        f"The frozen model {_explains(found.explained)} the moments' mean square, noise aside; "
+        f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
+        f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
+    )
+    if band.inside < PREDICTED_HOLDS:
+        said += _NARROW
+    if band.model_error**2 >= PREDICTED_DISTINCT * noise:
+        said += (
+            f" On held-out blocks of the flights that it was found on its residual was {band.model_error:.2g} (rms), "
+            f"{band.model_error / np.sqrt(noise):.1f} times the noise: it is not adequate there, and the prediction "
+            "interval includes this residual."
+        )
+    if found.flown < PREDICTED_NEARLY_ALL:
+        said += (
+            f" {100.0 * (1.0 - found.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than "
+            "the model was found at, and are not counted in these shares."
+        )
+    if difference is not None and difference.p_value < REFUSED:
+        units = "" if difference.units == "1" else f" {difference.units}"
+        beside = ", processes fitted beside the model" if difference.beside_processes else ""
+        said += (
+            f" This flight contradicts the model (p {difference.p_value:.2g}): {difference.term} is "
+            f"{difference.frozen:.4g}{units} there, and {difference.value:+.2g} ± {difference.std_error:.2g} more "
+            f"here{beside}."
+        )
+    if change is not None:
+        where = f"{change.start_s:.2f} and {change.stop_s:.2f} s"
+        if change.mach is not None:
+            where += f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
+        units = "" if change.units == "1" else f" {change.units}"
+        said += (
+            f" This flight differs most from the model between {where}: {change.term} is "
+            f"{'larger' if change.value > 0.0 else 'smaller'} there by {abs(change.value):.3g} ± "
+            f"{change.std_error:.2g}{units} than elsewhere (F {change.f_ratio:.0f})."
+        )
+    said += fixed_too_much
+    if left_out := found.left_out:
+        act, are, they = ("acts", "is", "it") if len(left_out) == 1 else ("act", "are", "they")
+        said += (
+            f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left "
+            f"out here; the moment that {they} explained there is included in the prediction interval."
+        )
+    return said
+
+
+def _explains(share: float) -> str:
+    """What a model does to a mean square; one that explains less than nothing does not hold."""
+    if share > 0.9995:
+        return "explains more than 99.9 % of"
+    if share >= 0.0:
+        return f"explains {100.0 * share:.1f} % of"
+    return f"does not hold here: its error is {1.0 - share:.3g} times"

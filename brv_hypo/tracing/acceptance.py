@@ -1,0 +1,323 @@
+"""What makes a candidate acceptable: how it fits the fitted part, and whether the blocks held out agree with it.
+
+A `Candidate` is an effect as fitted beside a model, with its F-ratio and what its search costs. `Tried` is a candidate
+with what it does to the held-out error: `accepted` is the one test by which it joins the model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import (
+    CONFOUNDED_COSINE,
+    CONFOUNDED_GAIN,
+    CONFOUNDED_NEAR,
+    FINDING_REPEATED,
+    FINDING_SIGMAS,
+    HELD_OUT_CLUSTER,
+    HELD_OUT_SIGMAS,
+    HELD_OUT_WORSE,
+)
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.term import Regressor
+from brv_hypo.ranking.intervals import intervals, within_bounds
+from brv_hypo.regression.channels import Part, Rows
+from brv_hypo.regression.fit import HypothesisFit
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.held_out import jackknife_error
+from brv_hypo.regression.linear import lengths, solve_scaled
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.refinement import nonlinear_parameters
+from brv_hypo.regression.uncertainty import with_errors
+from brv_hypo.thresholds import SPECIFIC
+from brv_hypo.tracing.fit import Fit, MomentErrors
+from brv_hypo.tracing.result import Kind, Status
+
+_SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
+
+
+# ---- The fitted part ----
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
+
+    `explains` is the share of the weighed squares that it saves, `fall` their fall in effective samples.
+    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the fall
+    of the whitened rates' squares. `evidence` is the log evidence that it gains beside all processes, nats; None where
+    it is not known.
+    """
+
+    name: str
+    kind: Kind
+    fit: HypothesisFit
+    gain: float
+    f_ratio: float
+    p_value: float
+    contribution: FloatArray
+    in_rates: float
+    fall: float
+    explains: float
+    effect: RecordEffect | None = None
+    evidence: float | None = None
+
+
+def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind) -> Candidate:
+    """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves within its bounds."""
+    fit = _within_bounds(problem, fit)
+    extra, free = fit.parameters - null.parameters, fit.samples - fit.parameters
+    f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / free)
+    chance = float(stats.f.sf(f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
+    chosen = len({column.choice for column in fit.selected})
+    before, after = (each.residual[: problem.rows.rates] for each in (null, fit))
+    return Candidate(
+        name=name,
+        kind=kind,
+        fit=fit,
+        gain=null.information - fit.information,
+        f_ratio=f_ratio,
+        p_value=min(chance * math.comb(fit.searched, min(chosen, fit.searched)), 1.0),
+        contribution=null.residual - fit.residual,
+        in_rates=float((before @ before - after @ after) / (fit.rss / fit.samples)),
+        fall=f_ratio * extra * fit.efficiency,
+        explains=1.0 - fit.rss / null.rss,
+    )
+
+
+def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with what it would lose by values that a body may have, all where they are absurd: outside the bounds by
+    more than these are wide, however large their errors. Of several flights, whose values differ, as it is.
+    """
+    bounds = {mechanism.name: mechanism.bounds for mechanism in fit.mechanisms}
+    if len(problem.records) > 1 or not any(bounds.values()):
+        return fit
+    fit = with_errors(problem, replace(fit, bound_cost=0.0))
+    values = [(net.value, bounds[net.mechanism].get(net.term)) for each in intervals(fit) for net in each.values]
+    absurd = any(max(at[0] - value, value - at[1]) > at[1] - at[0] for value, at in values if at)
+    return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
+
+
+def solved(
+    problem: Problem,
+    name: str,
+    mechanisms: tuple[Mechanism, ...],
+    frame: RateFrame,
+    chosen: tuple[Regressor, ...],
+    searched: int,
+    design: FloatArray | None = None,
+) -> HypothesisFit:
+    """The model with these columns beside it; `design` (rows, columns) where all of them are at hand."""
+    columns = (*problem.baseline, *chosen)
+    design = problem.design(frame, columns) if design is None else design
+    values = solve_scaled(design, problem.response)
+    residual, size = problem.response - design @ values, len(problem.baseline)
+    own = (name, mechanisms, frame, columns, size, values, residual)
+    return HypothesisFit(*own, problem.samples, problem.efficiency, searched)
+
+
+def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor, ...] | None = None) -> HypothesisFit:
+    """A fit under the problem's noise, with its own columns or with others."""
+    chosen = fit.selected if columns is None else columns
+    found = solved(problem, fit.name, fit.mechanisms, fit.frame, chosen, fit.searched)
+    if columns is None:
+        return replace(found, nonlinear=fit.nonlinear)
+    return replace(found, nonlinear=nonlinear_parameters(found.columns, found.baseline_size, fit.frame, problem.knots))
+
+
+def fitted_again(
+    problem: Problem, null: HypothesisFit, candidate: Candidate, columns: tuple[Regressor, ...] | None = None
+) -> Candidate:
+    """A candidate under the problem's noise, with its own columns or with others."""
+    fit = solved_again(problem, candidate.fit, columns)
+    return replace(candidate_of(problem, null, fit, candidate.name, candidate.kind), effect=candidate.effect)
+
+
+def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
+    """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
+    found: dict[str, float] = {}
+    running = 0.0
+    for rank, candidate in enumerate(sorted(tried, key=lambda candidate: candidate.p_value)):
+        running = max(running, min((len(tried) - rank) * candidate.p_value, 1.0))
+        found[candidate.name] = running
+    return found
+
+
+def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
+    """Those that this flight cannot tell from the leader: nearly as good a fit, and as likely beside processes."""
+    return tuple(o.name for o in others if o.name != leader.name and o.gain > 0.0 and _is_equal(leader, o))
+
+
+def _is_equal(leader: Candidate, other: Candidate) -> bool:
+    explains = other.gain > CONFOUNDED_GAIN * leader.gain
+    if leader.evidence is not None and other.evidence is not None:
+        return explains and abs(leader.evidence - other.evidence) < SPECIFIC
+    return abs(leader.gain - other.gain) < CONFOUNDED_NEAR or (explains and nearly_equal(leader, other))
+
+
+def nearly_equal(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates predict nearly the same."""
+    a, b = one.contribution, other.contribution
+    return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
+
+
+# ---- The blocks held out ----
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What the held-out part says of an effect, in both channels, in standard errors.
+
+    `fall` of the squared error, by the effect with the coefficients that the fitted part gives; `shown`, how surely
+    the effect is there at all, of whatever size: 1.645 has one chance in twenty where it is not.
+    """
+
+    fall: float
+    shown: float
+
+
+def agreement(problem: Problem, held_out: Part, before: Rows, after: Rows) -> Agreement:
+    """Of the residuals (frame rows,) without an effect and with it, as a fit of `problem` leaves them.
+
+    The difference of two predictions d and the later residual e give the fall: sum of d^2 + 2 e d, whose noise is
+    that of the second part alone; it is summed over clusters of neighbours (White, Econometrica 48:817,
+    1980). What the fitted part leaves uncertain of the held-out one, constants of integration among it, weighs the
+    rows: it would drown what changes within a stretch.
+    """
+    directions, share = _uncertain(problem, held_out)
+    first, second = (_whitened(problem, held_out, left) for left in (before, after))
+    first, second = (rows + directions @ (share * (directions.T @ rows)) for rows in (first, second))
+    difference = first - second
+    products = difference * second
+    clusters = np.add.reduceat(products, np.arange(0, products.size, HELD_OUT_CLUSTER))
+    noise = max(float(np.sqrt(np.sum(clusters**2))), 1e-300)
+    fall = float(first @ first - second @ second) / (2.0 * noise)
+    return Agreement(fall, float(difference @ first) / noise)
+
+
+def _whitened(problem: Problem, held_out: Part, left: Rows) -> FloatArray:
+    """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has."""
+    part, noise, levels = problem.rows.part, problem.rows.noise, _levels(problem, held_out)
+    fitted = part.white_rates(part.constants(), noise), part.white_rates(left.rates[part.rows], noise)[:, 0]
+    there = left.at(held_out.rows)
+    rates = there.rates - levels @ np.linalg.lstsq(*fitted, rcond=None)[0]
+    for own in (slice(a, b) for a, b in held_out.pieces):
+        if not levels[own].any():
+            rates[own] -= rates[own].mean()
+    return held_out.whitened(Rows(rates, there.force), noise)[:, 0]
+
+
+def _levels(problem: Problem, held_out: Part) -> ComplexArray:
+    """The fitted part's constants of integration as histories of the held-out rates (rows, 2 levels)."""
+    first, ends = [a for a, _ in problem.rows.part.levels], np.cumsum([b - a for a, b in problem.frame.pieces])
+    segments = [np.searchsorted(ends, rows, side="right") for rows in (held_out.rows, problem.rows.part.rows[first])]
+    same = segments[0][:, np.newaxis] == segments[1]
+    return np.asarray(np.repeat(same, 2, axis=1) * np.tile([1.0, 1.0j], len(first)))
+
+
+def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray]:
+    """Directions (rows, rank) of the held-out rows in which a prediction from the fitted part errs.
+
+    With them the share (rank,) by which rows change along each where all come to unit variance.
+    """
+    problem = problem.untied()
+    design = problem.whole_design(problem.frame, problem.baseline)
+    scale = lengths(design)
+    _, sizes, turn = np.linalg.svd(design / scale, full_matrices=False)
+    determined = sizes > _SPENT * sizes[0]
+    root = (turn[determined].T / sizes[determined]) / scale[:, np.newaxis]
+    directions, errors, _ = np.linalg.svd(_unknowns(problem, held_out) @ root, full_matrices=False)
+    return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
+
+
+def _unknowns(problem: Problem, held_out: Part) -> FloatArray:
+    """Baseline, constants of the fitted part and nuisances on the held-out rows (rows, unknowns), whitened."""
+    noise, moments = problem.rows.noise, problem.frame.columns(problem.baseline)[held_out.rows]
+    of_rates = [held_out.white_rates(each, noise) for each in (moments, _levels(problem, held_out))]
+    count, first = of_rates[0].shape[0], sum(each.shape[1] for each in of_rates)
+    out = np.zeros((2 * count, first + len(problem.rows.nuisances.items)))
+    out[:count, :first] = np.column_stack(of_rates)
+    for some, history in problem.rows.nuisances.histories.batches():
+        out[:, first:][:, some] = held_out.whitened(history.at(held_out.rows), noise)
+    return out
+
+
+def ratio(before: MomentErrors, after: MomentErrors) -> tuple[float, float]:
+    """Ratio of mean squares, after over before, and its standard error by the jackknife over stretches."""
+    kept = ~np.eye(before.squares.size, dtype=bool)
+    means = ([float(each.squares[k].sum() / each.sizes[k].sum()) for k in kept] for each in (after, before))
+    return after.mean_square / before.mean_square, jackknife_error(np.divide(*map(np.array, means)))
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate with the model that it makes, and what it did to the held-out part: `agreement` in both channels,
+    `ratio` of the moments' mean squares, `after` (frame rows,) its residual as a candidate.
+
+    `before` (frame rows,) is the residual without the effect, and `errors_before` its moment errors, fitted and held
+    out: an effect with a tolerance is then fixed at zero, though every other fit has it within its tolerance.
+    """
+
+    candidate: Candidate
+    fit: Fit
+    agreement: Agreement
+    ratio: float
+    ratio_error: float
+    before: Rows
+    after: Rows
+    errors_before: tuple[MomentErrors, MomentErrors]
+    certain: bool
+    """Whether the fitted part leaves no doubt of it."""
+    has_tolerance: bool
+    """Whether every fit has it within its tolerance."""
+    gain: float | None = None
+    """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
+    of_majority: bool = True
+    """Whether it is of the family of processes that explains most of the residual, if one does."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the held-out part agrees, and processes do not explain the record far better, or better at all.
+
+        What the evidence does not want beside them is refused where another family explains most of the residual.
+        """
+        least = 0.0 if self.has_tolerance else -SPECIFIC
+        if self.gain is None:
+            return self.agrees
+        may_be_named = self.of_majority or self.gain >= SPECIFIC or self.candidate.kind == "discovered"
+        return self.agrees and self.gain > least and may_be_named
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the held-out part agrees.
+
+        The moments' error has to fall, unless the fitted part leaves no doubt; an error of the record may show in the
+        specific force alone. Then it must not make the moments significantly worse. What every fit has within its
+        tolerance has nothing to predict that others within theirs could not: that it must be larger is judged by the
+        fitted part alone. Worse by less than noise scatters such an error is not worse: the record is read anew with
+        the effect taken out, which the stretches' own scatter does not know of.
+        """
+        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.errors_before[1].scatter)
+        if self.has_tolerance:
+            return no_worse
+        if self.certain:
+            return self.agreement.fall > 0.0 and self.agreement.shown >= HELD_OUT_SIGMAS and no_worse
+        falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
+        return self.agreement.fall >= HELD_OUT_SIGMAS and falls
+
+    @property
+    def is_established(self) -> bool:
+        """Whether it has a name that the evidence clearly wants beside all processes."""
+        return self.candidate.kind != "discovered" and (self.gain or 0.0) >= SPECIFIC
+
+    def status(self, named_in: float, choices: int, elsewhere: float | None) -> Status:
+        """A finding or a hint, one of so many choices; `elsewhere`: the ratio of errors on flights left out."""
+        lowers = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0 and (elsewhere is None or elsewhere < 1.0)
+        wanted = self.gain is None or self.gain - np.log(choices) >= SPECIFIC
+        return "finding" if lowers and wanted and named_in >= FINDING_REPEATED else "hint"

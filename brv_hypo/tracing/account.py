@@ -1,0 +1,132 @@
+"""The account of a trace: one step with its candidates, the families that hold the residual, errors before and after.
+
+Entrance: `step_of`. Beside the candidates are those that this flight cannot tell from them, and whether each flight
+needs what was added without having had a part in choosing it (`flight_left_out`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.mechanisms.contract import FAMILIES
+from brv_hypo.model.term import Regressor
+from brv_hypo.regression.channels import Part, Rows
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.regression.problem import GIVEN
+from brv_hypo.tracing.acceptance import Candidate, Tried, adjusted, confounded
+from brv_hypo.tracing.additions import Analysis, Choice
+from brv_hypo.tracing.families import beside_processes
+from brv_hypo.tracing.fit import Fit, MomentErrors, constrained
+from brv_hypo.tracing.result import Errors, FlightLeftOut, Step, TriedCandidate, lasting_steps
+from brv_hypo.tracing.wording import described
+
+_REPORTED = 8  # candidates in a step's table
+
+
+def step_of(number: int, here: Analysis, choice: Choice, earlier: Sequence[Step]) -> Step:
+    """One step of the result: the candidates with what was added first, and the errors before and after."""
+    fit, leading, accepted = here.fit, choice.leading, choice.accepted
+    reported, chances = choice.reported[:_REPORTED], adjusted(choice.ranked)
+    without_flight, status = None if leading is None else flight_left_out(here, leading.candidate), None
+    if accepted is not None and choice.named_in is not None:
+        generic = accepted.candidate.kind == "discovered" and len(fit.data.records) == 1
+        elsewhere = None if without_flight is None else without_flight.ratio
+        own = accepted.status(choice.named_in, len(choice.ranked), elsewhere)
+        status = "hint" if generic or rests_on_hints(earlier) else own
+    beside = beside_processes(fit if accepted is None else accepted.fit, fit.model)
+    families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_established else [])
+    return Step(
+        step=number,
+        residual=fit.residual,
+        families={**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in families}},
+        decomposition=families,
+        candidates=tuple(
+            TriedCandidate(
+                effect=each.name,
+                kind=each.kind,
+                f_ratio=each.f_ratio,
+                p_value_adjusted=chances[each.name],
+                explains=each.explains,
+                description=described(each, here),
+                near_equals=confounded(each, reported),
+            )
+            for each in reported
+        ),
+        refused=tuple(tried.candidate.name for tried in choice.tried if tried is not accepted),
+        unwanted=choice.unwanted,
+        evidence_gain=None if accepted is None else accepted.gain,
+        added=None if accepted is None else accepted.candidate.name,
+        standing=status,
+        flight_left_out=without_flight,
+        named_in=choice.named_in,
+        error_before=_errors(fit.errors, fit.held_out) if leading is None else _errors(*leading.errors_before),
+        force_error_before=_force_errors(fit, fit.rest if leading is None else leading.before),
+        **({} if leading is None else _after(leading, here)),
+    )
+
+
+def _after(leading: Tried, here: Analysis) -> dict[str, Any]:
+    """What a step says of the candidate that leads."""
+    return {
+        "description": described(leading.candidate, here),
+        "error_after": _errors(leading.fit.errors, leading.fit.held_out),
+        "error_ratio_held_out": leading.ratio,
+        "error_ratio_std_error": leading.ratio_error,
+        "force_error_after": _force_errors(here.fit, leading.after),
+        "held_out_score": leading.agreement.fall,
+    }
+
+
+def _errors(fitted: MomentErrors, held_out: MomentErrors) -> Errors:
+    return Errors(fit=fitted.mean_square, held_out=held_out.mean_square)
+
+
+def _force_errors(fit: Fit, left: Rows) -> Errors:
+    """Mean squares (m/s^2)^2 of the transverse specific force's residual (frame rows,), both axes together."""
+
+    def mean(part: Part) -> float:
+        return float(np.mean(np.abs(left.force[part.rows][part.valid]) ** 2) / 2.0)
+
+    return Errors(fit=mean(fit.data.fitted), held_out=mean(fit.data.held_out))
+
+
+def rests_on_hints(earlier: Sequence[Step]) -> bool:
+    """Whether the model has what earlier steps added and did not establish.
+
+    What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
+    """
+    return any(step.status == "hint" for step in lasting_steps(earlier))
+
+
+def flight_left_out(here: Analysis, candidate: Candidate) -> FlightLeftOut | None:
+    """Errors on each flight without and with the candidate; None for one flight, or where nothing of it is shared."""
+    problem, found, flights = here.fit.problem, candidate.fit, range(len(here.fit.data.records))
+    shared = any(column.flight is None and column.mechanism != GIVEN for column in found.selected)
+    if len(flights) < 2 or not shared:
+        return None
+    before = [_predicted(here.fit, problem.frame, problem.baseline, k) for k in flights]
+    after = [_predicted(here.fit, found.frame, found.columns, k) for k in flights]
+    sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
+    return FlightLeftOut(
+        before=tuple(each.mean_square for each in before),
+        after=tuple(each.mean_square for each in after),
+        ratio=sums[1] / sums[0],
+    )
+
+
+def _predicted(fit: Fit, frame: RateFrame, columns: Sequence[Regressor], number: int) -> MomentErrors:
+    """Errors on one flight of the shared coefficients that the others have: 0 is fixed, NaN free."""
+    data, items = fit.data, fit.problem.rows.nuisances.items
+    flights = [np.array([-1 if each.flight is None else each.flight for each in some]) for some in (columns, items)]
+    others = fit.problem.on(data.part_where(data.frame.flight_of_row != number))
+    known = constrained(others, frame, columns, *(np.where(each == number, 0.0, np.nan) for each in flights))
+    fixed = [
+        np.where(each == -1, found, np.where(each == number, np.nan, 0.0))
+        for each, found in zip(flights, (known.values, known.others), strict=True)
+    ]
+    part = data.part_where(data.frame.flight_of_row == number)
+    left = constrained(fit.problem.on(part), frame, columns, *fixed).left
+    return MomentErrors.of(part, data.moments(left.rates))

@@ -1,0 +1,159 @@
+"""The baseline that a trace starts from: constant coefficients, a stiffness by Mach number, or a user's table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    SCHEDULE_RELATIVE,
+    TRACED_INDEPENDENT,
+    TRACED_SLOPE_DEGREE,
+    TRACED_SMALLEST_SPAN,
+    TRACED_SMOOTH_DEGREE,
+    TRACED_SPAN,
+    WAVERING_SPEED,
+)
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
+from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment, wavering_speeds
+from brv_hypo.model.model import Model, constant_moment
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.build import baseline_columns
+from brv_hypo.regression.frame import RateFrame
+from brv_hypo.tracing.fit import Corrected
+from brv_hypo.tracing.result import Baseline
+
+
+def start_model(
+    flights: Sequence[Flight],
+    mechanisms: Sequence[Mechanism],
+    baseline: Baseline = "constant",
+    aero: AeroTable | None = None,
+) -> Model:
+    """The baseline alone: with constant coefficients, with a stiffness that follows Mach and Reynolds number, or with
+    that of a table.
+
+    Raises UnanswerableError where a record has no Mach number at which a table could be read.
+    """
+    table = () if aero is None else (TableSlope(table=aero), TableIncrements(table=aero))
+    if table and any(flight.mach is None or not np.all(np.isfinite(flight.mach)) for flight in flights):
+        raise UnanswerableError(
+            "a record has no Mach number, at which an aerodynamic table is read. Add mach or altitude to it."
+        )
+    static = static_moment(flights, "constant" if table else baseline)
+    return Model().having(static, PitchDamping(), *table, *mechanisms)
+
+
+def starting_columns(model: Model, frame: RateFrame) -> tuple[Regressor, ...]:
+    """The columns of the baseline; where the model has a table, that in place of a slope of its own."""
+    columns, table = baseline_columns(frame), model.mechanisms.get(TableSlope.name)
+    if table is None:
+        return columns
+    kept = tuple(column for column in columns if not column.term.startswith("C_malpha"))
+    term = table.terms(frame.motions[0], {})[0]
+    return (*kept, Regressor(table.name, term.name, (), TimeBasis("constant"), term.units))
+
+
+def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:
+    """The static moment of a baseline; constant where the records' Mach number is missing or hardly changes."""
+    mach = _span([flight.mach for flight in flights]) if baseline == "scheduled" else None
+    if mach is None:
+        return constant_moment(flights)
+    decades = _span([None if flight.reynolds is None else np.log10(flight.reynolds) for flight in flights])
+    # Where Mach number hardly changes, the temperature of the air moves it as much as the speed, and a slope that goes
+    # with the conditions of flight is no function of it alone.
+    narrow = not SlopeSchedule(low=mach[0], high=mach[1], size=1.0).sizes.size
+    histories = [(flight.mach, flight.velocity) for flight in flights if flight.mach is not None]
+    return StaticMoment(
+        start=mach[0],
+        stop=mach[1],
+        offset_degree=0,
+        slope_degree=TRACED_SLOPE_DEGREE,
+        by="mach",
+        reynolds=decades if decades is not None and _reynolds_is_independent(flights) else None,
+        speeds=wavering_speeds(histories, TRACED_SLOPE_DEGREE, WAVERING_SPEED) if narrow else None,
+    )
+
+
+def _span(histories: Sequence[FloatArray | None]) -> tuple[float, float] | None:
+    """The ends of what a quantity runs through on all flights; None where it is missing or hardly changes."""
+    known = [values for values in histories if values is not None and np.all(np.isfinite(values))]
+    if len(known) < len(histories):
+        return None
+    low, high = np.percentile(np.concatenate(known), TRACED_SPAN)
+    return (float(low), float(high)) if high - low > TRACED_SMALLEST_SPAN * abs(high) else None
+
+
+def _reynolds_is_independent(flights: Sequence[Flight]) -> bool:
+    """Whether the decades of Reynolds number leave a smooth function of the decades of Mach number, all flights
+    together.
+    """
+    mach, reynolds = (
+        np.concatenate([np.log10(getattr(flight, name)) for flight in flights]) for name in ("mach", "reynolds")
+    )
+    left = reynolds - Polynomial.fit(mach, reynolds, TRACED_SMOOTH_DEGREE)(mach)
+    return float(np.std(left)) > TRACED_INDEPENDENT
+
+
+# ---- What its static moment may be more, within a prior ----
+
+
+def has_schedule(model: Model) -> bool:
+    """Whether the static moment follows Mach number, by itself or by a table."""
+    static = model.mechanisms.get(StaticMoment.name)
+    own = isinstance(static, StaticMoment) and static.by == "mach"
+    return own or bool(model.mechanisms.keys() & {TableIncrements.name, SlopeSchedule.name, TableSlope.name})
+
+
+def with_priors(model: Model, data: Corrected) -> Model:
+    """The model with what its static moment may be more: a bend, and a schedule where it follows Mach number.
+
+    The bend is one that a body with its slope may have. A table that says how the slope goes with the angle of attack
+    says by how much it may err in that as well; and what has the bend as a column already knows no prior of it.
+    """
+    table, slope = model.mechanisms.get(TableSlope.name), _slope(model, data)
+    known = isinstance(table, TableSlope) and len(table.table.alpha) > 1
+    bends = any(is_bend(mechanism, data.frame.motions[0]) for mechanism in model.mechanisms.values())
+    if not (known or slope is None or bends):
+        model = model.having(StaticBend(slope=slope))
+    return scheduled(model, data) if has_schedule(model) else model
+
+
+def is_bend(mechanism: Mechanism, motion: Motion) -> bool:
+    """Whether a mechanism claims the very moment that the baseline's bend is, under whatever name."""
+    if mechanism.time_variation != ("constant",) or mechanism.parameters():
+        return False
+    terms, (own,) = mechanism.terms(motion, {}), StaticBend(slope=1.0).terms(motion, {})
+    return len(terms) == 1 and all(
+        np.allclose(getattr(terms[0], part), getattr(own, part), atol=0.0) for part in ("in_plane", "out_of_plane")
+    )
+
+
+def scheduled(model: Model, data: Corrected) -> Model:
+    """The model with a smooth schedule of its slope by Mach number beside the coarse one that its columns have."""
+    mach = _span([flight.mach for flight in data.flights])
+    slope = None if mach is None or TableSlope.name in model.mechanisms else _slope(model, data)
+    if mach is None or slope is None:
+        return model
+    schedule = SlopeSchedule(low=mach[0], high=mach[1], size=SCHEDULE_RELATIVE * abs(slope))
+    return model.having(schedule) if schedule.sizes.size else model
+
+
+def _slope(model: Model, data: Corrected) -> float | None:
+    """The static slope (1/rad) of the columns, or of the table in its place, on the whole record."""
+    table = model.mechanisms.get(TableSlope.name)
+    if isinstance(table, TableSlope):
+        return float(np.mean(table.table.slope))
+    static = model.mechanisms.get(StaticMoment.name)
+    if not isinstance(static, StaticMoment):
+        return None
+    pairs = zip(model.columns, data.values(data.whole, model.columns).tolist(), strict=True)
+    by_term = {column.term: value for column, value in pairs if column.mechanism == static.name}
+    return static.mean_slope(data.frame.motions[0], by_term) if by_term else None

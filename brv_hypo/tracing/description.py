@@ -1,0 +1,418 @@
+"""A sparse description of a residual in generic terms, for what no plugin describes, in words that an analyst uses.
+
+An entry of the dictionary is one vector or one scalar: terms that enter together. Entries with a position (a rate of
+turning, a Mach number) are laid on a grid and can be moved. Entrance: `discover`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    CONFOUNDED_NEAR,
+    DESCRIBED_CLOSEST,
+    DESCRIBED_FINER,
+    DESCRIBED_FREE,
+    DESCRIBED_GRADUAL,
+    DESCRIBED_HATS,
+    DESCRIBED_NEIGHBOURS,
+    DESCRIBED_SHARP,
+    DESCRIBED_SLOW,
+    DESCRIBED_STEPS,
+    DESCRIBED_STRETCHES,
+    DESCRIBED_TIMED,
+    TURNING_RATES,
+)
+from brv_hypo.mechanisms.yaml_mechanism import (
+    Axis,
+    Factor,
+    MechanismFile,
+    Quantity,
+    Turn,
+    YamlMechanism,
+    YamlTerm,
+    mechanism_of,
+    values_of,
+)
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.motion.motion import Motion
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.problem import Problem
+from brv_hypo.regression.unmodelled import fastest_turning
+from brv_hypo.tracing.acceptance import Candidate, candidate_of, solved
+
+# ---- The dictionary ----
+
+_BODY: tuple[Axis, Axis] = ("body_y", "body_z")
+_PLANE: tuple[Axis, Axis] = ("in_plane", "out_of_plane")
+_WAVES: tuple[Literal["cos", "sin"], ...] = ("cos", "sin")
+_SIDES: dict[Axis, str] = {
+    "in_plane": "an in-plane",
+    "out_of_plane": "an out-of-plane",
+    "along_rates": "a damping",
+    "across_rates": "a cross-damping",
+}
+_POWER = {0: "", 1: " times alpha", 2: " times alpha squared", 3: " times alpha cubed"}
+_ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
+_TIMES = {1: "once", 2: "twice", 3: "three times", 4: "four times"}
+# Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
+# would describe better.
+_WIDTHS = {DESCRIBED_SHARP: "", DESCRIBED_GRADUAL: " that is gradual", DESCRIBED_SLOW: " that is slow"}
+# What a single flight cannot tell apart comes in this order: a slope that changes along an entry is first of all a
+# function of Mach number, and nothing that follows the record's time can be said of another flight.
+_QUANTITIES: dict[Quantity, str] = {"mach": "Mach", "log_reynolds": "log10 of Reynolds number", "time": "time"}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
+
+    `at(position)` is the same entry elsewhere. What `may_change` may begin, end and jump in time; the others are
+    functions of a quantity themselves, `follows`, of a `form` wherever they lie.
+    """
+
+    words: str
+    terms: tuple[YamlTerm, ...]
+    position: float = 0.0
+    spacing: float = 0.0
+    at: Callable[[float], Entry] | None = None
+    may_change: bool = False
+    follows: Quantity | None = None
+    form: str = ""
+
+
+def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
+    """The dictionary for these flights; quantities that a record lacks or that hardly change are left out.
+
+    Of several flights, what all share: nothing that follows the record's time.
+    """
+    one = len(motions) == 1
+    found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_round_the_body(), *_powers()]
+    for quantity in list(_QUANTITIES) if one else list(_QUANTITIES)[:-1]:
+        values = np.concatenate([values_of(motion, quantity) for motion in motions])
+        low, high = float(np.min(values)), float(np.max(values))
+        if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
+            found += [*_steps(quantity, low, high), *_smooth(quantity, low, high)]
+    return tuple(found)
+
+
+def _alpha(power: int) -> tuple[Factor, ...]:
+    return (Factor(of="alpha", power=power),) if power else ()
+
+
+def _turning(motion: Motion) -> list[Entry]:
+    """Body-fixed moments of constant size that turn in the body at a constant rate."""
+    duration = float(motion.time[-1] - motion.time[0])
+    top = fastest_turning(motion)
+    step = max(np.pi / duration, 2.0 * top / TURNING_RATES)
+    rates = step * np.arange(-int(top / step), int(top / step) + 1)
+    near = float(np.mean(motion.p))
+
+    def entry(rate: float) -> Entry:
+        roll = ", the roll rate" if abs(abs(rate) - abs(near)) < 0.5 * np.pi / duration else ""
+        name, turn = f"turns at {rate:.12g} rad/s", Turn(of="time", rate=rate)
+        terms = tuple(YamlTerm(name=f"{name}, {axis}", axis=axis, turn=turn) for axis in _BODY)
+        words = f"a body-fixed moment that turns at {rate:.3g} rad/s ({rate / 2 / np.pi:.3g} Hz{roll})"
+        return Entry(words, terms, rate, step, entry, may_change=True)
+
+    return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
+
+
+def _harmonics() -> list[Entry]:
+    """Harmonics of the windward meridian, in and out of plane, constant or with alpha."""
+    found = []
+    for harmonic, power, axis in itertools.product((1, 2, 3, 4), (0, 1), _PLANE):
+        waves = [Factor(of="windward_meridian", function=function, rate=float(harmonic)) for function in _WAVES]
+        terms = tuple(
+            YamlTerm(
+                name=f"{axis} {wave.function} {harmonic} phi_w{_POWER[power]}",
+                axis=axis,
+                factors=(wave, *_alpha(power)),
+                units="1/rad" if power else "1",
+            )
+            for wave in waves
+        )
+        words = f"{_SIDES[axis]} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}"
+        found.append(Entry(words, terms, may_change=True))
+    return found
+
+
+def _round_the_body() -> list[Entry]:
+    """Moments of any direction that turn with the windward meridian: in plane and out of plane harmonics together.
+
+    Once round is fixed in the body.
+    """
+    found = []
+    for times, power in itertools.product((-3, -2, -1, 2, 3, 4), (0, 1)):
+        turn, units = Turn(of="windward_meridian", rate=float(times)), "1/rad" if power else "1"
+        name = f"turned by {times} phi_w{_POWER[power]}"
+        terms = tuple(
+            YamlTerm(name=f"{axis} {name}", axis=axis, turn=turn, factors=_alpha(power), units=units) for axis in _PLANE
+        )
+        turns = f"turns {_TIMES[abs(times)]} {'against' if times < 0 else 'with'} the windward meridian"
+        found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms, may_change=True))
+    return found
+
+
+def _powers() -> list[Entry]:
+    """Powers of alpha, in and out of plane and times the rates, that the baseline lacks."""
+    chosen: dict[Axis, Sequence[int]] = {
+        "in_plane": (2, 3),
+        "out_of_plane": range(4),
+        "along_rates": (1, 2),
+        "across_rates": range(3),
+    }
+    found = []
+    for axis, power in ((axis, power) for axis, powers in chosen.items() for power in powers):
+        units = f"1/rad^{power}" if power else "1"
+        term = YamlTerm(name=f"{axis}{_POWER[power]}", axis=axis, factors=_alpha(power), units=units)
+        how = _POWER[power].replace(" times", " with") or ", constant"
+        found.append(Entry(f"{_SIDES[axis]} moment{how}", (term,), may_change=True))
+    return found
+
+
+def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
+    """Steps of the stiffness, in and out of plane, at a value of the quantity, sharp or gradual."""
+    spacing = (high - low) / (DESCRIBED_STEPS + 1)
+
+    def maker(axis: Axis, share: float) -> Callable[[float], Entry]:
+        what = "a step of the stiffness" if axis == "in_plane" else "an out-of-plane moment with alpha that steps"
+
+        def entry(value: float) -> Entry:
+            step = Factor(of=quantity, function="step", at=value, width=share * spacing)
+            name = f"{axis} alpha, step{_WIDTHS[share]} at {quantity} {value:.12g}"
+            term = YamlTerm(name=name, axis=axis, factors=(step, *_alpha(1)), units="1/rad")
+            words = f"{what} at {_QUANTITIES[quantity]} {value:.5g}{_WIDTHS[share]}"
+            form = f"{what}{_WIDTHS[share]}"
+            return Entry(words, (term,), value, spacing, entry, follows=quantity, form=form)
+
+        return entry
+
+    makers = [maker(axis, share) for axis in _PLANE for share in _WIDTHS]
+    return [make(low + k * spacing) for make in makers for k in range(1, DESCRIBED_STEPS + 1)]
+
+
+def _smooth(quantity: Quantity, low: float, high: float) -> list[Entry]:
+    """Splines: stiffness, out-of-plane slope, damping and body-fixed moment around a value of the quantity."""
+    width = (high - low) / (DESCRIBED_HATS - 1)
+    found = []
+    for at in (low + k * width for k in range(DESCRIBED_HATS)):
+        hat, label = Factor(of=quantity, function="bump", at=at, width=width), f"hat at {quantity} {at:.12g}"
+        inside, outside = (
+            YamlTerm(name=f"{axis} alpha, {label}", axis=axis, factors=(hat, *_alpha(1)), units="1/rad")
+            for axis in _PLANE
+        )
+        forms = {
+            "a change of the stiffness": (inside,),
+            "an out-of-plane moment with alpha": (outside,),
+            "a change of damping": (YamlTerm(name=f"rates, {label}", axis="along_rates", factors=(hat,)),),
+            "a body-fixed moment": tuple(YamlTerm(name=f"{a}, {label}", axis=a, factors=(hat,)) for a in _BODY),
+        }
+        where = f"around {_QUANTITIES[quantity]} {at:.4g}"
+        found += [Entry(f"{form} {where}", terms, follows=quantity, form=form) for form, terms in forms.items()]
+    return found
+
+
+# ---- Its entries beside a model ----
+
+_Bases = tuple[TimeBasis, ...]
+_ALWAYS: _Bases = (TimeBasis("constant"),)
+
+
+class Discovery(NamedTuple):
+    """A candidate of generic terms, and the file that has them; its title says them in words."""
+
+    candidate: Candidate
+    file: MechanismFile
+
+
+def discover(problem: Problem, null: HypothesisFit, name: str) -> Discovery | None:
+    """The entry of the dictionary that describes best what the model does not explain; None if there is none."""
+    search = _Search.of(problem, name)
+    gains = search.gains(search.offered)
+    fits = [search.described(search.best(gains), len(gains))] if gains and max(gains) > 0.0 else []
+    if len(problem.records) == 1:
+        fits += search.all_timed()
+    if not fits:
+        return None
+    fit, file, _ = min(fits, key=_information)
+    terms = as_terms(fit.selected, fit.values[fit.baseline_size :], file.terms)
+    return Discovery(candidate_of(problem, null, fit, name, "discovered"), file.model_copy(update={"terms": terms}))
+
+
+def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
+    """A description as a file of mechanisms."""
+    source = "found in the residual of a flight"
+    return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
+
+
+def as_terms(columns: Sequence[Regressor], values: FloatArray, terms: Sequence[YamlTerm]) -> tuple[YamlTerm, ...]:
+    """Columns of some terms as a file holds them: a term each, with its value and its jump."""
+    known = {term.name: term for term in terms}
+    found = []
+    for column, value in zip(columns, values, strict=True):
+        term, start = known[column.term], column.time_basis.start
+        changes: dict[str, object] = {"value": float(value)}
+        if column.time_basis.kind == "jump":
+            changes["name"] = f"{term.name}, from {start:.12g} s"
+            changes["factors"] = (*term.factors, Factor(of="time", function="step", at=start))
+        found.append(term.model_copy(update=changes))
+    return tuple(found)
+
+
+class _Described(NamedTuple):
+    """A description as fitted; `file` has its terms without values and jumps, `entry` is the dictionary's."""
+
+    fit: HypothesisFit
+    file: MechanismFile
+    entry: Entry
+
+
+def _information(each: _Described) -> float:
+    return each.fit.information
+
+
+class _Changing(YamlMechanism):
+    """An entry of the dictionary, constant or with jumps, its terms the components of one vector."""
+
+    name: str = "changing"  # type: ignore[misc]
+    time_variation = ("constant", "jump")
+    terms_enter_together = True
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The dictionary beside a model: an orthonormal `basis` (rows, rank) of it, and its residual `left` (rows,)."""
+
+    problem: Problem
+    name: str
+    offered: tuple[Entry, ...]
+    basis: FloatArray
+    left: FloatArray
+
+    @classmethod
+    def of(cls, problem: Problem, name: str) -> _Search:
+        basis = np.asarray(np.linalg.qr(problem.design(problem.frame, problem.baseline))[0], dtype=float)
+        left = problem.response - basis @ (basis.T @ problem.response)
+        return cls(problem, name, entries(problem.frame.motions), basis, left)
+
+    def gains(self, chosen: Sequence[Entry], bases: _Bases = _ALWAYS) -> list[float]:
+        """Fall of the residual sum of squares by each entry, changing in time like this."""
+        return [float(_fall(own.T @ own, own.T @ self.left)) for own in self.white(chosen, bases)]
+
+    def white(self, chosen: Sequence[Entry], bases: _Bases = _ALWAYS) -> list[FloatArray]:
+        """The whitened columns of each entry, changing in time like this, less what the model has of them."""
+        mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
+        frame = self.problem.frame.with_mechanisms([])
+        frame = replace(frame, mechanisms={**self.problem.frame.mechanisms, "dictionary": mechanism})
+        groups = [_columns("dictionary", entry, bases) for entry in chosen]
+        design = self.problem.design(frame, [column for group in groups for column in group])
+        ends = np.cumsum([0, *(len(group) for group in groups)])
+        return [self._free(design[:, a:b]) for a, b in itertools.pairwise(ends)]
+
+    def _free(self, own: FloatArray) -> FloatArray:
+        free = own - self.basis @ (self.basis.T @ own)
+        free[:, np.linalg.norm(free, axis=0) < DESCRIBED_FREE * np.linalg.norm(own, axis=0)] = 0.0
+        return np.asarray(free, dtype=float)
+
+    def best(self, gains: Sequence[float]) -> Entry:
+        """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
+        first quantity.
+        """
+        leader = self.offered[int(np.argmax(gains))]
+        if leader.follows is None:
+            return self.moved(leader)
+        # Between the places of a grid a step of another width or quantity may look like more than the right one.
+        order = sorted(range(len(self.offered)), key=lambda k: -gains[k])
+        changing = [self.offered[k] for k in order if self.offered[k].follows is not None]
+        forms = {(entry.follows, entry.form): entry for entry in reversed(changing)}
+        moved = [self.moved(entry) for entry in forms.values()]
+        moved_gains, quantities = self.gains(moved), list(_QUANTITIES)
+        equal = [k for k, gain in enumerate(moved_gains) if gain > max(moved_gains) - CONFOUNDED_NEAR]
+        return moved[min(equal, key=lambda k: (quantities.index(moved[k].follows or "time"), -moved_gains[k]))]
+
+    def moved(self, entry: Entry, bases: _Bases = _ALWAYS) -> Entry:
+        """The entry, changing in time like this, at the place near it that explains most."""
+        spacing, shifts = entry.spacing, np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
+        while entry.at is not None and spacing > DESCRIBED_CLOSEST * entry.spacing:
+            places = [entry.at(entry.position + spacing * shift) for shift in shifts]
+            entry = places[int(np.argmax(self.gains(places, bases)))]
+            spacing /= DESCRIBED_FINER
+        return entry
+
+    def all_timed(self) -> list[_Described]:
+        """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them
+        with times anew at its own place: beside a place a jump more makes up for what is off.
+        """
+        offered = [entry for entry in self.offered if entry.may_change]
+        fits = [self._timed(entry) for entry in self._over_stretches(offered)]
+        if not fits:
+            return fits
+        best = min(fits, key=_information)
+        bases = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
+        gains = [self.gains([entry], bases)[0] for entry in offered]
+        return fits + [self._timed(entry) for entry in (offered[int(np.argmax(gains))], best.entry)]
+
+    def _timed(self, entry: Entry) -> _Described:
+        """An entry with jumps in time where they explain most, and then at its own best place."""
+        mechanism = _Changing(definition=entry.terms)
+        fit = fit_hypothesis(self.problem, mechanism.name, (mechanism,))
+        bases = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
+        sets = len(self.offered) * math.comb(fit.searched, len(bases))
+        searched = next(count for count in itertools.count(len(bases)) if math.comb(count, len(bases)) >= sets)
+        return self.described(self.moved(entry, bases), searched, bases)
+
+    def described(self, entry: Entry, searched: int, bases: _Bases = _ALWAYS) -> _Described:
+        """An entry, changing in time like this, fitted, as one of so many choices."""
+        times = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
+        words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
+        file = file_of(self.name, words, entry.terms)
+        mechanism = mechanism_of(file)
+        frame, columns = self.problem.frame.with_mechanisms([mechanism]), _columns(self.name, entry, bases)
+        return _Described(solved(self.problem, self.name, (mechanism,), frame, columns, searched), file, entry)
+
+    def _over_stretches(self, offered: Sequence[Entry]) -> list[Entry]:
+        """The entries that explain most over some stretch of time; of neighbours the best alone."""
+        time = self.problem.frame.time
+        edges = np.linspace(float(time.min()), float(time.max()), DESCRIBED_STRETCHES + 1)
+        stretches = tuple(TimeBasis("jump", float(a), float(b)) for a, b in itertools.pairwise(edges))
+        gains = [self._most_of_a_stretch(self.white([entry], stretches)[0]) for entry in offered]
+        found: list[Entry] = []
+        for k in sorted(range(len(gains)), key=lambda k: -gains[k]):
+            if gains[k] > 0.0 and not any(_neighbours(offered[k], other) for other in found):
+                found.append(offered[k])
+        return found[:DESCRIBED_TIMED]
+
+    def _most_of_a_stretch(self, pieces: FloatArray) -> float:
+        """The largest fall of the residual's squares by an entry whose parts by stretch are given (rows, columns)."""
+        count = DESCRIBED_STRETCHES
+        shape = (count, pieces.shape[1] // count)
+        normal, right = (pieces.T @ pieces).reshape(*shape, *shape), (pieces.T @ self.left).reshape(shape)
+        ends = itertools.combinations(range(count + 1), 2)
+        joined = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends])
+        of_each = np.einsum("wj,jakb,wk->wab", joined, normal, joined, optimize=True)
+        return float(np.max(_fall(of_each, joined @ right)))
+
+
+def _neighbours(one: Entry, other: Entry) -> bool:
+    """Whether two entries are the same at places next to each other."""
+    placed = one.at is not None and other.at is not None
+    return placed and abs(one.position - other.position) < DESCRIBED_NEIGHBOURS * max(one.spacing, other.spacing)
+
+
+def _fall(normal: FloatArray, right: FloatArray) -> FloatArray:
+    """Fall of the residual sum of squares by normal equations (..., columns, columns) and (..., columns)."""
+    inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
+    return np.asarray(np.einsum("...a,...ab,...b->...", right, inverse, right), dtype=float)
+
+
+def _columns(mechanism: str, entry: Entry, bases: _Bases) -> tuple[Regressor, ...]:
+    """Columns of an entry's terms; those of one time basis are chosen together."""
+    return tuple(Regressor(mechanism, t.name, (), basis, t.units, grouped=True) for basis in bases for t in entry.terms)

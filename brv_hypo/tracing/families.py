@@ -1,0 +1,317 @@
+"""Which family of processes holds a residual, and whether an effect that a trace adds is wanted beside all of them.
+
+    y = U b + X c + Z a + e        (`inference.evidence`)
+
+U are the columns of a model before a step, X those of what was added, Z the splines of every process, all linear about
+the model with it. An effect is established where the evidence without it, the amplitudes of processes estimated anew,
+is far less, and refused where it is far larger; between these the data cannot tell it from processes. The residual is
+decomposed by what explains it: first by effects, then by one family of processes after another, each the one that
+raises the evidence most (forward selection). Entrance: `beside_processes`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import RECORD_EFFECT_LARGEST
+from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
+from brv_hypo.inference.rows import Rows, Terms, rows_of
+from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.baseline import SlopeSchedule
+from brv_hypo.model.model import Applied, Model
+from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
+from brv_hypo.motion.interpolation import time_splines
+from brv_hypo.motion.motion import Motion
+from brv_hypo.ranking.judgement import NORMAL_95
+from brv_hypo.ranking.with_processes import fitted, in_one_region, moved, plainest
+from brv_hypo.regression.channels import Part
+from brv_hypo.regression.channels import Rows as Histories
+from brv_hypo.regression.fit import HypothesisFit, solved
+from brv_hypo.regression.held_out import jackknife_error
+from brv_hypo.regression.noise import first_noise
+from brv_hypo.regression.nuisance import on_frame
+from brv_hypo.regression.problem import Problem, given_column
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import nonlinear_parameters
+from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
+from brv_hypo.tracing.fit import Fit
+from brv_hypo.tracing.result import Family, ProcessHistory
+
+_PLACES = 9  # at which the history of a process is reported
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A model and all processes about one point; `terms` are those of each effect that it added."""
+
+    point: HypothesisFit
+    rows: Rows
+    terms: Mapping[str, Terms]
+    families: Mapping[str, str]
+    """That of each effect."""
+    start: FloatArray
+    """Logarithms of noise and amplitudes beside all of it."""
+
+    def evidence(self, names: Sequence[str], families: Sequence[str] | None = None) -> Evidence:
+        """Of some of the effects, beside all processes or those of some families."""
+        terms = self.rows.terms(None)
+        for name in names:
+            terms = terms.beside(self.terms[name])
+        rows = self.rows if families is None else self.rows.only(families)
+        return maximised(rows, terms, self.start if families is None else None)
+
+    def gain(self, name: str, in_place: bool = False) -> float:
+        """By how much an effect raises the log evidence beside the others; `in_place` of its family's processes."""
+        others = {group.family for group in self.rows.groups} - {self.families[name]}
+        own = self.evidence(list(self.terms), sorted(others)) if in_place else self.whole
+        return own.level - self.evidence([each for each in self.terms if each != name]).level
+
+    def rest_of_family(self, name: str) -> float:
+        """What processes of an effect's family explain beside it, over what it explains itself."""
+        others = [terms for each, terms in self.terms.items() if each != name]
+        residuals = [_residual(self.rows, some) for some in (others, list(self.terms.values()))]
+        residuals += [self.evidence(list(self.terms), [self.families[name]]).residual]
+        before, after, rest = (float(each @ each) for each in residuals)
+        return (after - rest) / max(before - after, 1e-300)
+
+    def likeliest(self, fit: HypothesisFit) -> tuple[float, tuple[Regressor, ...]]:
+        """The log evidence that an effect gains where it is likeliest beside all processes, and its columns there.
+
+        As it was fitted or acting between two times, without changes that are not wanted (`compare` has it so).
+        """
+        pair, problem = self._pair(fit), self.rows.problem
+        if fit.mechanisms and (fit.mechanisms[0].time_variation != ("constant",) or fit.mechanisms[0].parameters()):
+            one = len(self.rows.frame.motions) == 1
+            frame = self.rows.frame_of(pair[0])
+            offered = in_one_region(problem, pair, self.null, frame) if one else [pair]
+            pair = plainest(problem, offered, self.null) if one else moved(problem, pair)
+        return pair[1].level - self.null.level, pair[0].selected
+
+    def gain_of(self, fit: HypothesisFit) -> float:
+        """The log evidence that an effect gains as it was fitted."""
+        return self._pair(fit)[1].level - self.null.level
+
+    def _pair(self, fit: HypothesisFit) -> tuple[HypothesisFit, Evidence]:
+        if not fit.mechanisms:
+            terms = _of_record(self.rows.of_moments(self.rows.frame, fit.selected), fit.searched)
+            return fit, maximised(self.rows, terms, self.start)
+        like = replace(fit, frame=self.rows.problem.frame.with_mechanisms(fit.mechanisms))
+        return fitted(self.rows.problem, like, fit.selected, self.null)
+
+    def under(self, problem: Problem) -> Beside:
+        """The same on another part of the record, or with other errors."""
+        return replace(self, rows=rows_of(problem, self.point))
+
+    @cached_property
+    def whole(self) -> Evidence:
+        """Of all of the effects."""
+        return self.evidence(list(self.terms))
+
+    @cached_property
+    def null(self) -> Evidence:
+        """Of the baseline and processes alone."""
+        return self.evidence([])
+
+    def unwanted(self, effects: Sequence[str]) -> tuple[str, ...]:
+        """Those of some effects without which the evidence is far larger, the least wanted first, and again."""
+        names, found = list(self.terms), list[str]()
+        while rest := [name for name in effects if name in names]:
+            levels = {name: self.evidence([each for each in names if each != name]).level for name in rest}
+            least = max(rest, key=levels.__getitem__)
+            if levels[least] < self.evidence(names).level + SPECIFIC:
+                break
+            names.remove(least)
+            found.append(least)
+        return tuple(found)
+
+    def is_adequate(self, names: Sequence[str]) -> bool:
+        """Whether effects explain more of the residual than processes beside them; so where there is neither."""
+        whole, rest = self.rows.beside_baseline(self.rows.y), self.evidence(names).residual
+        beside = _residual(self.rows, [self.terms[name] for name in names])
+        return float(whole @ whole - beside @ beside) >= float(beside @ beside - rest @ rest)
+
+    def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
+        """What effects and then families of processes explain of the residual, the largest first.
+
+        Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
+        """
+        residuals = [self.rows.beside_baseline(self.rows.y)]
+        residuals += [_residual(self.rows, [self.terms[each] for each in names[: k + 1]]) for k in range(len(names))]
+        selected = self._selected(names)
+        residuals += [each.residual for _, each in selected]
+        order: list[tuple[str, ...]] = [(self.families[name],) for name in names]
+        order += [some for some, _ in selected]
+        stretches, falls = self.rows.time_blocks, dict[str, FloatArray]()
+        squares = [np.bincount(stretches, weights=each**2).astype(float) for each in residuals]
+        for some, before, after in zip(order, squares, squares[1:], strict=False):
+            for family in some:  # what two explain together is half of either
+                falls[family] = np.asarray(falls.get(family, 0.0) + (before - after) / len(some))
+        histories = self._histories(selected[-1][1])
+        found = []
+        for family, fall in falls.items():
+            share, left_out = float(fall.sum() / squares[0].sum()), squares[0].sum() - squares[0]
+            error = NORMAL_95 * jackknife_error((fall.sum() - fall) / np.maximum(left_out, 1e-300))
+            low, high = np.clip([share - error, share + error], 0.0, 1.0).tolist()
+            known = {"family": family, "share": min(max(share, 0.0), 1.0), "interval_95": (low, high)}
+            found.append(Family.model_validate({**known, "history": histories.get(family)}))
+        return tuple(sorted(found, key=lambda each: -each.share))
+
+    @cached_property
+    def majority(self) -> str | None:
+        """The family of processes that explains more than half of the residual; None where none does."""
+        found = self.shares([])
+        return found[0].family if found and found[0].share > FAMILY_MAJORITY else None
+
+    def _selected(self, names: Sequence[str]) -> list[tuple[tuple[str, ...], Evidence]]:
+        """Families one after another, each the one that raises the evidence most; two at once where no one does."""
+        every = tuple(dict.fromkeys(group.family for group in self.rows.groups))
+        whole, level, known = self.evidence(names, every).level, -np.inf, tuple[str, ...]()
+        found: list[tuple[tuple[str, ...], Evidence]] = []
+        while whole > level + FAMILY_SIGNIFICANT and len(known) < len(every):
+            for size in (1, 2):
+                offered = combinations([each for each in every if each not in known], size)
+                tried = {some: self.evidence(names, (*known, *some)) for some in offered}
+                best = max(tried, key=lambda some: tried[some].level)
+                if tried[best].level > level + FAMILY_SIGNIFICANT:
+                    break
+            else:
+                break
+            found.append((best, tried[best]))
+            known, level = (*known, *best), tried[best].level
+        return found
+
+    def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
+        """Of each family, the history of the process that makes most of the record, on the first flight."""
+        every: tuple[Process, ...] = (*moment_processes(), *record_processes())
+        processes, groups = {process.name: process for process in every}, own.rows.groups
+        sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
+        largest = {groups[k].family: k for k in np.argsort(sizes).tolist()}
+        motion = self.rows.frame.motions[0]
+        return {family: _history(processes[groups[k].name], motion, own, k) for family, k in largest.items()}
+
+
+def beside_processes(
+    fit: Fit, before: Model, part: Part | None = None, given: Mapping[str, Histories] | None = None
+) -> Beside:
+    """What a model's fit has more than a model `before`, and every process beside that, on a part of the record.
+
+    `given`: histories that may become columns.
+    """
+    model, data, linear, count = fit.model, fit.data, fit.linear, len(before.columns)
+    base, added = model.columns[:count], model.columns[count:]
+    known = {(each.effect.name, each.component, each.flight) for each in before.applied}
+    applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
+    histories = dict(given or {}) | {
+        _label(a): on_frame(data.frame, a.flight, linear[a.flight].effect(a.effect, a.component, a.size))
+        for a in applied
+    }
+    corrections = [dict(each) for each in data.corrections]
+    for each in applied:
+        key = (each.effect.name, each.component)
+        corrections[each.flight][key] = corrections[each.flight].get(key, 0.0) + each.value
+    bare = model.but(columns=base, applied=before.applied, mechanisms=before.mechanisms)
+    read = replace(data, corrections=tuple(corrections))
+    problem = read.regression(bare, linear, histories, first_noise(linear), record_processes()).on(part or data.whole)
+    mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
+    frame = problem.frame.with_mechanisms(mechanisms)
+    point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
+    point = replace(point, nonlinear=nonlinear_parameters(point.columns, count, frame, problem.knots))
+    rows, start = rows_under_own_noise(problem, point)
+    terms, families, motions = dict[str, Terms](), dict[str, str](), rows.frame.motions
+    for name in (mechanism.name for mechanism in mechanisms):  # its terms, and what its knots and delays move
+        places = [k for k, column in enumerate(added) if column.mechanism == name]
+        moves = [k for k, each in enumerate(point.nonlinear) if {j - count for j in each.columns} <= set(places)]
+        terms[name] = rows.terms(point).only([*places, *(len(added) + k for k in moves)])
+        families[name] = _family_of(point, motions, name)
+    if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
+        effect, schedule = next(m.name for m in mechanisms if m.follows == "mach"), model.mechanisms[SlopeSchedule.name]
+        always, frame = TimeBasis("constant"), rows.frame.with_mechanisms([schedule])
+        x = rows.of_moments(frame, [term_column(schedule, t, (), always) for t in schedule.terms(motions[0], {})])
+        spread = np.array(schedule.tolerance(data.flights[0]))
+        terms[effect] = terms[effect].beside(Terms(x, spread, np.zeros(spread.size, dtype=bool)))
+    items = problem.rows.nuisances.items
+    bounded = {items[k].name for k in problem.rows.nuisances.bounded.tolist()}
+    shift = np.zeros(rows.y.size)
+    for name in dict.fromkeys(each.effect.name for each in applied):
+        own = [each for each in applied if each.effect.name == name]
+        x = rows.of_moments(rows.frame, [given_column(_label(each)) for each in own])
+        flight = data.flights[own[0].flight]
+        terms[name] = _of_record(x, sum(len(each.components(flight)) for each in own[0].effect.variants(flight)))
+        families[name] = own[0].effect.family
+        if name not in bounded:
+            shift += x @ np.array([each.value / each.size for each in own])
+    return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
+
+
+def _of_record(x: FloatArray, searched: int) -> Terms:
+    """Histories (n, k) of one typical size of components of a record effect, chosen of so many."""
+    spread, choices = np.full(x.shape[1], RECORD_EFFECT_LARGEST), math.comb(max(searched, x.shape[1]), x.shape[1])
+    return Terms(x, spread, np.zeros(spread.size, dtype=bool), -math.log(choices))
+
+
+def _label(applied: Applied) -> str:
+    return f"{applied.effect.name} {applied.component} [flight {applied.flight}]"
+
+
+def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
+    """The residual (n,) of the baseline and some terms, without processes."""
+    y = rows.beside_baseline(rows.y)
+    x = rows.beside_baseline(np.concatenate([rows.terms(None).x, *(each.x for each in terms)], axis=1))
+    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
+
+
+def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
+    """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
+    count = process.splines
+    if isinstance(process, MomentProcess):
+        unit, kinds = rms_of_shapes(process, motion), len(process.shapes(motion))
+    else:
+        unit, kinds = 1.0, len(process.channels)
+    own_values, own_errors = (
+        each[: count * kinds].reshape(kinds, count) / unit for each in own.spline_coefficients(number)
+    )
+    places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
+    splines = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), count)
+    paths = splines @ own_values.T
+    sigmas = np.sqrt(splines**2 @ own_errors.T**2)
+    length = np.linalg.norm(paths, axis=1)
+    value = paths[:, 0] if kinds == 1 else length
+    sigma = sigmas[:, 0] if kinds == 1 else np.linalg.norm(paths * sigmas, axis=1) / np.maximum(length, 1e-300)
+    return ProcessHistory(
+        process=process.name,
+        title=process.title,
+        units=own.rows.groups[number].units,
+        time_s=tuple(motion.time[places].tolist()),
+        mach=tuple(motion.mach[places].tolist()),
+        alpha_rad=tuple(motion.alpha[places].tolist()),
+        values=tuple(value.tolist()),
+        std_errors=tuple(sigma.tolist()),
+    )
+
+
+def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
+    """The family whose shapes make most of what an effect's moment is, while it acts."""
+    moments, known = [], list(zip(point.columns, point.values.tolist(), strict=True))
+    for number, motion in enumerate(motions):
+        chosen = [(c, value) for c, value in known if c.mechanism == name and c.acts_on(number)]
+        terms = evaluated([column for column, _ in chosen], point.frame.mechanisms, motion)
+        shapes = (term.in_plane + 1j * term.out_of_plane for term in terms)
+        weights = (value * column.time_basis(motion.coefficient_time) for column, value in chosen)
+        moments.append(summed(shapes, weights, motion.alpha.astype(complex)))
+    moment, found = np.concatenate(moments), dict[str, float]()
+    acts = np.abs(moment) > 0.0
+    y = np.concatenate([moment[acts].real, moment[acts].imag])
+    for process in moment_processes():
+        own = np.concatenate([np.array(process.shapes(motion)) for motion in motions], axis=1)[:, acts]
+        x = np.concatenate([own.real, own.imag], axis=1).T
+        rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+        found[process.family] = min(float(rest @ rest), found.get(process.family, np.inf))
+    return min(found, key=found.__getitem__)

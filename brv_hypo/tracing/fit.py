@@ -1,0 +1,547 @@
+"""A model fitted to flights: their records as the model reads them, its regression, coefficients and errors.
+
+`correct` takes a model's errors out of the records and reconstructs them: `Corrected`, with the part that is fitted and
+the blocks that are held out. `Fit` is a model on it. `converged` linearises where the errors that the tolerances allow
+are nearly taken out, and about the model's own coefficients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from statsmodels.stats.diagnostic import acorr_ljungbox
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import (
+    MODEL_CORRECTIONS,
+    MODEL_LINEARISATIONS,
+    MODEL_MOMENT_ROUNDS,
+    MODEL_OWN_POINTS,
+    MODEL_PLAUSIBLE,
+    MODEL_TRIFLE,
+    REPORTED_FREQUENCY_LINES,
+    REPORTED_FREQUENCY_WITHIN,
+    REPORTED_REGION_SHARE,
+    REPORTED_REGIONS,
+    WHITE_CHANCE,
+    WHITE_LAGS,
+)
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.registry import nuisance_effects, without
+from brv_hypo.model.model import TOLERATED, Model
+from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.term import Regressor, TimeBasis, default_knots
+from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kinematics import plane_from_body
+from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.responses import superposed
+from brv_hypo.regression.build import linearised, on_rows, with_vehicle
+from brv_hypo.regression.channels import Noise, Part, Rows, part, split, whole
+from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels
+from brv_hypo.regression.held_out import jackknife_error
+from brv_hypo.regression.linear import covariance_of, solve_scaled
+from brv_hypo.regression.noise import estimated_noise, first_noise, raised_noise
+from brv_hypo.regression.nuisance import Errors, Nuisance, nuisances
+from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
+from brv_hypo.regression.propagated_motion import linearisation_point
+from brv_hypo.regression.reduced import Reduced
+from brv_hypo.regression.refinement import ROUGH, Steps, nonlinear_parameters, refine
+from brv_hypo.regression.response import LinearisedFlight
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
+from brv_hypo.regression.whitening import difference, white
+from brv_hypo.thresholds import NOISE_EXCESS
+from brv_hypo.tracing.result import Residual, TraceConfig
+
+Linear = tuple[LinearisedFlight, ...]
+"""One a flight."""
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The records of flights without what a model takes out of them, reconstructed.
+
+    `corrections`, one a flight, are the errors that were found within the tolerances. The regression knows them by
+    their priors still, but is linearised where those of the record are corrected and those of the vehicle act.
+    """
+
+    originals: tuple[Flight, ...]
+    config: TraceConfig
+    records: tuple[InertialRecord, ...]
+    frame: RateFrame
+    fitted: Part
+    held_out: Part
+    whole: Part
+    corrections: tuple[Errors, ...]
+
+    @property
+    def reconstructions(self) -> tuple[Reconstruction, ...]:
+        """One a flight."""
+        return self.frame.reconstructions
+
+    @property
+    def flights(self) -> tuple[Flight, ...]:
+        """The records as they are read."""
+        return tuple(reconstruction.flight for reconstruction in self.frame.reconstructions)
+
+    def again(self, model: Model, corrections: Sequence[Errors] | None = None) -> Corrected:
+        """The same flights read with another model, or with other corrections."""
+        return correct(self.originals, model, self.config, self.corrections if corrections is None else corrections)
+
+    def rows_of(self, number: int) -> IntArray:
+        """Rows of the frame that belong to one flight."""
+        return np.flatnonzero(self.frame.flight_of_row == number)
+
+    def samples_of(self, number: int) -> IntArray:
+        """The sample of the flight that each of these rows is."""
+        own = [np.arange(s.rows.start, s.rows.stop) for s in self.frame.segments if s.flight == number]
+        return np.concatenate(own) if own else np.zeros(0, dtype=int)
+
+    def part_where(self, chosen: BoolArray) -> Part:
+        """The rows that are chosen (frame rows,)."""
+        valid = np.zeros(self.frame.observed.size, dtype=bool)
+        valid[self.whole.rows] = self.whole.valid
+        return part(self.frame, valid, chosen, shared=True)
+
+    def values(self, part: Part, columns: tuple[Regressor, ...]) -> FloatArray:
+        """Coefficients (columns,) of the moments on a part, by plain least squares of the rates' differences."""
+        noise = Noise(difference(), difference())
+        design = part.white_rates(self.frame.columns(columns)[part.rows], noise)
+        constants = part.white_rates(part.constants(), noise)
+        response = part.white_rates(self.frame.observed[part.rows], noise)[:, 0]
+        return solve_scaled(np.column_stack([design, constants]), response)[: len(columns)]
+
+    def with_in_plane_moment(self, columns: tuple[Regressor, ...]) -> Corrected:
+        """With C_mw of Eq. 5.1 where columns depend on its past."""
+        data = self
+        for _ in range(MODEL_MOMENT_ROUNDS if any(column.theta for column in columns) else 0):
+            values = data.values(data.fitted, columns)
+            data = replace(data, frame=data.frame.with_in_plane_moment(columns, values))
+        return data
+
+    def moments(self, rates: ComplexArray) -> ResidualMoments:
+        """Moment coefficients of derolled rates (rows,)."""
+        return residual_moments(self.frame, self.records, rates)
+
+    def linearised(self, model: Model, values: FloatArray) -> Linear:
+        """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
+        found = []
+        for number, (record, reconstruction) in enumerate(zip(self.records, self.reconstructions, strict=True)):
+            own = [j for j, column in enumerate(model.columns) if column.acts_on(number)]
+            columns, vehicle = tuple(model.columns[j] for j in own), model.tolerated(reconstruction.flight)
+            known = with_vehicle(self.frame, columns, values[own], vehicle, self.corrections[number])
+            found.append(linearised(record, reconstruction, *known))
+        return tuple(found)
+
+    def regression(
+        self,
+        model: Model,
+        linear: Linear,
+        given: Mapping[str, Rows] | None = None,
+        noise: Noise | None = None,
+        processes: Sequence[RecordEffect] = (),
+    ) -> Problem:
+        """The model's regression on the fitted part; `given` are histories that may become columns.
+
+        Components of record effects that the model holds are free, all others bounded by their tolerances. Without a
+        `noise`, it is what the record itself says, raised to what the model leaves. `processes` of the record may act.
+        """
+        frame, config, flights = self.frame, self.config, len(linear)
+        free = [
+            {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
+            for number in range(flights)
+        ]
+        effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
+        unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
+        problem = Problem(
+            frame=frame.with_mechanisms([GivenColumns()]),
+            records=self.records,
+            force=on_rows(frame, linear)[0],
+            rows=WhitenedRows(self.fitted, noise or first_noise(linear), unknown),
+            baseline=model.columns,
+            knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
+            max_terms=config.max_terms * flights,
+            exact_terms=config.max_terms,
+            given=dict(given or {}),
+        )
+        return problem if noise is not None else problem.under(raised_noise(problem.under(estimated_noise(problem))))
+
+
+def correct(
+    flights: Sequence[Flight], model: Model, config: TraceConfig, corrections: Sequence[Errors] | None = None
+) -> Corrected:
+    """Reconstruct the flights as the model reads their records, `corrections` out of each besides.
+
+    What the reconstruction finds of the remaining errors within their tolerances is taken out too.
+    """
+    corrections = tuple(corrections) if corrections is not None else tuple({} for _ in flights)
+    settings = ReconstructionConfig(method=config.method)
+    points = []
+    for number, flight in enumerate(flights):
+        read = without(flight, corrections[number])
+        own = [applied for applied in model.applied if applied.flight == number]
+        read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
+        points.append(linearisation_point(reconstruct(read, settings), settings))
+    records = tuple(record for record, _ in points)
+    frame = build_frame([reconstruction for _, reconstruction in points], list(model.mechanisms.values()))
+    pairs = zip(records, frame.reconstructions, strict=True)
+    valid = on_rows(frame, [linearised(*pair, frame, (), np.zeros(0)) for pair in pairs])[1]  # no spike, and measured
+    parts = (*split(frame, valid, config.blocks), whole(frame, valid))
+    return Corrected(tuple(flights), config, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
+
+
+@dataclass(frozen=True)
+class MomentErrors:
+    """Squared moment errors on a part of the record: sum and number of samples of each of its stretches."""
+
+    squares: FloatArray
+    sizes: FloatArray
+
+    @classmethod
+    def of(cls, part: Part, left: ResidualMoments) -> MomentErrors:
+        """Errors of the moment coefficients on a part."""
+        square = np.where(left.usable, np.abs(left.body) ** 2 / 2.0, 0.0)[part.rows]
+        usable = left.usable[part.rows]
+        sums = [(float(square[a:b].sum()), float(usable[a:b].sum())) for a, b in part.pieces]
+        squares, sizes = np.array(sums).T
+        return cls(squares, sizes)
+
+    @property
+    def mean_square(self) -> float:
+        """Mean square of the moment coefficients, pitch and yaw together."""
+        return float(self.squares.sum() / max(self.sizes.sum(), 1.0))
+
+    @property
+    def scatter(self) -> float:
+        """Relative standard deviation of the mean square of so much white noise, two axes a sample."""
+        return float(1.0 / np.sqrt(max(self.sizes.sum(), 1.0)))
+
+    @property
+    def std_error(self) -> float:
+        """Of the mean square, by the jackknife over stretches."""
+        others = (self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0)
+        return jackknife_error(others)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model on the fitted part of flights; `problem` is its regression, linear about `linear`."""
+
+    model: Model
+    data: Corrected
+    problem: Problem
+    linear: Linear
+
+    @cached_property
+    def solution(self) -> tuple[FloatArray, FloatArray]:
+        """Coefficients (columns,) and nuisances (unknowns,)."""
+        return self.problem.solution(self.data.frame, self.model.columns)
+
+    @property
+    def values(self) -> FloatArray:
+        """Coefficients (columns,)."""
+        return self.solution[0]
+
+    @property
+    def record_errors(self) -> tuple[Errors, ...]:
+        """What the errors of record and vehicle come to, in SI: one mapping a flight."""
+        return self.problem.rows.nuisances.values(self.solution[1], len(self.data.records))
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """Errors of record and vehicle beside the columns, in the order of the unknowns."""
+        return self.problem.rows.nuisances.items
+
+    @property
+    def increments(self) -> dict[Regressor, float]:
+        """What the baseline is more within its priors, as columns with their coefficients."""
+        pairs = zip(self.nuisances, self.solution[1].tolist(), strict=True)
+        return {as_regressor(item): value * item.size for item, value in pairs if item.name in TOLERATED}
+
+    @cached_property
+    def null(self) -> HypothesisFit:
+        """The model as a hypothesis that nothing is added to."""
+        return fit_hypothesis(self.problem, "none", ())
+
+    @cached_property
+    def rest(self) -> Rows:
+        """The residual of rates (but for a constant a piece) and force (frame rows,)."""
+        return self.problem.left(self.data.frame, self.model.columns, *self.solution)
+
+    @cached_property
+    def left(self) -> ResidualMoments:
+        """The residual as moment coefficients."""
+        return self.data.moments(self.rest.rates)
+
+    @cached_property
+    def errors(self) -> MomentErrors:
+        """On the fitted part."""
+        return MomentErrors.of(self.data.fitted, self.left)
+
+    @cached_property
+    def held_out(self) -> MomentErrors:
+        """On the blocks held out."""
+        return MomentErrors.of(self.data.held_out, self.left)
+
+    @cached_property
+    def residual(self) -> Residual:
+        """Tests of the residual. White is only what is no larger than noise."""
+        return _residual_of(self)
+
+    def alone(self) -> Fit:
+        """The same without histories that may become columns, at the full number of samples."""
+        frame = self.data.frame.with_mechanisms([GivenColumns()])
+        problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
+        return replace(self, problem=problem)
+
+    def at_best_knots(self, problem: Problem, steps: Steps = ROUGH) -> tuple[Regressor, ...] | None:
+        """The columns with knots and delays where a regression has them; None where there are none."""
+        columns, frame = self.model.columns, problem.frame
+        nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
+        if not nonlinear:
+            return None
+        return refine(columns, nonlinear, frozenset(), Reduced(replace(problem, baseline=()), frame), steps).columns
+
+
+def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
+    """The fit of a model, linearised about coefficients (columns,), or about plain ones; under a noise, or its own."""
+    linear = data.linearised(model, data.values(data.fitted, model.columns) if values is None else values)
+    return Fit(model, data, data.regression(model, linear, noise=noise), linear)
+
+
+def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
+    """The fit of a model, linearised where the errors that the tolerances allow are nearly taken out.
+
+    What they do to the reconstruction is not small enough to be linear from the record as it is. Knots and delays
+    of the model are refined there. Last it is linearised about its own coefficients, while it fits better so: the first
+    are of the rates' differences, and those of columns that are nearly one are anything. Where it fits worse, much is
+    unexplained, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
+    """
+    fit = _near_its_errors(flights, model, config)
+    for _ in range(MODEL_OWN_POINTS):
+        nearer = fitted_about(fit.data, fit.model, fit.values)
+        fall = fit.errors.mean_square / nearer.errors.mean_square
+        if fall < 1.0 / MODEL_TRIFLE:
+            break
+        fit = nearer
+        if fall < MODEL_TRIFLE:
+            break
+    return fit
+
+
+def _near_its_errors(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
+    fit = fitted_about(correct(flights, model, config), model)
+    for _ in range(MODEL_LINEARISATIONS):
+        found, before = fit.record_errors, fit.data.corrections
+        corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(flights)]
+        nearer = fitted_about(correct(flights, model, config, corrections), model)
+        if (columns := nearer.at_best_knots(nearer.problem)) is not None:
+            own = nearer.model.but(columns=columns), nearer.data.with_in_plane_moment(columns)
+            nearer = Fit(*own, replace(nearer.problem, baseline=columns), nearer.linear)
+        if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
+            # The errors of the record that were found are none; what was found of the vehicle's moments acts.
+            allowed = [{mechanism.name for mechanism in model.tolerated(flight)} for flight in fit.data.flights]
+            acting = tuple(
+                {**known, **{name: value for name, value in more.items() if name[0] in names}}
+                for known, more, names in zip(before, corrections, allowed, strict=True)
+            )
+            return fitted_about(replace(fit.data, corrections=acting), model, fit.values)
+        fit, model = nearer, nearer.model
+    return fit
+
+
+def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
+    """What is taken out of one flight's record from here on: its errors within their tolerances.
+
+    `found` are whole errors, with what was taken out `before` in them.
+    """
+    free = {(a.effect.name, a.component) for a in model.applied if a.flight == number}
+    most = {(e.name, c.name): MODEL_PLAUSIBLE * c.size for e in nuisance_effects() for c in e.components(flight)}
+    of_vehicle = {mechanism.name for mechanism in model.tolerated(flight)}
+    within = {
+        name: float(np.clip(value, -most[name], most[name])) if name in most else value
+        for name, value in found.items()
+        if (name in most or name[0] in of_vehicle) and name not in free
+    }
+    return {**before, **within}
+
+
+def refitted(fit: Fit) -> Fit:
+    """The fit with its errors of the record fitted once more, all together and under the final noise.
+
+    Their first values are those of a reconstruction that the errors themselves had distorted. The fit itself where that
+    is no better.
+    """
+    for _ in range(MODEL_CORRECTIONS if fit.model.applied else 0):
+        wrong = fit.record_errors
+        applied = tuple(
+            a.model_copy(update={"value": a.value + wrong[a.flight].get((a.effect.name, a.component), 0.0)})
+            for a in fit.model.applied
+        )
+        model = fit.model.but(applied=applied)
+        found = fitted_about(fit.data.again(model), model, fit.values, fit.problem.rows.noise)
+        if found.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
+            break
+        fit = found
+    return fit
+
+
+# ---- The residual: whiteness, size, where it is largest, its frequency ----
+
+
+def _residual_of(fit: Fit) -> Residual:
+    """Of several flights, size and place are those of the one with the largest residual against its noise."""
+    data, ratios = fit.data, [_noise_ratio(fit, k) for k in range(len(fit.data.records))]
+    number = int(np.argmax(ratios))
+    rows, samples, motion = data.rows_of(number), data.samples_of(number), data.reconstructions[number].motion
+    usable, sigma, time = fit.left.usable[rows], fit.left.noise[rows], motion.time[samples]
+    body = np.where(usable, fit.left.body[rows], 0.0)
+    plane = plane_from_body(body, motion.windward_meridian[samples])
+    channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
+    p_value, frequency = _whiteness(fit), _dominant(body[usable], float(np.median(np.diff(time))))
+    return Residual(
+        flight=number if len(ratios) > 1 else None,
+        rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
+        white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
+        p_value=p_value,
+        noise_ratio=ratios[number],
+        worst_channel=max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable])),
+        worst_region_s=_worst_region(time, body, usable),
+        dominant_frequency_hz=frequency,
+        dominant_frequency_is=_name_frequency(motion, frequency),
+    )
+
+
+def _noise_ratio(fit: Fit, number: int) -> float:
+    """Mean square of the residual of one flight over that of its noise."""
+    rows = fit.data.rows_of(number)
+    rows = rows[fit.left.usable[rows]]
+    body, sigma = fit.left.body[rows], fit.left.noise[rows]
+    return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
+
+
+def _excess(values: FloatArray, sigma: FloatArray) -> float:
+    return float(np.mean(values**2) / np.mean(sigma**2))
+
+
+def _whiteness(fit: Fit) -> float:
+    """Of the rates' residual: the smaller p-value of Ljung-Box and of its size against the gyros' noise, doubled."""
+    fitted = fit.data.fitted
+    pieces = remove_levels(fit.rest.rates[fitted.rows], fitted.pieces, white())
+    flights = fit.data.frame.flight_of_row[fitted.rows]
+    sigmas = [fit.data.records[int(flights[a])].gyro_sigma for a, _ in fitted.pieces]
+    parts = [part / sigma for piece, sigma in zip(pieces, sigmas, strict=True) for part in (piece.real, piece.imag)]
+    chances = [
+        float(acorr_ljungbox(part, lags=[min(WHITE_LAGS, part.size // 4)])["lb_pvalue"].iloc[0]) for part in parts
+    ]
+    together = float(stats.combine_pvalues(np.clip(chances, 1e-300, 1.0)).pvalue)
+    total = sum(float(part @ part) for part in parts)
+    free = sum(part.size - 1 for part in parts)
+    # The noise level is itself estimated, to about one part in the root of the samples.
+    spread = np.sqrt(2.0 * free) * np.sqrt(3.0)
+    return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
+
+
+def _worst_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> tuple[float, float]:
+    """Among equal parts of the record, those about the largest mean square that exceed a share of it."""
+    count = REPORTED_REGIONS
+    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
+    inside = [(which == k) & usable for k in range(count)]
+    size = [float(np.mean(np.abs(body[own]) ** 2)) if own.any() else 0.0 for own in inside]
+    edges = np.linspace(time[0], time[-1], count + 1)
+    first = last = worst = int(np.argmax(size))
+    while first > 0 and size[first - 1] > REPORTED_REGION_SHARE * size[worst]:
+        first -= 1
+    while last < count - 1 and size[last + 1] > REPORTED_REGION_SHARE * size[worst]:
+        last += 1
+    return float(edges[first]), float(edges[last + 1])
+
+
+def _dominant(body: ComplexArray, step: float) -> float:
+    """Frequency (Hz) of the largest line in the residual; negative where it turns from z to y."""
+    values = body - body.mean()
+    spectrum = np.abs(np.fft.fft(values * np.hanning(values.size)))
+    return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
+
+
+def _name_frequency(motion: Motion, frequency: float) -> str:
+    """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
+    resolution = REPORTED_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
+    rates = {"roll rate": motion.p, "windward-meridian rate": motion.windward_meridian_rate}
+    away, name = min(
+        (
+            abs(abs(frequency) - multiple * abs(float(np.mean(rate))) / (2.0 * np.pi)),
+            f"{multiple} x {name}" if multiple > 1 else name,
+        )
+        for name, rate in rates.items()
+        for multiple in (1, 2, 3)
+    )
+    near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
+    return name if near else "not a multiple of the roll or meridian rate"
+
+
+# ---- Other fits of the same regression ----
+
+
+def as_regressor(item: Nuisance) -> Regressor:
+    """The column of a moment that is known to a tolerance."""
+    return Regressor(item.name, item.component, (), TimeBasis("constant"), item.units)
+
+
+class Constrained(NamedTuple):
+    """Coefficients (columns,), their covariance (0 for those that were fixed), and the residual (frame rows,).
+
+    `others` (unknowns,) are the nuisances.
+    """
+
+    values: FloatArray
+    others: FloatArray
+    covariance: FloatArray
+    left: Rows
+
+
+def constrained(
+    problem: Problem, frame: RateFrame, columns: Sequence[Regressor], fixed: FloatArray, others: FloatArray
+) -> Constrained:
+    """Columns and nuisances fitted together, those `fixed` (columns,), `others` (unknowns,) at their values, NaN where
+    they are free.
+    """
+    count, constants = len(columns), 2 * len(problem.rows.part.levels)
+    values = np.concatenate([fixed, np.full(constants, np.nan), others])
+    free, values = np.isnan(values), np.nan_to_num(values)
+    design = problem.whole_design(frame, columns)
+    response = problem.raw_response - design @ values
+    values[free] = solve_scaled(design[:, free], response)
+    error = problem.raw_response - design @ values
+    covariance = np.zeros((values.size, values.size))
+    covariance[np.ix_(free, free)] = covariance_of(
+        design[:, free], error, problem.samples, problem.efficiency_of(error)
+    )
+    found = values[count + constants :]
+    left = problem.left(frame, columns, values[:count], found)
+    return Constrained(values[:count], found, covariance[:count, :count], left)
+
+
+def has_tolerance(problem: Problem, effect: str) -> bool:
+    """Whether every fit has the effect already, within its tolerance."""
+    items = problem.rows.nuisances.items
+    return any(items[k].name == effect for k in problem.rows.nuisances.bounded)
+
+
+def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
+    """The problem with the effective share of samples that a fit's residual shows."""
+    return replace(problem, efficiency=problem.efficiency_of(fit.residual))
+
+
+def noise_floor(part: Part, moments: ResidualMoments) -> float:
+    """Mean square of the moment coefficients' noise on a part."""
+    rows = part.rows[moments.usable[part.rows]]
+    return float(np.mean(moments.noise[rows] ** 2))

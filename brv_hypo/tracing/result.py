@@ -1,0 +1,309 @@
+"""Settings of a trace, and its result; its dump is the contract's JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, TypedDict
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from brv_hypo.constants import TRACED_BLOCKS, TRACED_KNOTS, TRACED_SIGNIFICANCE, TRACED_STEPS, TRACED_TERMS
+from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.json_result import NullIsNaN, Result
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
+from brv_hypo.model.aero_table import AeroTable
+from brv_hypo.model.model import SavedModel
+from brv_hypo.motion.config import Method
+from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordError, RecordSummary, TermEstimate
+from brv_hypo.results import HasCharts, Row
+
+Baseline = Literal["scheduled", "constant"]
+
+
+class TraceConfig(BaseModel):
+    """Settings of `trace`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    start: str | SavedModel = "none"
+    """What the model holds from the start: a hypothesis as in `compare` ('none', 'lag+trim', a mechanism file), or
+    the model of an earlier trace."""
+    baseline: Baseline = "scheduled"
+    """Whether the stiffness that it starts from follows Mach and Reynolds number ("scheduled"), or is constant, so
+    that such a change is for the loop to find."""
+    aero: AeroTable | None = None
+    """A table of the slope, which replaces the baseline's, and to which increments within its uncertainty are
+    estimated."""
+    effects: tuple[str, ...] | None = None
+    """The effects to try; None tries all that are installed."""
+    discover: bool = True
+    """Whether the dictionary of generic terms is searched too."""
+    method: Method = "joint"
+    """Of reconstruction, as in `reconstruct`."""
+    blocks: int = Field(default=TRACED_BLOCKS, ge=8, le=200)
+    """Blocks of time that the record is cut into; every fourth is held out."""
+    max_steps: int = Field(default=TRACED_STEPS, ge=1, le=30)
+    """Effects that may be added."""
+    significance: float = Field(default=TRACED_SIGNIFICANCE, gt=0.0, lt=0.5)
+    """Adjusted p-value below which an effect is significant."""
+    knot_count: int = Field(default=TRACED_KNOTS, ge=0, le=40)
+    """As in `compare`."""
+    max_terms: int = Field(default=TRACED_TERMS, ge=1, le=20)
+    """As in `compare`."""
+    maximum_likelihood: bool = True
+    """Whether the final model is refined by maximum likelihood."""
+
+
+TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
+    "start": str | SavedModel, "baseline": Baseline, "aero": AeroTable | None, "effects": Sequence[str] | None,
+    "discover": bool, "method": str, "blocks": int, "max_steps": int, "significance": float, "knot_count": int,
+    "max_terms": int, "maximum_likelihood": bool,
+}, total=False)  # fmt: skip
+"""The fields of `TraceConfig` as keywords."""
+
+
+Kind = Literal["mechanism", "instrument", "environment", "discovered"]
+
+
+Interval = tuple[float, float]
+
+
+Status = Literal["finding", "hint"]
+
+
+Stop = Literal["white", "nothing significant", "nothing improves held-out error", "limit"]
+
+
+class Residual(NullIsNaN):
+    """What a model leaves: rms of the moment coefficients (pitch and yaw together), and where it is worst.
+
+    `white`, `p_value`: of the derolled rates, Ljung-Box and size against the gyros' own noise.
+    `noise_ratio`: mean square of the residual moments over that of their noise. `worst_region_s` s;
+    `dominant_frequency_hz` of the residual in body axes, positive in the sense from y to z. `flight`: the one of
+    several, counted from 0, that all but whiteness is of.
+    """
+
+    flight: int | None = None
+    rms: float
+    white: bool
+    p_value: float
+    noise_ratio: float
+    worst_channel: str
+    worst_region_s: Interval
+    dominant_frequency_hz: float
+    dominant_frequency_is: str
+
+
+class ProcessHistory(NullIsNaN):
+    """The history of a process on the first flight: its coefficient, or the length of several, at times of the record.
+
+    Of processes of the moment `units` are those of a moment coefficient over the shape's.
+    """
+
+    process: str
+    title: str
+    units: str
+    time_s: tuple[float, ...]
+    mach: tuple[float, ...]
+    alpha_rad: tuple[float, ...]
+    values: tuple[float, ...]
+    std_errors: tuple[float, ...]
+
+
+class Family(NullIsNaN):
+    """What a family of effects and processes explains of the residual's mean square; its largest process."""
+
+    family: str
+    share: float
+    interval_95: Interval
+    history: ProcessHistory | None = None
+
+
+class TriedCandidate(NullIsNaN):
+    """One effect as tried: `explains` is the share of the weighed squares that it saves; `near_equals` are effects
+    that this flight cannot tell from it.
+    """
+
+    effect: str
+    kind: Kind
+    f_ratio: float
+    p_value_adjusted: float
+    explains: float | None
+    description: str = ""
+    near_equals: tuple[str, ...] = ()
+
+
+class Errors(NullIsNaN):
+    """Mean squares of errors, both axes together."""
+
+    fit: float
+    held_out: float
+
+
+class FlightLeftOut(NullIsNaN):
+    """Mean squares of the moment errors of each flight, the shared terms known from the others alone.
+
+    What belongs to a flight (trim, instruments, what changes at its times) is fitted to it in either case. `before`
+    and `after` are without and with the effect, by flight; `ratio` is that of their sums.
+    """
+
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    ratio: float
+
+
+class Step(NullIsNaN):
+    """One turn of the loop. The first candidate is what was added, where anything was.
+
+    `refused` is significant in the fitted part and does not lower the held-out error, or few repetitions name it.
+    `error_before`, `error_after` are those of the moment coefficients; `force_error_before`, `force_error_after` those
+    of the specific force across the axis, (m/s^2)^2, in which an error of the record may show alone.
+    A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
+    blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
+    `flight_left_out`: with several flights, what the shared terms predict of each from the others. `removed`: effects
+    of earlier steps that the model has no need of beside this one.
+    `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has
+    those that explain any, with intervals and the histories of processes. `unwanted`: what is refused as processes
+    explain the record far better; `evidence_gain`: the log evidence that what was added gains beside them, nats.
+    `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
+    `held_out_score` the fall of the held-out error in both channels in its standard errors.
+    """
+
+    step: int
+    residual: Residual
+    families: dict[str, float] = Field(default={})
+    decomposition: tuple[Family, ...] = ()
+    candidates: tuple[TriedCandidate, ...]
+    refused: tuple[str, ...] = ()
+    unwanted: tuple[str, ...] = ()
+    evidence_gain: float | None = None
+    removed: tuple[str, ...] = Field(default=(), alias="taken_out")
+    added: str | None
+    description: str = ""
+    status: Status | None = Field(default=None, alias="standing")
+    named_in: float | None = None
+    error_before: Errors
+    error_after: Errors | None = None
+    error_ratio_held_out: float | None = None
+    force_error_before: Errors
+    force_error_after: Errors | None = None
+    flight_left_out: FlightLeftOut | None = None
+    error_ratio_std_error: float | None = None
+    held_out_score: float | None = None
+
+
+def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:
+    """The steps that added what the model still holds."""
+    return tuple(
+        step
+        for place, step in enumerate(steps)
+        if step.added is not None and not any(step.added in later.removed for later in steps[place + 1 :])
+    )
+
+
+def names_added(steps: Sequence[Step], status: Status | None = None) -> tuple[str, ...]:
+    """The effects that were added (with a status where one is given) and stay, in order; once, though in parts."""
+    own = (step for step in lasting_steps(steps) if status in (None, step.status))
+    return tuple(dict.fromkeys(step.added for step in own if step.added is not None))
+
+
+class Account(NullIsNaN):
+    """A model on the way to the last one: its mean squared moment error on held-out blocks, and the standard error."""
+
+    model: str
+    held_out: float
+    std_error: float
+
+
+class ModelSummary(NullIsNaN):
+    """The model as it ended, fitted to the whole record; another trace can start from `definition`."""
+
+    terms: tuple[TermEstimate, ...]
+    definition: SavedModel
+
+
+class Picture(NullIsNaN):
+    """Residual moments (pitch, yaw) before and after, for pictures of the report: not part of the JSON.
+
+    Angles and rates of the motion are empty where they are not known.
+    """
+
+    time_s: tuple[float, ...]
+    measured: tuple[tuple[float, ...], tuple[float, ...]]
+    before: tuple[tuple[float, ...], tuple[float, ...]]
+    after: tuple[tuple[float, ...], tuple[float, ...]]
+    sigma: tuple[float, ...]
+    alpha_rad: tuple[float, ...] = ()
+    alpha_sigma_rad: tuple[float, ...] = ()
+    windward_meridian_rad: tuple[float, ...] = ()
+    windward_meridian_sigma_rad: tuple[float, ...] = ()
+    roll_rate_rad_s: tuple[float, ...] = ()
+    windward_meridian_rate_rad_s: tuple[float, ...] = ()
+    mach: tuple[float, ...] = ()
+    dynamic_pressure_pa: tuple[float, ...] = ()
+    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    """As that of a comparison's `Series`."""
+
+
+class Trace(HasCharts, Result):
+    """The course of a trace: its steps, the model that it ended with, and what is left."""
+
+    schema_: str = Field(default="brv-hypo/trace/1", alias="schema")
+    flight: FlightSummary
+    flights: tuple[FlightSummary, ...] = ()
+    record: RecordSummary = RecordSummary()
+    steps: tuple[Step, ...]
+    findings: tuple[str, ...] = ()
+    hints: tuple[str, ...] = ()
+    families: dict[str, float] = Field(default={}, description="what each explains of the first step's residual")
+    account: tuple[Account, ...] = Field(default=(), description="from constant coefficients to the last model")
+    model: ModelSummary
+    record_errors: tuple[RecordError, ...] = Field(default=(), description="of the model, the largest first")
+    collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients, as those of a comparison")
+    static_slopes: tuple[Derivative, ...] = ()
+    static_stability: str = Field(default="", description="where the static moment is not significantly stable")
+    damping: tuple[Derivative, ...] = Field(default=(), description="C_mq along each flight, processes included")
+    dynamic_stability: str = Field(default="", description="where the damping moment is significantly unstable")
+    stopped: Stop
+    unexplained: str | None
+    caveats: tuple[str, ...] = ()
+    noise: float = Field(description="mean square of the moment coefficients' noise on the held-out blocks")
+    final_residual: Residual | None = None
+    ml: MaximumLikelihood | None = None
+    seconds: float = 0.0
+    picture: Picture | None = Field(default=None, exclude=True)
+    discovered: MechanismFile | None = Field(default=None, exclude=True)
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """The effects that were added and stay, in order; once, though an effect was added in parts."""
+        return names_added(self.steps)
+
+    def headline(self) -> str:
+        """What was found, what is hinted at, and why the loop stopped."""
+        hints = f"; hints {', '.join(self.hints)}" if self.hints else ""
+        found = ", ".join(self.findings) or "nothing"
+        return f"{self.flight.title or self.flight.path}: found {found}{hints}; {self.stopped}"
+
+    def conclusion(self) -> str:
+        """What is left, where anything is."""
+        return self.unexplained or ("The residual is noise." if self.stopped == "white" else "")
+
+    def rows(self) -> Sequence[Row]:
+        """One row for each step: what was added, and the errors before and after."""
+        return [
+            {
+                "step": step.step,
+                "added": step.added,
+                "standing": step.status,
+                "named_in": step.named_in,
+                "residual_rms": step.residual.rms,
+                "white": step.residual.white,
+                "fit_before": step.error_before.fit,
+                "fit_after": None if step.error_after is None else step.error_after.fit,
+                "held_out_before": step.error_before.held_out,
+                "held_out_after": None if step.error_after is None else step.error_after.held_out,
+                "error_ratio_held_out": step.error_ratio_held_out,
+            }
+            for step in self.steps
+        ]

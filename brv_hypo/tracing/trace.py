@@ -1,0 +1,378 @@
+"""`trace`, the residual loop: find the residual, add the effect that explains it, repeat until nothing is left.
+
+An effect is added where the evidence wants it beside all processes (`families`), and removed where it no longer is.
+The final model is refined by maximum likelihood on the measurements themselves (`final_model`).
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple, Unpack
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from brv_hypo.constants import (
+    HELD_OUT_SHORTEST,
+    LOOP_REPEATED_BLOCKS,
+    LOOP_REPEATED_KNOTS,
+    LOOP_RIVALS,
+    LOOP_WITH_EVIDENCE,
+    REPEATED_ERRORS,
+    TRACED_SMALLEST,
+)
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.flight import FlightSource, flights_of
+from brv_hypo.flight.derived import averaged
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
+from brv_hypo.model.baseline import StaticBend
+from brv_hypo.model.model import Model, restored
+from brv_hypo.model.term import TimeBasis, default_knots, term_column
+from brv_hypo.motion import try_record
+from brv_hypo.progress import Progress, report_to, stages
+from brv_hypo.ranking.summary import record_summary
+from brv_hypo.regression.channels import split
+from brv_hypo.regression.fit import fit_hypothesis
+from brv_hypo.regression.problem import Problem
+from brv_hypo.settings import settings_of, takes_settings
+from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
+from brv_hypo.tracing.acceptance import Candidate, adjusted, confounded, fitted_again
+from brv_hypo.tracing.account import step_of
+from brv_hypo.tracing.additions import (
+    Analysis,
+    Choice,
+    analyse_step,
+    best_first,
+    choose,
+    follows_mach,
+    is_schedule,
+    schedules_first,
+)
+from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
+from brv_hypo.tracing.description import Discovery
+from brv_hypo.tracing.families import Beside, beside_processes
+from brv_hypo.tracing.final_model import gathered, maximum_likelihood
+from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
+from brv_hypo.tracing.result import Account, Baseline, Step, Stop, Trace, TraceConfig, TraceSettings
+
+
+@takes_settings(TraceConfig)
+def trace(
+    flights: FlightSource | Sequence[FlightSource],
+    config: TraceConfig | Mapping[str, Any] | str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    **settings: Unpack[TraceSettings],
+) -> Trace:
+    """Trace what a model lacks on one flight or several, effect by effect.
+
+    Several flights share the terms by Mach number and angle of attack; trim, instruments, and what changes at times of
+    the record are of each. Long records far finer than their motion are traced as means of samples. A record that
+    contradicts itself is traced as it is, for the effect may be what does it; `record` of the result says so.
+
+    Returns
+    -------
+    Trace
+        The steps, findings, hints and the final model.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> magnus = {"mechanism": "magnus", "terms": {"C_npalpha": 3.0}}
+    >>> flown = brv_hypo.simulate("research_cone", seed=1, duration=4.0, sample_rate=100.0, mechanisms=[magnus])
+    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False, maximum_likelihood=False)
+    >>> traced.hints
+    ('magnus',)
+    """
+    config = settings_of(TraceConfig, config, settings)
+    own = flights_of(flights)
+    records = tuple(averaged(flight) for flight in own)
+    fewest = max(TRACED_SMALLEST, HELD_OUT_SHORTEST * config.blocks)
+    for record in records:
+        if record.samples < fewest:
+            raise UnanswerableError(
+                f"the record holds {record.samples} samples in the window, expected at least {fewest}: too few to hold "
+                f"any of {config.blocks} blocks out. Widen --start and --stop, or have fewer `blocks` in the "
+                "configuration."
+            )
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
+        result = _trace(records, config, stages(report_to(progress), {}))
+    return result.model_copy(update={"record": record_summary([try_record(flight)[1] for flight in own])})
+
+
+def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str], None]) -> Trace:
+    begun = clock.perf_counter()
+    loop, turns = _Loop(flights, config, *_effects(config)), list[Turn]()
+    say("reconstructing the motion")
+    fit = loop.start(config.baseline)
+    discovery: Discovery | None = None
+    stopped: Stop = "limit"
+    for number in range(1, config.max_steps + 1):
+        say(f"step {number}: trying the effects")
+        turn = loop.turn(number, fit, [each.step for each in turns])
+        turns.append(turn)
+        if turn.discovery is not None and (turn.after is not None or discovery is None):
+            discovery = turn.discovery
+        fit = turn.after or turn.before
+        if turn.after is None:
+            stopped = turn.reason
+            break
+    first, fit = turns[0].before, refitted(fit)
+    steps = confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
+    result = gathered(fit, first.left, steps, loop.account(turns, fit), stopped, discovery)
+    if config.maximum_likelihood:
+        say("maximum likelihood of the final model")
+        result = result.model_copy(update={"ml": maximum_likelihood(fit)})
+    return result.model_copy(update={"seconds": clock.perf_counter() - begun})
+
+
+def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
+    """Those that are tried: of the moments, and of the records."""
+    if config.effects is None:
+        return mechanisms("mechanism") + mechanisms("aerodynamic"), record_effects()
+    items = [find_installed(name) for name in config.effects]
+    of_moments = tuple(item for item in items if isinstance(item, Mechanism))
+    return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
+
+
+class Turn(NamedTuple):
+    """One step with the fit that it started from, the one that it led to, and why the loop may end here.
+
+    `discovery`: the description in generic terms, where it is significant and no name took its place.
+    """
+
+    step: Step
+    before: Fit
+    after: Fit | None
+    reason: Stop
+    discovery: Discovery | None
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """What stays the same over the steps."""
+
+    flights: tuple[Flight, ...]
+    config: TraceConfig
+    mechanisms: tuple[Mechanism, ...]
+    effects: tuple[RecordEffect, ...]
+
+    def converged(self, model: Model) -> Fit:
+        return converged(self.flights, model, self.config)
+
+    def start(self, baseline: Baseline) -> Fit:
+        """The model that the trace starts from."""
+        start = self.config.start
+        if not isinstance(start, str):
+            return self.converged(restored(start, self.flights))
+        known = parse_hypothesis(start)
+        model = start_model(self.flights, known, baseline, self.config.aero)
+        data = correct(self.flights, model, self.config)
+        columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
+        model = with_priors(model.but(columns=columns, added=added), data)
+        chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
+        motion, each = data.reconstructions[0].motion, range(len(self.flights)) if len(self.flights) > 1 else [None]
+        declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
+            term_column(mechanism, term, (), TimeBasis("constant"), flight)
+            for mechanism in known
+            if mechanism not in chosen
+            for flight in (each if mechanism.of_each_flight(data.flights[0]) else [None])
+            for term in mechanism.terms(motion, {})
+        )
+        model = model + Model(columns=declared)
+        if chosen:
+            model = model.but(columns=fit_hypothesis(self.converged(model).problem, "start", chosen).columns)
+        return self.converged(model)
+
+    def account(self, turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
+        """The held-out error of one model after another, from constant coefficients to the last."""
+        first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
+        start, models = "constant", list[tuple[str, MomentErrors]]()
+        if self.config.start != "none" or self.config.aero is not None:
+            start = "the model given"
+        elif has_schedule(first.model):
+            models, start = [(start, self.start("constant").held_out)], "scheduled"
+        errors = [*(turn.before.held_out for turn in turns[: len(added)]), last.held_out]
+        models += zip((start, *added), errors, strict=True)
+        return tuple(Account(model=name, held_out=each.mean_square, std_error=each.std_error) for name, each in models)
+
+    def turn(self, number: int, fit: Fit, before: Sequence[Step]) -> Turn:
+        """One step: the residual, the candidates, and the model with the best of them if it is needed.
+
+        What steps `before` added and is not wanted beside it is removed.
+        """
+        model, flights = fit.model, len(self.flights)
+        usable = tuple(m for m in self.mechanisms if _applicable(m, fit.data))
+        motion = fit.data.frame.motions[0]
+        bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, motion)]
+        # What changes in time may be described better by more columns of it.
+        timed = [m for m in usable if m.time_variation != ("constant",)]
+        untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, flights))]
+        effects = [e for e in self.effects if not _has_everywhere(e.name, model, flights)]
+        here = analyse_step(fit, untried, effects, self.config.discover)
+        choice, here = self._choice(here)
+        if choice.accepted is None and bends:
+            # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing
+            # else is added, of a model without it.
+            bare = fitted_about(fit.data, model.without([StaticBend.name]))
+            named, there = self._choice(analyse_step(bare, bends, ()))
+            if named.accepted is not None:
+                return self._turn(number, there, named, ())
+        return self._turn(number, here, choice, before)
+
+    def _turn(self, number: int, here: Analysis, choice: Choice, before: Sequence[Step]) -> Turn:
+        """The step of a choice, and the model with what was chosen."""
+        accepted, step = choice.accepted, step_of(number, here, choice, before)
+        reason: Stop = "white" if step.residual.white else "nothing significant"
+        if choice.tried:
+            reason = "nothing improves held-out error"
+        after = None if accepted is None else accepted.fit
+        if after is not None and accepted is not None and accepted.candidate.effect is None:
+            # Beside a model that lacked the effect, the errors of the record had taken up some of it.
+            after = self.converged(after.model)
+        others = [each.added for each in before if each.added is not None and each.added != step.added]
+        if after is not None and (gone := unwanted(after, others)):
+            after = self.converged(after.model.without(gone))
+            step = step.model_copy(update={"removed": gone})
+        return Turn(step, here.fit, after, reason, _counting(here.discovery, choice, self.config.significance))
+
+    def _choice(self, here: Analysis) -> tuple[Choice, Analysis]:
+        """What is chosen, and the candidates with their evidence."""
+        fit = here.fit
+        beside = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given)
+        here, known = with_evidence(here, beside), has_schedule(fit.model)
+
+        def add(candidate: Candidate) -> Fit:
+            found = here.with_candidate(candidate)
+            if not follows_mach(candidate) or known:
+                return found
+            return self.converged(scheduled(found.model, found.data))
+
+        def weighed(found: Fit) -> tuple[float, bool]:
+            there = beside_processes(found, fit.model, found.data.fitted)
+            gain = there.gain(own := found.model.added[-1])
+            gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
+            return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
+
+        choice = choose(here, add, weighed)
+        if choice.accepted is None:
+            return choice, here
+        offered = [each for each in choice.ranked if each.name not in choice.unwanted]
+        if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
+            offered = list(schedules_first(offered))
+        share = named_in(beside, offered, choice.accepted.candidate.name, fit)
+        return replace(choice, named_in=share), here
+
+
+def _counting(found: Discovery | None, choice: Choice, significance: float) -> Discovery | None:
+    """The description in generic terms, where it is significant and no name took its place."""
+    if found is None:
+        return None
+    own, accepted = found.candidate, choice.accepted
+    if accepted is not None and accepted.candidate is not own:
+        return found if own.name in confounded(accepted.candidate, choice.ranked) else None
+    return found if adjusted(choice.ranked)[own.name] <= significance else None
+
+
+def _has_everywhere(name: str, model: Model, flights: int) -> bool:
+    """Whether the effect was added for all of the flights: to those that lack it, it may be added yet."""
+    own = {column.flight for column in model.columns if column.mechanism == name}
+    own |= {applied.flight for applied in model.applied if applied.effect.name == name}
+    return name in model.added and (None in own or len(own) in (0, flights))
+
+
+def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
+    """Whether the records hold what the mechanism needs, such as the Mach number."""
+    theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
+    terms = [term for each in data.reconstructions for term in mechanism.terms(each.motion, theta)]
+    return all(np.all(np.isfinite(part)) for term in terms for part in (term.in_plane, term.out_of_plane))
+
+
+# ---- Beside processes: which candidates lead, how often they do, which effects stay ----
+
+
+def with_evidence(here: Analysis, beside: Beside) -> Analysis:
+    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
+
+    So are all that change in time: on a coarse grid any of them may look like nothing.
+    """
+
+    def weighed(candidate: Candidate) -> Candidate:
+        gain, columns = beside.likeliest(candidate.fit)
+        if set(columns) != set(candidate.fit.selected):
+            candidate = fitted_again(here.fit.problem, here.fit.null, candidate, columns)
+        return replace(candidate, evidence=gain)
+
+    leading = {each.name for each in here.candidates[:LOOP_WITH_EVIDENCE] if each.gain > 0.0}
+    leading |= {c.name for c in here.candidates if any(m.time_variation != ("constant",) for m in c.fit.mechanisms)}
+    found, discovery = tuple(weighed(c) if c.name in leading else c for c in here.candidates), here.discovery
+    if discovery is not None:
+        discovery = discovery._replace(candidate=weighed(discovery.candidate))
+    return replace(here, candidates=found, discovery=discovery)
+
+
+def named_in(beside: Beside, offered: Sequence[Candidate], name: str, fit: Fit) -> float:
+    """Share of the repetitions in which an effect gains most beside all processes, a generic description far more."""
+    own = next(candidate for candidate in offered if candidate.name == name)
+    rivals = [each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]
+    best = []
+    for problem in _repetitions(beside.rows.problem, fit.data):
+        again = beside.under(problem)
+        gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
+        gains[name] = again.gain_of(own.fit)
+        best.append(min((own, *rivals), key=best_first((own, *rivals), gains)).name)
+    return float(np.mean([each == name for each in best]))
+
+
+def _repetitions(problem: Problem, data: Corrected) -> Iterator[Problem]:
+    config = data.config
+    for share in LOOP_REPEATED_BLOCKS:
+        fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
+        yield problem.on(fitted)
+    start, stop = float(data.frame.time.min()), float(data.frame.time.max())
+    for more in LOOP_REPEATED_KNOTS:
+        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
+    nuisances = problem.rows.nuisances
+    for effect in REPEATED_ERRORS:
+        for side in (-1.0, 1.0):
+            items = tuple(
+                replace(item, present=item.present + side) if item.name == effect else item for item in nuisances.items
+            )
+            if items != nuisances.items:
+                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
+
+
+def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
+    """Those of the effects whose moments are not wanted beside all others and processes.
+
+    Schedules, which change what the baseline is, and what every fit has within its tolerance are left as they are.
+    """
+    model, flights = fit.model, fit.data.flights
+    known = {name: model.mechanisms[name] for name in names if name in model.mechanisms}
+    removable = [
+        name
+        for name, mechanism in known.items()
+        if mechanism.follows != "mach" and all(mechanism.tolerance(flight) is None for flight in flights)
+    ]
+    if not removable:
+        return ()
+    first = min(k for k, column in enumerate(model.columns) if column.mechanism in removable)
+    return beside_processes(fit, model.but(columns=model.columns[:first])).unwanted(removable)
+
+
+def confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
+    """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
+    final model, leave that model inadequate, or those of the effect's family have much to explain beside it.
+    """
+    gains = {name: beside.gain(name) for name in beside.terms}
+    adequate = beside.is_adequate([name for name, gain in gains.items() if gain > -SPECIFIC])
+    kept = {n for n, gain in gains.items() if gain >= SPECIFIC and adequate and beside.rest_of_family(n) <= FAMILY_REST}
+    return tuple(
+        step.model_copy(update={"status": "hint"}) if step.status == "finding" and step.added not in kept else step
+        for step in steps
+    )

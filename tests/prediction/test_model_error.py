@@ -1,0 +1,223 @@
+"""What a model leaves on held-out stretches: measured where it was found, in the band of what it predicts elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from brv_hypo.flight import load_flight, save_flight
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms import find
+from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_of
+from brv_hypo.model.model import Model, ModelError, SavedColumn, SavedModel
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.prediction import Prediction, predict
+from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
+from brv_hypo.tracing import Trace, TraceConfig
+from brv_hypo.tracing.baseline import start_model
+from brv_hypo.tracing.final_model import model_error
+from brv_hypo.tracing.fit import Corrected, correct
+from tests.chains import traced_trim, trimmed
+from tests.flights import nominal
+
+# Variance of what stays over that of the whole model's coefficient, where what is left out was a part of it.
+WIDER = 9.0
+BY_MACH = ModelError(mach=(5.0, 10.0), own=(1e-5, 3e-5), elsewhere=(2e-5, 6e-5))
+JUMP = SavedColumn(
+    mechanism="bodyfixed",
+    term="C_b cos(phi_b)",
+    units="1",
+    kind="jump",
+    start=2.0,
+    tied=True,
+    value=5e-4,
+    std_error=1e-6,
+)
+
+
+@pytest.fixture(scope="module")
+def data() -> Corrected:
+    flight = nominal().flight
+    falling = replace(flight, mach=np.linspace(12.0, 6.0, flight.samples))
+    return correct((falling,), start_model((falling,), ()), TraceConfig())
+
+
+def left_at(data: Corrected, sigma: Any, seed: int = 1) -> ResidualMoments:
+    """Residual moments of that standard deviation, number or (rows,), beside the noise."""
+    rng = np.random.default_rng(seed)
+    known = residual_moments(data.frame, data.records, data.frame.observed)
+    size = np.hypot(known.noise, sigma)
+    body = size * (rng.standard_normal(size.size) + 1j * rng.standard_normal(size.size))
+    return replace(known, body=body)
+
+
+def noise_of(data: Corrected) -> float:
+    return float(np.median(residual_moments(data.frame, data.records, data.frame.observed).noise))
+
+
+@pytest.mark.parametrize("times", [2.0, 10.0])
+def test_what_is_left_beyond_the_noise_comes_back(data: Corrected, times: float) -> None:
+    noise = noise_of(data)
+    found = model_error(data, left_at(data, times * noise), left_at(data, 2.0 * times * noise))
+    assert np.all(np.diff(found.mach) > 0.0)
+    assert np.sqrt(np.mean(np.square(found.own))) == pytest.approx(times * noise, rel=0.15)
+    assert np.sqrt(np.mean(np.square(found.elsewhere))) == pytest.approx(2.0 * times * noise, rel=0.15)
+
+
+def test_a_model_that_leaves_noise_alone_adds_little_to_it(data: Corrected) -> None:
+    found = model_error(data, left_at(data, 0.0), left_at(data, 0.0))
+    noise = noise_of(data)
+    assert np.sqrt(np.mean(np.square(found.own))) < 0.4 * noise
+
+
+def test_noise_alone_seldom_leaves_anything_on_any_stretch(data: Corrected) -> None:
+    """Of many stretches, some leave more than all but one in twenty would."""
+    found = [model_error(data, left_at(data, 0.0, seed), left_at(data, 0.0, seed)).own for seed in range(100)]
+    assert len(found[0]) > 4
+    assert sum(any(each) for each in found) <= 10
+
+
+def test_it_is_told_where_it_was_left(data: Corrected) -> None:
+    mach = data.reconstructions[0].motion.mach[data.samples_of(0)]
+    found = model_error(data, left_at(data, np.where(mach > 9.0, 1e-3, 0.0)), left_at(data, 0.0))
+    low, high = found.at(np.array([6.5, 11.5]), elsewhere=False)
+    assert low < 0.1 * high
+    assert high == pytest.approx(1e-3, rel=0.25)
+
+
+def test_without_a_mach_number_there_is_one_value() -> None:
+    flight = nominal().flight
+    unknown = correct((replace(flight, mach=None),), start_model((flight,), ()), TraceConfig())
+    found = model_error(unknown, left_at(unknown, 1e-3), left_at(unknown, 1e-3))
+    assert found.mach == ()
+    assert found.own[0] == pytest.approx(1e-3, rel=0.2)
+
+
+@pytest.mark.parametrize(("mach", "expected"), [(4.0, 2e-5), (10.0, 6e-5), (20.0, 6e-5), (7.5, np.sqrt(20.0) * 1e-5)])
+def test_it_is_read_between_mach_numbers_and_kept_beyond_them(mach: float, expected: float) -> None:
+    assert BY_MACH.at(np.array([mach]), elsewhere=True)[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"), [(BY_MACH, np.sqrt(5.0) * 1e-5), (ModelError(own=(4e-5,), elsewhere=(5e-5,)), 4e-5)]
+)
+def test_where_the_mach_number_is_unknown_it_is_the_mean(error: ModelError, expected: float) -> None:
+    assert error.at(np.array([np.nan]), elsewhere=False)[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"mach": (5.0, 10.0), "own": (1e-5,), "elsewhere": (1e-5, 1e-5)},
+        {"mach": (10.0, 5.0), "own": (1e-5, 1e-5), "elsewhere": (1e-5, 1e-5)},
+    ],
+)
+def test_a_file_that_contradicts_itself_is_refused(content: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError, match="model's error"):
+        ModelError.model_validate(content)
+
+
+def test_what_follows_the_records_time_does_not_last() -> None:
+    always = TimeBasis("constant")
+    terms = (
+        YamlTerm(name="late", axis="body_y", factors=(Factor(of="time", function="step", at=1.0),)),
+        YamlTerm(name="slow", axis="body_y", factors=(Factor(of="mach", function="step", at=9.0, width=1.0),)),
+    )
+    described = mechanism_of(MechanismFile(name="described", title="t", claims="c", source="a test", terms=terms))
+    columns = (
+        Regressor("described", "late", (), always, "1"),
+        Regressor("described", "slow", (), always, "1"),
+        Regressor("trim", "C_m0", (), always, "1"),
+        Regressor("trim", "C_m0", (), TimeBasis("jump", 1.0), "1"),
+    )
+    model = Model(mechanisms={"described": described, "trim": find("trim")}, columns=columns)
+    assert model.lasting.tolist() == [False, True, True, False]
+
+
+def _in_plane_offset(column: SavedColumn) -> bool:
+    return column.mechanism != "trim" and column.term == "C_m0"
+
+
+def with_a_jump(result: Trace, found_on: str, elsewhere: float | None = None) -> SavedModel:
+    """The model of a trace with a body-fixed moment from 2 s on."""
+    definition = result.model.definition
+    columns = tuple(
+        column.model_copy(update={"elsewhere": elsewhere if _in_plane_offset(column) else None})
+        for column in definition.columns
+    )
+    zeros = tuple(0.0 for _ in columns)
+    covariance = (*((*row, 0.0, 0.0) for row in definition.covariance), (*zeros, 1e-12, 0.0), (*zeros, 0.0, 1e-12))
+    across = JUMP.model_copy(update={"term": "C_b sin(phi_b)"})
+    return definition.model_copy(
+        update={
+            "columns": (*columns, JUMP, across),
+            "covariance": covariance,
+            "covariance_elsewhere": tuple(tuple(WIDER * value for value in row) for row in covariance),
+            "found_on": (found_on,),
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    """The traced flight, in a file."""
+    path = tmp_path_factory.mktemp("record") / "flight.h5"
+    save_flight(trimmed().flight, path)
+    return load_flight(path)
+
+
+@pytest.fixture(scope="module")
+def elsewhere(record: Flight) -> Prediction:
+    """By a model of another flight, whose C_m0 is its own there."""
+    return predict(record, with_a_jump(traced_trim(), "another.h5", elsewhere=1.5e-4))
+
+
+def test_what_belongs_to_the_times_of_its_own_flight_is_left_out_elsewhere(
+    record: Flight, elsewhere: Prediction
+) -> None:
+    at_home = predict(record, with_a_jump(traced_trim(), str(record.path)))
+    assert at_home.left_out == ()
+    assert any(term.mechanism == "bodyfixed" for term in at_home.frozen)
+    assert elsewhere.left_out == ("bodyfixed",)
+    assert not any(term.mechanism == "bodyfixed" for term in elsewhere.frozen)
+    assert "bodyfixed of the model acts at times of the flight that it was found on" in elsewhere.reason
+    assert elsewhere.error.frozen < 0.5 * at_home.error.frozen
+
+
+@pytest.mark.thorough
+def test_outside_the_times_that_it_was_found_at_its_own_record_is_another(record: Flight) -> None:
+    model = with_a_jump(traced_trim(), str(record.path)).model_copy(update={"times": ((0.0, 3.0),)})
+    assert predict(record, model).left_out == ("bodyfixed",)
+
+
+def test_elsewhere_what_stays_has_its_own_coefficient(elsewhere: Prediction) -> None:
+    assert next(term.value for term in elsewhere.frozen if term.mechanism != "trim" and term.name == "C_m0") == 1.5e-4
+    known = {(term.mechanism, term.name): term.std_error for term in traced_trim().model.terms}
+    for term in elsewhere.frozen:
+        assert term.std_error == pytest.approx(np.sqrt(WIDER) * known[term.mechanism, term.name], rel=1e-6)
+
+
+@pytest.mark.thorough
+def test_what_the_model_left_widens_the_band_and_is_told(record: Flight) -> None:
+    definition = traced_trim().model.definition
+    plain, unsure = (
+        predict(record, definition.model_copy(update={"error": error}))
+        for error in (None, ModelError(own=(1e-3,), elsewhere=(1e-3,)))
+    )
+    assert plain.band.model_error == 0.0
+    assert unsure.band.model_error == pytest.approx(1e-3)
+    wider = np.sqrt(np.square(unsure.band.half_width) - np.square(plain.band.half_width))
+    np.testing.assert_allclose(wider, 1.96e-3, rtol=0.1)
+    assert "times the noise: it is not adequate there" in unsure.reason
+    assert "not adequate" not in plain.reason
+
+
+def test_a_trace_tells_its_models_error(record: Flight) -> None:
+    definition = traced_trim().model.definition
+    assert definition.error is not None
+    assert definition.times == ((float(record.time[0]), float(record.time[-1])),)
+    assert max(definition.error.own) < 3.0 * np.sqrt(traced_trim().noise)

@@ -1,0 +1,254 @@
+"""A model found on one flight, frozen, against another of the same vehicle."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from brv_hypo.constants import CHANGE_CHANCE, HELD_OUT_SHORTEST
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight import load_flight
+from brv_hypo.flight.record import Flight
+from brv_hypo.model.model import SavedModel
+from brv_hypo.prediction import Prediction, predict
+from brv_hypo.report.document import Table, Texts
+from brv_hypo.report.html import page, provenance
+from brv_hypo.report.motion_charts import BODY, THOUSANDTHS
+from brv_hypo.report.tables import CONTRADICTED
+from brv_hypo.report.trace import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
+from brv_hypo.simulation import SimulationConfig, simulate
+from brv_hypo.tracing import Trace, TraceConfig, trace
+from tests.chains import TRIM, traced_trim, trimmed_cone
+from tests.shared_data import shared_file
+from tests.studies.loop.planting import another_flight
+
+SISTERS_TRIM = (-TRIM[0], TRIM[1])
+# A change of the sister's slope of 1/rad, and when.
+CHANGE, CHANGED_S = 0.002, (2.0, 3.5)
+
+
+@pytest.fixture(scope="module")
+def traced() -> Trace:
+    return traced_trim()
+
+
+@pytest.fixture(scope="module")
+def sister() -> Flight:
+    return simulate(another_flight(trimmed_cone(SISTERS_TRIM), 4), seed=5).flight
+
+
+@pytest.fixture(scope="module")
+def predicted(traced: Trace, sister: Flight) -> Prediction:
+    return predict(sister, traced.model.definition, ("trim",))
+
+
+@pytest.fixture(scope="module")
+def held(traced: Trace, sister: Flight) -> Prediction:
+    """Nothing refitted."""
+    return predict(sister, traced.model.definition)
+
+
+def test_what_belongs_to_the_vehicle_is_fitted_and_the_rest_frozen(predicted: Prediction) -> None:
+    assert {term.name for term in predicted.refitted} == {"C_m0", "C_n0"}
+    assert "C_malpha" in {term.name for term in predicted.frozen}
+    for term, planted in zip(predicted.refitted, SISTERS_TRIM, strict=True):
+        assert term.std_error > 0.0
+        assert abs(term.value - planted) < 0.1 * TRIM[0]
+
+
+def test_the_frozen_model_explains_a_sister_flight(predicted: Prediction) -> None:
+    error = predicted.error
+    assert error.own <= error.frozen * 1.01
+    assert error.frozen - error.noise < 0.05 * (error.without - error.noise)
+    assert predicted.ratio == pytest.approx(error.frozen / error.without)
+
+
+def test_a_sister_with_the_same_schedule_differs_nowhere(predicted: Prediction) -> None:
+    assert predicted.local_change is None
+    assert "differs" not in predicted.reason
+
+
+def test_a_sister_of_other_damping_is_refused_and_one_of_the_same_is_not(traced: Trace, predicted: Prediction) -> None:
+    config = another_flight(trimmed_cone(SISTERS_TRIM), 4)
+    own = config.aerodynamics
+    damped = config.model_copy(update={"aerodynamics": own.model_copy(update={"C_mq": 1.1 * own.C_mq})})
+    found = predict(simulate(damped, seed=5).flight, traced.model.definition, ("trim",))
+    assert found.refused
+    assert found.difference is not None
+    assert found.difference.term == "C_mq"
+    assert found.difference.value == pytest.approx(0.1 * own.C_mq, abs=3.0 * found.difference.std_error)
+    assert "contradicts the model" in found.reason
+    assert not predicted.refused
+    assert "contradicts" not in predicted.reason
+
+
+@pytest.fixture(scope="module")
+def changed(traced: Trace) -> Prediction:
+    """A sister whose slope is another for a while."""
+    data = another_flight(trimmed_cone(SISTERS_TRIM), 4).model_dump()
+    inplane = {"mechanism": "inplane", "terms": {"C_malpha": CHANGE}, "start": CHANGED_S[0], "stop": CHANGED_S[1]}
+    config = SimulationConfig.model_validate({**data, "mechanisms": (*data["mechanisms"], inplane)})
+    return predict(simulate(config, seed=5).flight, traced.model.definition, ("trim",))
+
+
+def test_where_the_slope_is_another_is_named_with_its_size(changed: Prediction) -> None:
+    change = changed.local_change
+    assert change is not None
+    assert change.term == "C_malpha"
+    assert (change.start_s, change.stop_s) == pytest.approx(CHANGED_S, abs=0.05)
+    assert change.value == pytest.approx(CHANGE, abs=4.0 * change.std_error)
+    assert change.p_value < CHANGE_CHANCE
+    assert change.mach is not None
+    assert f"Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}" in changed.reason
+
+
+def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction) -> None:
+    document = prediction_document(changed)
+    tables = [block for block in document.blocks if isinstance(block, Table)]
+    rows = [row for table in tables if table.heading == WHERE_IT_DIFFERS for row in table.rows]
+    assert [row["term"] for row in rows] == ["C_malpha"]
+    assert Prediction.model_validate_json(changed.model_dump_json(by_alias=True)) == changed
+
+
+def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
+    assert held.refitted == ()
+    values = {(term.mechanism, term.name): term for term in traced.model.terms}
+    for term in held.frozen:
+        assert (term.value, term.std_error) == pytest.approx(
+            (values[term.mechanism, term.name].value, values[term.mechanism, term.name].std_error)
+        )
+    assert held.error.frozen > predicted.error.frozen
+
+
+def test_a_window_too_short_to_be_traced_is_predicted(traced: Trace, sister: Flight) -> None:
+    predicted = predict(sister.window(1.0, 2.2), traced.model.definition, ("trim",))
+    assert predicted.flight.samples < TraceConfig().blocks * HELD_OUT_SHORTEST
+    assert predicted.explained > 0.95
+
+
+def test_a_window_of_a_few_samples_is_refused_with_the_remedy(traced: Trace, sister: Flight) -> None:
+    with pytest.raises(UnanswerableError, match=r"expected at least 64.*Widen --start and --stop"):
+        predict(sister.window(1.0, 1.2), traced.model.definition)
+
+
+def test_the_regions_cover_the_flight(predicted: Prediction, sister: Flight) -> None:
+    assert predicted.regions[0].start_s == pytest.approx(float(sister.time[0]))
+    assert predicted.regions[-1].stop_s == pytest.approx(float(sister.time[-1]))
+    assert all(region.ratio > 0.0 and region.mach is not None for region in predicted.regions)
+
+
+def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: Prediction, tmp_path: Path) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(traced.model_dump_json(by_alias=True), encoding="utf-8")
+    again = predict(sister, path, ("trim",))
+    assert again.model.path == str(path)
+    np.testing.assert_allclose(again.error.frozen, predicted.error.frozen, rtol=1e-9)
+    assert json.loads(again.model_dump_json(by_alias=True))["schema"] == "brv-hypo/predict/1"
+
+
+def test_an_unknown_name_is_refused(traced: Trace, sister: Flight) -> None:
+    with pytest.raises(UsageError, match="did you mean trim"):
+        predict(sister, traced.model.definition, ("trm",))
+
+
+def test_a_model_without_coefficients_is_refused(traced: Trace, sister: Flight, tmp_path: Path) -> None:
+    content = json.loads(traced.model_dump_json(by_alias=True))
+    for column in content["model"]["definition"]["columns"]:
+        column["value"] = None
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(UsageError, match="no coefficients"):
+        predict(sister, path)
+
+
+@pytest.mark.thorough
+def test_the_band_holds_nearly_all_samples(traced: Trace, sister: Flight) -> None:
+    band = predict(sister, traced.model.definition, ("trim", "instruments")).band
+    assert 0.90 <= band.inside <= 0.99
+    widths = np.array(band.half_width)
+    assert widths.shape == np.array(band.measured).shape == (2, len(band.time_s))
+    assert np.all(widths > 0.0)
+
+
+@pytest.mark.thorough
+def test_an_unsure_model_has_a_wider_band(traced: Trace, sister: Flight, predicted: Prediction) -> None:
+    content = traced.model.definition.model_dump()
+    content["covariance"] = tuple(tuple(100.0 * value for value in row) for row in content["covariance"])
+    unsure = predict(sister, SavedModel.model_validate(content), ("trim",))
+    assert np.median(unsure.band.half_width) > 1.05 * np.median(predicted.band.half_width)
+    assert unsure.error.frozen == pytest.approx(predicted.error.frozen)
+
+
+@pytest.mark.thorough
+def test_instruments_are_fitted_within_their_tolerances(traced: Trace, sister: Flight, predicted: Prediction) -> None:
+    fitted = predict(sister, traced.model.definition, ("trim", "instruments"))
+    assert fitted.error.frozen < 1.05 * predicted.error.frozen
+    assert fitted.frozen == predicted.frozen
+
+
+def test_a_model_that_does_not_hold_is_said_not_to_with_what_may_help(
+    traced: Trace, sister: Flight, predicted: Prediction
+) -> None:
+    wrong = traced.model.definition.model_dump()
+    for column in wrong["columns"]:
+        column["value"] *= -2.0
+    said = predict(sister, SavedModel.model_validate(wrong), ("trim",)).reason
+    assert "The frozen model does not hold here: its error is" in said
+    assert "`--refit trim,instruments` lets this flight have its own" in said
+    assert "--refit" not in predicted.reason
+
+
+def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted: Prediction, held: Prediction) -> None:
+    """Its trim is held unless `--refit` names it: the sister's own would explain nearly all."""
+    assert held.error.frozen > 2.0 * predicted.error.frozen
+    assert "`--refit trim,instruments` lets this flight have its own, for an error of about" in held.reason
+
+
+@pytest.mark.shared
+@pytest.mark.slow
+def test_on_a_measured_record_a_held_model_far_off_is_told_with_the_remedy() -> None:
+    """Found on the first two fifths of the entry, asked of all of it: half of it holds everywhere."""
+    entry = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    settings = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
+    model = trace(entry.window(None, 0.6 * entry.time[0] + 0.4 * entry.time[-1]), settings).model.definition
+    held, fitted = (predict(entry, model, refit) for refit in ((), ("instruments",)))
+    assert held.ratio > 1.0
+    assert fitted.error.frozen < 0.5 * held.error.frozen
+    assert "`--refit instruments` lets this flight have its own" in held.reason
+    assert "--refit" not in fitted.reason
+
+
+@pytest.mark.thorough
+def test_what_trace_returned_is_a_model(traced: Trace, sister: Flight, predicted: Prediction) -> None:
+    assert predict(sister, traced, ("trim",)).error == predicted.error
+
+
+@pytest.mark.thorough
+def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Flight) -> None:
+    content = traced.model.definition.model_copy(update={"flown": {"mach": (0.1, 0.2)}})
+    nowhere = predict(sister, content, ("trim",))
+    assert nowhere.flown == 0.0
+    assert "other Mach numbers" in nowhere.reason
+
+
+def test_the_page_draws_the_band(predicted: Prediction) -> None:
+    chart = band_chart(predicted)
+    assert [chart.name for chart in prediction_charts(predicted)] == ["band", "errors", "regions"]
+    assert [panel.title for panel in chart.panels] == [f"{title}{THOUSANDTHS.suffix}" for title in BODY]
+    assert "95 % prediction interval" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
+
+
+@pytest.mark.thorough
+def test_a_record_that_contradicts_itself_is_said_to(traced: Trace, sister: Flight, held: Prediction) -> None:
+    assert held.record.sound
+    turned = predict(replace(sister, q=-sister.q), traced.model.definition)
+    assert [(fault.channel, fault.fault) for fault in turned.record.faults] == [("q", "sign")]
+    document = prediction_document(turned)
+    assert (document.conclusion_title, document.decided) == ("Record in doubt", False)
+    assert document.conclusion == f"{CONTRADICTED} {turned.reason}"
+    (warning,) = (block for block in document.blocks if isinstance(block, Texts) and block.warning)
+    assert "q reads as if its sign were flipped: correct the map" in warning.texts[0]

@@ -1,0 +1,228 @@
+"""Which candidate is added, and how the candidates are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from brv_hypo.constants import CONFOUNDED_NEAR
+from brv_hypo.mechanisms import find
+from brv_hypo.model.baseline import SlopeSchedule
+from brv_hypo.model.model import Model
+from brv_hypo.model.term import Regressor
+from brv_hypo.thresholds import SPECIFIC
+from brv_hypo.tracing import additions
+from brv_hypo.tracing.acceptance import Agreement, Candidate, Tried
+from brv_hypo.tracing.account import rests_on_hints
+from brv_hypo.tracing.additions import Choice, choose
+from brv_hypo.tracing.fit import MomentErrors
+from brv_hypo.tracing.result import TraceConfig
+
+SCATTER = 0.05
+ALONG, ACROSS = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+
+
+def candidate(
+    name: str,
+    gain: float,
+    contribution: np.ndarray = ALONG,
+    mechanisms: tuple[Any, ...] = (),
+    selected: tuple[Regressor, ...] = (),
+) -> Candidate:
+    fit: Any = SimpleNamespace(mechanisms=mechanisms, selected=selected)
+    kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
+    return Candidate(name, kind, fit, gain, 10.0, 1e-9, contribution, gain, fall=100.0, explains=0.5)
+
+
+def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried:
+    """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
+    nothing: Any = None
+    error = MomentErrors(np.ones(4), np.full(4, 0.25 / SCATTER**2))
+    errors = (error, error)
+    return Tried(one, nothing, agreement, ratio, 0.1, nothing, nothing, errors, certain, has_tolerance=False)
+
+
+def beside_nothing(
+    *found: Candidate, description: Candidate | None = None, white: bool = False, scheduled: bool = True
+) -> Any:
+    """The candidates of a step whose model has no columns; whether its residual is white, and its slope a schedule."""
+    nuisances = SimpleNamespace(items=(), bounded=())
+    problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
+    model = Model().having(*([SlopeSchedule(low=5.0, high=10.0, size=0.1)] if scheduled else []))
+    data, residual = SimpleNamespace(config=TraceConfig(significance=0.01)), SimpleNamespace(white=white)
+    fit = SimpleNamespace(problem=problem, model=model, data=data, residual=residual)
+    discovery = None if description is None else SimpleNamespace(candidate=description)
+    return SimpleNamespace(candidates=found, fit=fit, discovery=discovery)
+
+
+def chosen(
+    found: list[Candidate], accepted: str, monkeypatch: pytest.MonkeyPatch, description: Candidate | None = None
+) -> Choice:
+    """The choice where the held-out part agrees with `accepted` alone."""
+    any_state: Any = None
+
+    def tried(here: Any, one: Candidate, certain: bool, add: Any) -> Tried:
+        return judged(one, Agreement(5.0, 5.0) if one.name == accepted else Agreement(0.0, 0.0), 0.5, certain)
+
+    monkeypatch.setattr(additions, "_try", tried)
+    return choose(beside_nothing(*found, description=description), lambda one: any_state)
+
+
+@pytest.mark.parametrize(
+    ("name", "gain", "accepted"), [("lag", 0.0, False), ("lag", SPECIFIC, True), ("discovered_1", 0.0, True)]
+)
+def test_a_name_outside_the_family_that_explains_most_has_to_be_established(
+    name: str, gain: float, accepted: bool
+) -> None:
+    tried = replace(judged(candidate(name, 90.0), Agreement(5.0, 5.0), 0.5, certain=True), gain=gain)
+    assert tried.accepted
+    assert replace(tried, of_majority=False).accepted is accepted
+
+
+def test_a_refused_leader_makes_way_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)]
+    result = chosen(found, "trim", monkeypatch)
+    assert result.accepted is not None
+    assert result.accepted.candidate.name == "trim"
+    assert [one.name for one in result.reported] == ["trim", "lag"]
+    assert [one.candidate.name for one in result.tried if not one.accepted] == ["lag"]
+
+
+def test_what_predicts_the_same_as_a_refused_one_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate("lag", 90.0), candidate("sticking", 80.0), candidate("trim", 60.0, ACROSS)]
+    assert [one.candidate.name for one in chosen(found, "none", monkeypatch).tried] == ["lag", "trim"]
+
+
+def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate("lag", 90.0), candidate("trim", 40.0, ACROSS)]
+    result = chosen(found, "trim", monkeypatch)
+    assert result.accepted is None
+    assert result.reported[0].name == "lag"
+
+
+def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate(f"effect {k}", 90.0 - 4.0 * k, np.eye(6)[k]) for k in range(6)]
+    result = chosen(found, "effect 5", monkeypatch)
+    assert len(result.tried) == 3
+    assert result.accepted is None
+    assert result.reported[0].name == "effect 0"
+
+
+def test_what_is_below_the_detection_limit_is_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert chosen([replace(candidate("trim", 60.0), fall=24.0)], "trim", monkeypatch).tried == ()
+
+
+def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [candidate("lag", 90.0), candidate("trim", 60.0, ACROSS), candidate("magnus", 59.0, ALONG)]
+    result = chosen(found, "trim", monkeypatch)
+    assert [one.name for one in result.reported] == ["trim", "magnus", "lag"]
+
+
+@pytest.mark.parametrize(("ahead", "first"), [(0.9, "inplane"), (-0.9, "inplane"), (-1.1, "discovered_1")])
+def test_a_description_has_to_beat_a_name_clearly(ahead: float, first: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    named = candidate("inplane", 100.0)
+    described = candidate("discovered_1", 100.0 - ahead * CONFOUNDED_NEAR)
+    result = chosen([named], "none", monkeypatch, described)
+    assert result.ranked[0].name == first
+
+
+@pytest.mark.parametrize(
+    ("of_record", "fell", "ratio", "accepted"),
+    [
+        (False, 3.0, 0.99, True),
+        (False, 3.0, 1.01, False),
+        (False, 1.5, 0.5, False),
+        (True, 3.0, 1.05, True),
+        (True, 3.0, 1.18, True),
+        (True, 3.0, 1.22, False),
+        (True, 1.5, 0.5, False),
+    ],
+)
+def test_errors_of_the_record_may_leave_the_moments_as_they_are(
+    of_record: bool, fell: float, ratio: float, accepted: bool
+) -> None:
+    one = SimpleNamespace(effect=object() if of_record else None)
+    assert judged(one, Agreement(fell, 5.0), ratio, certain=False).accepted is accepted
+
+
+@pytest.mark.parametrize(
+    ("fell", "shown", "ratio", "accepted"),
+    [(0.1, 1.7, 1.18, True), (-0.1, 1.7, 0.99, False), (0.1, 1.6, 0.99, False), (0.1, 1.7, 1.22, False)],
+)
+def test_what_the_fitted_part_leaves_no_doubt_of_need_only_be_there(
+    fell: float, shown: float, ratio: float, accepted: bool
+) -> None:
+    one = SimpleNamespace(effect=None)
+    assert judged(one, Agreement(fell, shown), ratio, certain=True).accepted is accepted
+
+
+@pytest.mark.parametrize(("p_value", "tried"), [(1e-9, ["lag"]), (1e-4, [])])
+def test_where_the_residual_is_white_only_what_is_beyond_doubt_counts(
+    monkeypatch: pytest.MonkeyPatch, p_value: float, tried: list[str]
+) -> None:
+    one = replace(candidate("lag", 90.0), p_value=p_value)
+    chosen([one], "lag", monkeypatch)  # puts the judge of the held-out part in place
+    any_state: Any = None
+    found = choose(beside_nothing(one, white=True), lambda each: any_state)
+    assert [each.candidate.name for each in found.tried] == tried
+
+
+@pytest.mark.parametrize(("scheduled", "first"), [(True, "inplane"), (False, "mach_stiffness")])
+def test_a_schedule_comes_before_jumps_where_the_model_has_none(
+    monkeypatch: pytest.MonkeyPatch, scheduled: bool, first: str
+) -> None:
+    jumps = candidate("inplane", 90.0, mechanisms=(find("inplane"),))
+    schedule = candidate("mach_stiffness", 60.0, ACROSS, mechanisms=(find("mach_stiffness"),))
+    chosen([jumps, schedule], first, monkeypatch)
+    any_state: Any = None
+    found = choose(beside_nothing(jumps, schedule, scheduled=scheduled), lambda each: any_state)
+    assert found.ranked[0].name == first
+
+
+@pytest.mark.parametrize(("ratio", "expected"), [(1.0 + 0.9 * SCATTER, True), (1.0 + 1.1 * SCATTER, False)])
+def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(ratio: float, expected: bool) -> None:
+    one: Any = SimpleNamespace(effect=object())
+    tried = replace(judged(one, Agreement(8.0, 16.0), ratio, certain=True), ratio_error=0.001, has_tolerance=True)
+    assert tried.accepted is expected
+
+
+@pytest.mark.parametrize(("gain", "accepted"), [(None, True), (0.1, True), (-0.9, True), (-1.1, False)])
+def test_what_processes_explain_far_better_is_not_taken(gain: float | None, accepted: bool) -> None:
+    one = replace(judged(candidate("lag", 90.0), Agreement(5.0, 5.0), 0.5, certain=True), gain=gain and SPECIFIC * gain)
+    assert one.agrees
+    assert one.accepted is accepted
+    assert replace(one, has_tolerance=True).accepted is (accepted and not (gain is not None and gain < 0.0))
+
+
+@pytest.mark.parametrize(
+    ("earlier", "told"),
+    [
+        ([], False),
+        ([("finding", "lag", ())], False),
+        ([(None, None, ())], False),
+        ([("finding", "lag", ()), ("hint", "trim", ())], True),
+        ([("hint", "trim", ()), ("finding", "lag", ())], True),
+        ([("hint", "trim", ()), ("finding", "lag", ("trim",))], False),
+    ],
+)
+def test_what_is_found_beside_hints_rests_on_them(
+    earlier: list[tuple[str | None, str | None, tuple[str, ...]]], told: bool
+) -> None:
+    """On Opportunity's record a constant body-fixed moment, of a moment that drifts in the body, stood as a finding."""
+    steps: Any = [SimpleNamespace(status=standing, added=name, removed=gone) for standing, name, gone in earlier]
+    assert rests_on_hints(steps) is told
+
+
+def test_what_few_repetitions_name_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It predicts more with these blocks and knots alone: so one of 251 flights with one effect was told a second."""
+    result = chosen([candidate("lag", 90.0), candidate("trim", 60.0, ACROSS)], "trim", monkeypatch)
+    for share in (0.0, 0.4):
+        unnamed = replace(result, named_in=share)
+        assert unnamed.accepted is None
+        assert unnamed.leading is result.tried[0]
+    for share in (None, 0.5, 1.0):
+        assert replace(result, named_in=share).accepted is result.tried[-1]

@@ -1,0 +1,76 @@
+"""Which family of processes holds a residual, and whether an effect is wanted beside all of them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from brv_hypo.mechanisms.contract import FAMILIES
+from brv_hypo.tracing import Trace, TraceConfig, trace
+from brv_hypo.tracing.baseline import start_model, starting_columns
+from brv_hypo.tracing.families import beside_processes
+from brv_hypo.tracing.fit import converged, correct
+from tests.studies.independent.flights import Made, make_flight
+
+CONFIG = TraceConfig(max_steps=2, maximum_likelihood=False, effects=("lag", "magnus", "damping", "trim", "gyro_bias"))
+# Kinds of imperfections at several times an ordinary size, none of which is an effect of the list, and their families.
+UNDECLARED = {
+    "damping_alpha": ("biconic", "rate"),
+    "three_lobes": ("biconic", "harmonic"),
+    "cg_drift": ("biconic", "body"),
+    "turbulence": ("capsule", "air"),
+}
+
+
+@cache
+def flight(kind: str) -> Made:
+    """A flight of the independent simulator with one undeclared effect."""
+    return make_flight(UNDECLARED[kind][0], "none", seed=880_000, imperfect=(kind,), imperfect_size=4.0)
+
+
+@cache
+def traced(kind: str) -> Trace:
+    """It, traced with few effects."""
+    return trace(flight(kind).flight, CONFIG)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "kind", [each if each == "damping_alpha" else pytest.param(each, marks=pytest.mark.slow) for each in UNDECLARED]
+)
+def test_an_undeclared_effect_is_of_its_family_and_no_finding(kind: str) -> None:
+    result = traced(kind)
+    assert max(result.families, key=result.families.__getitem__) == UNDECLARED[kind][1]
+    assert result.findings == ()
+
+
+@pytest.mark.slow
+def test_shares_are_of_one_whole_and_within_their_intervals() -> None:
+    step = traced("damping_alpha").steps[0]
+    assert set(step.families) == set(FAMILIES)
+    assert 0.0 <= sum(step.families.values()) <= 1.0
+    for each in step.decomposition:
+        assert each.interval_95[0] <= each.share <= each.interval_95[1]
+        assert step.families[each.family] == each.share
+
+
+@pytest.mark.slow
+def test_the_account_goes_from_constant_coefficients_to_the_last_model() -> None:
+    account = traced("damping_alpha").account
+    assert [each.model for each in account][:2] == ["constant", "scheduled"]
+    assert all(each.held_out > 0.0 and each.std_error > 0.0 for each in account)
+
+
+@pytest.mark.slow
+def test_nothing_added_leaves_nothing_to_want() -> None:
+    made = flight("damping_alpha")
+    model = start_model((made.flight,), ())
+    data = correct((made.flight,), model, CONFIG)
+    model = model.but(columns=starting_columns(model, data.frame))
+    state = converged((made.flight,), model, CONFIG)
+    beside = beside_processes(state, state.model)
+    assert beside.terms == {}
+    assert beside.unwanted([]) == ()
+    assert np.isfinite(beside.evidence([]).level)

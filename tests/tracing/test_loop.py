@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+import pytest
+
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight import load_flight
+from brv_hypo.flight.record import Flight
+from brv_hypo.simulation import load_config, simulate
+from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
+from brv_hypo.tracing import Trace, TraceConfig, trace
+from tests.chains import traced_trim
+from tests.flights import nominal
+from tests.shared_data import shared_file
+from tests.studies.comparison.benchmark import finer
+
+trace_module = import_module("brv_hypo.tracing.trace")
+
+STOPS = {"white", "nothing significant", "nothing improves held-out error", "limit"}
+
+
+def planted(mechanism: str, terms: dict[str, float]) -> SimulationConfig:
+    entry = PlantedConfig(mechanism=mechanism, terms=terms, kind="constant")
+    return load_config("research_cone").model_copy(update={"mechanisms": (entry,)})
+
+
+def instrument(effect: str, component: str, value: float) -> SimulationConfig:
+    data = load_config("research_cone").model_dump()
+    data["instruments"]["errors"] = {effect: {component: value}}
+    return SimulationConfig.model_validate(data)
+
+
+# What tactical tolerances allow is no effect: the trim is of 7 mm, the scale of 20 tolerances. The asymmetry is so
+# large that what it does stands out of the noise of held-out blocks.
+CASES = {
+    "trim": planted("trim", {"C_m0": 1e-3, "C_n0": -6e-4}),
+    "magnus": planted("magnus", {"C_npalpha": -1.0}),
+    "stiffness_asymmetry": planted("stiffness_asymmetry", {"pitch-yaw": 8e-4, "diagonal": 4e-4}),
+    "gyro_scale": instrument("gyro_scale", "p", 1e-2),
+}
+
+
+@pytest.fixture(scope="module")
+def clean() -> Trace:
+    return trace(nominal().flight, TraceConfig())
+
+
+@pytest.mark.thorough
+def test_a_flight_with_nothing_missing_adds_nothing(clean: Trace) -> None:
+    assert clean.added == ()
+    assert clean.stopped in ("white", "nothing significant")
+    assert clean.steps[-1].error_before.held_out < 1.2 * clean.noise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_names_what_was_planted_and_ends_at_the_noise(name: str) -> None:
+    result = trace(simulate(CASES[name], seed=12).flight, TraceConfig(max_steps=2))
+    step = result.steps[0]
+    assert step.candidates[0].effect == name
+    assert step.added == name
+    assert step.error_after is not None
+    assert step.error_ratio_held_out is not None
+    # Held at zero, what has a tolerance is partly taken over by what else has one.
+    tolerated = name in ("trim", "gyro_scale")
+    assert step.error_ratio_held_out < (1.2 if tolerated else 1.0)
+    assert step.error_after.held_out < 1.2 * result.noise
+
+
+@pytest.mark.thorough
+def test_the_dump_is_the_contracts_json(clean: Trace) -> None:
+    content = json.loads(clean.model_dump_json(by_alias=True))
+    assert content["schema"] == "brv-hypo/trace/1"
+    assert content["stopped"] in STOPS
+    step = content["steps"][0]
+    assert set(step) >= {
+        "step", "residual", "candidates", "added", "error_before", "error_after", "error_ratio_held_out",
+    }  # fmt: skip
+    assert set(step["residual"]) >= {
+        "rms", "white", "p_value", "worst_channel", "worst_region_s", "dominant_frequency_hz",
+    }  # fmt: skip
+    assert set(step["candidates"][0]) >= {"effect", "kind", "f_ratio", "p_value_adjusted", "explains"}
+    assert {"picture", "discovered"}.isdisjoint(content)
+    assert set(content["ml"]) >= {"status", "iterations", "log_likelihood", "terms", "seconds"}
+
+
+def test_an_unknown_effect_is_refused() -> None:
+    with pytest.raises(UsageError, match="did you mean magnus"):
+        trace(nominal().flight, TraceConfig(effects=("magnos",)))
+
+
+@pytest.mark.parametrize("seconds", [0.3, 2.0])
+def test_a_record_too_short_is_refused(seconds: float) -> None:
+    flight = nominal().flight.window(1.0, 1.0 + seconds)
+    with pytest.raises(UnanswerableError, match="too few"):
+        trace(flight)
+
+
+@pytest.mark.shared
+@pytest.mark.slow
+def test_opportunity_needs_stiffness_that_changes_with_the_mach_number() -> None:
+    """From constant stiffness; what is left with it is found by the trace that the manual tells of."""
+    flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
+    result = trace(flight, TraceConfig(baseline="constant", max_steps=1, maximum_likelihood=False))
+    assert result.findings == ("mach_stiffness",)
+    (step,) = result.steps
+    assert step.error_ratio_held_out is not None
+    assert step.error_ratio_held_out < 0.02
+    assert result.unexplained is not None
+
+
+def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    traced: list[Flight] = []
+    result = traced_trim()
+
+    def begun(flights: tuple[Flight, ...], *_: Any) -> Trace:
+        traced.extend(flights)
+        return result
+
+    monkeypatch.setattr(trace_module, "_trace", begun)
+    trace(finer(nominal().flight, 24_001), TraceConfig())
+    assert traced[0].samples < 6_000
+    assert "means of" in traced[0].notes[-1]
+
+
+def test_a_record_that_contradicts_itself_is_traced_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rate gyro with the wrong sign; the trial is of the record as it is, whatever the trace makes of it."""
+    result = traced_trim()
+    monkeypatch.setattr(trace_module, "_trace", lambda *_: result)
+    flight = nominal().flight
+    assert trace(flight).record.sound
+    wrong = trace(replace(flight, q=-flight.q)).record
+    assert not wrong.sound
+    assert any("q" in fault.channel for fault in wrong.faults)

@@ -1,0 +1,83 @@
+"""The model as it settled on a flight: it is judged where it is linearised, and knows how well its sizes are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.mechanisms import find
+from brv_hypo.model.term import Regressor, TimeBasis, term_column
+from brv_hypo.regression.linear import covariance_of
+from brv_hypo.tracing import TraceConfig
+from brv_hypo.tracing.additions import analyse_step
+from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
+from brv_hypo.tracing.final_model import WholeRecord
+from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about
+from tests.chains import TRIM, traced_trim
+from tests.flights import nominal
+from tests.ranking.pulse import fitted, pulse
+from tests.studies.independent.effects import sized
+
+CONFIG = TraceConfig(maximum_likelihood=False, discover=False)
+
+
+@pytest.fixture(scope="module")
+def state() -> Fit:
+    """A moment that begins and ends, with the knots that a fit gave it."""
+    flights = (pulse().flight,)
+    model = start_model(flights, [find("bodyfixed")])
+    columns = starting_columns(model, correct(flights, model, CONFIG).frame)
+    model = model.but(columns=(*columns, *fitted("bodyfixed").selected))
+    return converged(flights, model, CONFIG)
+
+
+@pytest.mark.thorough
+def test_a_step_begins_from_the_state_as_it_settled(state: Fit) -> None:
+    again = analyse_step(state, (), ()).fit
+    assert again.errors.mean_square == pytest.approx(state.errors.mean_square, rel=0.02)
+    assert again.held_out.mean_square == pytest.approx(state.held_out.mean_square, rel=0.02)
+
+
+@pytest.mark.thorough
+def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: Fit) -> None:
+    here = state.alone()
+    _, covariance = WholeRecord(here).solution
+    problem = here.problem.on(state.data.whole)
+    design = problem.whole_design(here.null.frame, here.null.columns)
+    values = np.linalg.lstsq(design, problem.raw_response, rcond=None)[0]
+    known = covariance_of(design, problem.raw_response - design @ values, problem.samples, 1.0)
+    jumps = [k for k, column in enumerate(here.null.columns) if column.time_basis.kind == "jump"]
+    assert jumps
+    assert np.all(np.diag(covariance)[jumps] > 1.01 * np.diag(known)[jumps])
+
+
+def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
+    flight = nominal().flight
+    model = start_model((flight,), [find("trim")])
+    assert "trim" in [mechanism.name for mechanism in model.tolerated(flight)]
+    held = model.but(columns=(Regressor("trim", "C_m0", (), TimeBasis("constant"), "1"),))
+    assert "trim" not in [mechanism.name for mechanism in held.tolerated(flight)]
+    result = traced_trim()
+    found = {term.name: term for term in result.model.terms if term.mechanism == "trim"}
+    for name, planted in zip(("C_m0", "C_n0"), TRIM, strict=True):
+        assert found[name].std_error < 0.02 * abs(planted)
+        assert abs(found[name].value - planted) < 4.0 * found[name].std_error
+
+
+@pytest.mark.slow
+def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_better() -> None:
+    """Three powers of a Mach number that changes by 2 % are nearly one column.
+
+    Once was not enough: a third of what it left was its own, and a moment that turns with the roll a finding.
+    """
+    flights = (sized(232010, "reynolds_stiffness").made.flight,)
+    config = CONFIG.model_copy(update={"baseline": "constant"})
+    model = start_model(flights, [find("mach_stiffness")], "constant")
+    data = correct(flights, model, config)
+    motion, always = data.reconstructions[0].motion, TimeBasis("constant")
+    terms = find("mach_stiffness").terms(motion, {})
+    powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
+    model = with_priors(model.but(columns=(*starting_columns(model, data.frame), *powers)), data)
+    state = converged(flights, model, config)
+    again = fitted_about(state.data, state.model, state.values)
+    assert again.errors.mean_square > 0.98 * state.errors.mean_square

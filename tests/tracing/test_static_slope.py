@@ -1,0 +1,66 @@
+"""The slope of the static moment by Mach number, against flights of the independent simulation, and in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.tracing import TraceConfig, trace
+from brv_hypo.tracing.wording import stability_in_words
+from tests.studies.independent.flights import make_flight
+from tests.studies.independent.vehicles import CAPSULE
+
+BARE = TraceConfig(effects=("trim",), discover=False, max_steps=1, maximum_likelihood=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
+def test_the_slope_is_that_of_the_vehicle(seed: int) -> None:
+    """At no angle of attack and at that flown, of a moment that bends."""
+    craft = replace(CAPSULE, alpha=np.radians(8.0), static_bend=0.3, duration=4.0)
+    true = make_flight(craft, seed=seed).true
+    (found,) = trace(make_flight(craft, seed=seed).flight, BARE).static_slopes
+    slope = np.interp(found.time_s, true.time, true.static_slope)
+    alpha, step = np.array(found.alpha_rad), 1e-5
+    ends = [np.array([a * craft.bent(craft.static_bend, np.array(a)) for a in alpha + side]) for side in (step, -step)]
+    for value, error, expected in (
+        (found.at_zero, found.at_zero_std_error, slope),
+        (found.at_flown, found.at_flown_std_error, slope * (ends[0] - ends[1]) / (2.0 * step)),
+    ):
+        off = (np.array(value) - expected) / np.array(error)
+        assert np.sqrt(np.mean(off**2)) < 2.5
+        np.testing.assert_allclose(value, expected, rtol=0.05)
+
+
+def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0) -> Derivative:
+    count = len(at_zero)
+    return Derivative(
+        flight=flight,
+        time_s=tuple(10.0 * k for k in range(count)),
+        mach=tuple(mach - k for k in range(count)),
+        alpha_rad=(0.05,) * count,
+        at_zero=tuple(at_zero),
+        at_zero_std_error=(0.01,) * count,
+        at_flown=(-0.1,) * count,
+        at_flown_std_error=(0.02,) * count,
+    )
+
+
+def test_a_stable_vehicle_needs_no_words() -> None:
+    assert stability_in_words([sloped([-0.1, -0.05, -0.021])]) == ""
+
+
+def test_where_it_is_unstable_is_told_with_its_size() -> None:
+    said = stability_in_words([sloped([-0.1, -0.01, 0.03, 0.01, -0.1, -0.1])])
+    assert "is unstable from 10 to 30 s (Mach 19 to 17): 0.03 ± 0.01 per rad at 20 s" in said
+    assert "-0.1 ± 0.02 at the 2.9 deg flown there" in said
+
+
+def test_where_it_is_not_told_to_be_stable_is_told_flight_by_flight() -> None:
+    said = stability_in_words([sloped([-0.1, -0.1]), sloped([-0.01, -0.1, -0.019], flight=1, mach=float("nan"))])
+    assert said.startswith("At alpha = 0 the static moment of flight 2 is not significantly stable")
+    assert "from 0 to 0 s and from 20 to 20 s: " in said
+    assert "Mach" not in said
