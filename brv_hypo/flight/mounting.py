@@ -95,10 +95,7 @@ Air = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air | None = None) -> Tilt | None:
-    """The nose by thrust, drag and much spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2.
-
-    Without thrust by a coast in `air`; None where neither shows it.
-    """
+    """The nose by thrust, drag and much spin of `rates` (3, n) rad/s and `forces` (3, n) m/s^2, else by a coast."""
     flown = powered_flight(time, forces)
     if flown is None:
         return None if air is None else coasting_axis(time, rates, forces, air)
@@ -141,10 +138,7 @@ def _tilted(
 
 
 def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air) -> Tilt | None:
-    """The nose of a spinning vehicle without thrust, by mean spin, drag, and the force that follows from the rates.
-
-    Of the longest part without a gap. None without two turns, or where forces follow no rates.
-    """
+    """The nose in the longest part without a gap; None without two turns, or where forces follow from no rates."""
     known = np.isfinite(air[0] + air[1] + np.sum(rates, axis=0) + np.sum(forces, axis=0))
     longest = slice(*max(runs(known), key=lambda run: run[1] - run[0], default=(0, 0)))
     time, rates, forces, speed, scale = (each[..., longest] for each in (time, rates, forces, air[0], air[1]))

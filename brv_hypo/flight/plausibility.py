@@ -22,7 +22,6 @@ from brv_hypo.flight.record import ACCELEROMETERS, GYROS, RecordFault, Vehicle
 CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least, over which a climb is averaged
 GAIN_FASTEST = 250.0  # m/s, up to which a barometer is trusted: below the transonic
 GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which they are compared
-AIR_SPEED = ("altitude", "velocity")
 FALL_STEEP = 0.95  # mean cosine of the lean of a climb
 FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
@@ -35,7 +34,11 @@ def contradictions(
     found = [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
     if set(ACCELEROMETERS) <= set(channels):
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
-        found += [_fall(time, forces, channels["altitude"])] if set(channels) & {*AIR_SPEED} == {"altitude"} else []
+        found += (
+            [_fall(time, forces, channels["altitude"])]
+            if {"altitude", "velocity"} & {*channels} == {"altitude"}
+            else []
+        )
         for name, (recorded, made) in gains(time, forces, channels).items():
             if not limits.GAIN_WITHIN[0] < recorded / made < limits.GAIN_WITHIN[1]:
                 unit = "m/s" if name == "velocity" else "m"

@@ -22,9 +22,8 @@ from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Cha
 from brv_hypo.flight.tolerances import Instruments
 from brv_hypo.flight.units import Dimension
 
-LEAN = "lean"  # of the nose from the vertical
 QUATERNION = ("qw", "qx", "qy", "qz")
-ATTITUDE: Mapping[str, Dimension] = {LEAN: "angle", **dict.fromkeys(QUATERNION, "dimensionless")}
+ATTITUDE: Mapping[str, Dimension] = {"lean": "angle", **dict.fromkeys(QUATERNION, "dimensionless")}
 NORM_WITHIN = 0.1  # of 1: beyond, a quaternion lies between two of opposite sign, or is missing
 TURNED_OVER = 0.05  # s over which quaternions and gyros turn, compared
 SAME_AXES = np.radians(5.0)  # rad between the gyros of two units, below which the difference is misalignment
@@ -55,7 +54,7 @@ def attitude_of(time: FloatArray, channels: Channels, still_s: float) -> Attitud
     The vehicle is at rest up to `still_s`. None where the log has none.
     """
     found = {name: channels.pop(name) for name in ATTITUDE if name in channels}
-    lean, known = found.get(LEAN), np.array([], dtype=int)
+    lean, known = found.get("lean"), np.array([], dtype=int)
     if {*QUATERNION} <= {*found}:
         quaternion = np.stack([found[name] for name in QUATERNION])
         known = np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=0) - 1.0) < NORM_WITHIN)

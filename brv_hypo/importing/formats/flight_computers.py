@@ -107,10 +107,6 @@ def _table(sections: Iterable[Section], names: tuple[str, ...], known: Mapping[s
     return ColumnTable(columns, ("time", *named), units)
 
 
-def _read_cats(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
-    return read_in_sandbox("CATS log", cats_table, path, names)
-
-
 def _read_px4(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
     if find_spec("pyulog") is None:
         raise missing_package(f"{path}: reading a PX4 log", "pyulog", "px4")
@@ -118,6 +114,6 @@ def _read_px4(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable
 
 
 FORMATS = (
-    TableFormat("cats", _read_cats, (".cfl",)),
+    TableFormat("cats", lambda path, names, _: read_in_sandbox("CATS log", cats_table, path, names), (".cfl",)),
     TableFormat("px4", _read_px4, (".ulg",), lambda path, head: head.startswith("ULog\x01\x12\x35")),
 )
