@@ -128,11 +128,13 @@ COMPATIBILITY_QUIET = threshold(0.1, "1", "noise is small enough to say so: its 
 
 # ---- Physics of a record, whatever the vehicle ----
 
+_MISREAD = "tests.studies.independent.misread"
 _SOUND = "tests.studies.soundness"
 CLIMB_WITHIN = threshold(1.1, "1", "altitude or speed is wrong: climb over speed", _SOUND)
 CLIMB_WIND = threshold(20.0, "m/s", "the same: beyond wind along the path and errors of the speed", _SOUND)
 CLIMB_SIGMAS = threshold(5.0, "sigmas", "the same: certainty of the climb", _SOUND)
 GAIN_WITHIN = threshold((0.5, 1.5), "1", "speed or height gained is wrong: over what the forces make", _SOUND)
+THINNING_WITHIN = threshold((0.5, 2.0), "1", "altitude is wrong: power of the density by which drag goes", _MISREAD)
 DRAG_WITHIN = threshold((0.01, 20.0), "1", "forces or pressure are wrong: axial coefficient of any body", _SOUND)
 MOUNTING_TILT = threshold(0.035, "rad", "the unit is turned in the vehicle: 2 deg between nose and x", _SOUND)
 MOUNTING_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that angle", _SOUND)

@@ -522,7 +522,7 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     tilt = nose_axis(flight.time, rates, forces, air)
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
     turned = mounting_fault(flight.time, tilt, tolerance)
-    return (*contradictions(flight.time, known, flight.vehicle), *turned)
+    return (*contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
 
 
 def _contradictions(record: PreparedRecord) -> tuple[RecordFault, ...]:
