@@ -239,12 +239,13 @@ def docs(
     elif show or output is not None:
         _as_pages(session, topic, output, show)
     else:
-        from brv_hypo.docs.manual import ManualText
+        from brv_hypo.docs.manual import REFERENCE, ManualText, reference
 
-        listed = "\n".join(f"- `{name}`: {title}" for name, title in topics().items())
+        known = {**topics(), REFERENCE: "Functions of the library"}
+        listed = "\n".join(f"- `{name}`: {title}" for name, title in known.items())
         contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
-        opened = "`brv-hypo docs --open` opens it as pages, with a gallery and the functions."
-        page = contents + opened if topic is None else text(topic)
+        opened = "`brv-hypo docs --open` opens it as pages, with a gallery."
+        page = contents + opened if topic is None else reference() if topic == REFERENCE else text(topic)
         session.tell(ManualText(page), conclusion=page)
 
 

@@ -87,7 +87,7 @@ def site() -> dict[str, str]:
     books = {name.removesuffix(".ipynb"): json.loads(content)["cells"] for name, content in notebooks().items()}
     articles = {name: markdown.render(text(name)) for name in topics()}
     articles |= {name: render("book.html.j2", cells=cells, markdown=markdown.render) for name, cells in books.items()}
-    articles[REFERENCE] = markdown.render(_reference())
+    articles[REFERENCE] = markdown.render(reference())
     titles = {name: article.partition("<h1>")[2].partition("</h1>")[0] for name, article in articles.items()}
     groups = {"The manual": [*topics()], "Gallery": [*books], "Python": [REFERENCE]}
     written, sections = {}, []
@@ -118,7 +118,7 @@ def _code(renderer: RendererHTML, tokens: Sequence[Token], index: int, options: 
     return f'<a href="{topic[1]}.html">{code}</a>' if topic else code
 
 
-def _reference() -> str:
+def reference() -> str:
     """The docstrings of the public functions as Markdown."""
     parts = ["# Functions"]
     for name in _FUNCTIONS:

@@ -18,7 +18,7 @@ from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.nodes import NodeRecord
 from brv_hypo.identification.parameters import READ, of_flight, unique
 from brv_hypo.identification.problem import IdentificationConfig, Problem, build_problem
-from brv_hypo.likelihood import FitResult
+from brv_hypo.likelihood import FitResult, Status
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.model.term import Regressor
@@ -118,6 +118,9 @@ IDENTIFIED_KNOTS_MOVED = 0.5  # blocks, by which a knot may have moved before th
 IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardly tell goes to and fro with the nodes
 
 
+_REMEDY = (
+    "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
+)
 _HELD = "fixed at the last value, which the data do not determine, and without a standard error: {}"
 
 
@@ -273,9 +276,12 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         beyond_tolerance(e.name, e.value, v.size, e.units)
         for e, (v, _) in zip(instruments, problem.tolerated, strict=True)
     ]
+    remedy = Status(found.status).remedy  # for whoever has functions; whoever has a record has other means
     return Identification(
         status=found.status,
-        message="; ".join([found.message, *(text for text in beyond if text is not None)]),
+        message="; ".join(
+            [found.message.replace(remedy or _REMEDY, _REMEDY), *(text for text in beyond if text is not None)]
+        ),
         columns=columns,
         values=values,
         covariance=_covariance(found, terms),

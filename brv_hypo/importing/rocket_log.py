@@ -367,8 +367,8 @@ def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, .
     channels = {name: np.interp(grid, time, _filtered(values, taps)) for name, values in uniform.items()}
     notes += [
         *resampled,
-        f"decimated from {before:.6g} to {rate:.6g} Hz, behind a linear-phase low-pass that passes "
-        f"{DECIMATED_PASS_END * rate:.3g} and stops {DECIMATED_STOP_BEGIN * rate:.3g} Hz",
+        f"decimated from {before:.6g} to {rate:.6g} Hz by the map's rate (auto: what q and r need), by a linear-phase "
+        f"low-pass that passes {DECIMATED_PASS_END * rate:.3g} and stops {DECIMATED_STOP_BEGIN * rate:.3g} Hz",
     ]
     update = {"time": grid, "channels": channels, "notes": (*record.notes, *notes)}
     return record.model_copy(update=update), faults

@@ -241,7 +241,8 @@ def _found(name: str, known: Sequence[str]) -> Item:
         return installed()[name].item
     hint = meant(name, known, f"installed: {', '.join(known)}.", cutoff=0.4, most=3)
     reasons = "".join(f" {reason}" for reason in left_out() if f"'{name}'" in reason)
-    raise UsageError(f"unknown mechanism '{name}'; {hint} `brv-hypo mechanisms` lists what is installed.{reasons}")
+    where = "`brv-hypo mechanisms` lists what is installed, --plugin FILE adds a file's"
+    raise UsageError(f"unknown mechanism '{name}'; {hint} {where}.{reasons}")
 
 
 def parse_hypothesis(text: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> tuple[Mechanism, ...]:

@@ -7,19 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value
 from brv_hypo.inference.evidence import Evidence
-from brv_hypo.model.term import Regressor
+from brv_hypo.mechanisms.contract import Process, rms_of_shapes
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.motion.interpolation import time_splines
+from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.ranking.judgement import Judged
 from brv_hypo.ranking.result import Comparison, RecordError, SizedModel
 from brv_hypo.ranking.summary import drawn
 from brv_hypo.regression.fit import HypothesisFit, likeliest
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.search import on_grid
+from brv_hypo.regression.uncertainty import residual_moments
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
+_TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 INFLATED, COLLINEAR = 10.0, 0.9  # convention: Belsley, Kuh and Welsch, Regression Diagnostics, 1980, 3.2
 
 
@@ -28,6 +34,7 @@ def diagnostics(judged: Judged, found: Comparison) -> dict[str, Any]:
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     gains = {each.name: _held_out(judged, k) for k, each in enumerate(judged.fits)}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
+    moments = _of_leader(judged) if fit.selected else ()
     return {
         "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in found.ranking),
         "record_errors": record_errors(own, judged.weight),
@@ -35,7 +42,7 @@ def diagnostics(judged: Judged, found: Comparison) -> dict[str, Any]:
         "functions": {
             name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
         },
-        "series": tuple(each.model_copy(update=_channels(judged, k)) for k, each in enumerate(found.series)),
+        "series": tuple(each.model_copy(update=_channels(judged, k, moments)) for k, each in enumerate(found.series)),
     }
 
 
@@ -103,8 +110,32 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     )
 
 
-def _channels(judged: Judged, flight: int) -> dict[str, Any]:
-    """Histories of one flight for `Series`: measured and modelled rates and forces, and the residual at unit noise."""
+def _of_leader(judged: Judged) -> tuple[ComplexArray, ...]:
+    """C_m + i C_n (frame rows,): measured less the leader's baseline, processes and errors of the record; and of the
+    leader's mechanisms. Both by the filter that differentiates rates; NaN where these cannot be differentiated.
+    """
+    own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
+    problem, frame, places = own.rows.problem, own.rows.frame_of(fit), [group.name for group in own.rows.groups]
+    columns, values, always = list(fit.columns), [fit.values], TimeBasis("constant")
+    for process in moment_processes():
+        coefficients = np.split(own.spline_coefficients(places.index(process.name))[0], len(frame.motions))
+        for flight, motion in enumerate(frame.motions):
+            span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
+            here = process.model_copy(update={"name": f"{process.name} {flight}", **span})
+            frame, terms = frame.with_mechanisms([here]), here.terms(motion, {})
+            columns += [Regressor(here.name, term.name, (), always, "1", flight=flight) for term in terms]
+            values.append(coefficients[flight] / max(rms_of_shapes(process, motion), 1e-300))
+    known = np.concatenate(values)
+    rest = problem.left(frame, columns, known, problem.others_beside(frame, columns, known)).rates
+    made = frame.columns(fit.selected) @ fit.values[fit.baseline_size :]
+    each = (residual_moments(frame, problem.records, rates) for rates in (rest + made, made))
+    return tuple(np.where(found.usable, found.body, np.nan) for found in each)
+
+
+def _channels(judged: Judged, flight: int, moments: Sequence[ComplexArray]) -> dict[str, Any]:
+    """Histories of one flight for `Series`: measured and modelled rates and forces, the residual at unit noise, and
+    the leader's `moments` (frame rows,) in the plane of alpha and across it.
+    """
     own, fit, problem = judged.evidences[judged.leader], judged.fits[judged.leader], judged.problem
     frame, rest = problem.frame, problem.left(fit.frame, fit.columns, *problem.solution(fit.frame, fit.columns))
     found: list[FloatArray] = []  # a segment each: dynamic pressure, then every channel as measured and as modelled
@@ -115,14 +146,35 @@ def _channels(judged: Judged, flight: int) -> dict[str, Any]:
             modelled = (rates - (rest.rates[a:b] - np.mean(rest.rates[a:b])) * turn, force - rest.force[a:b])
             pairs = zip((rates, force), modelled, strict=True)
             parts = [part(each) for pair in pairs for part in (np.real, np.imag) for each in pair]
-            pressure = frame.motions[flight].dynamic_pressure[segment.rows]
-            found.append(np.stack([pressure, *parts])[:, drawn(b - a)])
+            motion = frame.motions[flight]
+            planes = [plane_from_body(each[a:b], motion.windward_meridian[segment.rows]) for each in moments]
+            parts += [part(each) for each in planes for part in (np.real, np.imag)]
+            found.append(np.stack([motion.dynamic_pressure[segment.rows], *parts])[:, drawn(b - a)])
     air, *histories = (tuple(each) for each in np.concatenate(found, axis=1).tolist())
+    count = 2 * len(_CHANNELS)
     return {
         "dynamic_pressure_pa": air,
-        "channels": dict(zip(_CHANNELS, zip(histories[::2], histories[1::2], strict=True), strict=True)),
+        "leader": tuple(zip(histories[count::2], histories[count + 1 :: 2], strict=True)),
+        "channels": dict(zip(_CHANNELS, zip(histories[:count:2], histories[1:count:2], strict=True), strict=True)),
         "whitened": whitened(own, flight),
+        "histories": _histories(own, flight),
     }
+
+
+def _histories(own: Evidence, flight: int) -> dict[str, Any]:
+    """Of each process by name, at even times of a flight."""
+    processes: tuple[Process, ...] = (*record_processes(), *moment_processes())
+    splines = {each.name: time_splines(np.linspace(0.0, 1.0, _TIMES), 0.0, 1.0, each.splines).T for each in processes}
+    found = {}
+    for place, group in enumerate(own.rows.groups):
+        known = splines[group.name]
+        value, sigma = (
+            np.split(each, len(own.rows.blocks))[flight].reshape(-1, known.shape[0])
+            for each in own.spline_coefficients(place)
+        )
+        pairs = zip((value @ known).tolist(), np.sqrt(sigma**2 @ known**2).tolist(), strict=True)
+        found[group.name] = tuple((tuple(each), tuple(error)) for each, error in pairs)
+    return found
 
 
 def whitened(own: Evidence, flight: int) -> dict[str, tuple[float, ...]]:

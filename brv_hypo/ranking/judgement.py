@@ -25,7 +25,7 @@ from brv_hypo.ranking.intervals import within_bounds
 from brv_hypo.ranking.limits import scale_variance
 from brv_hypo.ranking.preparation import cleaned, shared_problem, with_processes, without_processes
 from brv_hypo.ranking.result import Explained, ProcessEstimate
-from brv_hypo.ranking.with_processes import Pair, in_one_region, level, moved, plainest, widened
+from brv_hypo.ranking.with_processes import Pair, along_delays, in_one_region, level, moved, plainest, scanned, widened
 from brv_hypo.regression.build import point_of
 from brv_hypo.regression.fit import (
     HypothesisFit,
@@ -136,7 +136,7 @@ def judged(
         high = max(map(level, pairs)) - WIDENED
         pairs = [widened(problem, each) if level(each) > high else each for each in pairs]
         place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
-        pairs[place] = moved(problem, pairs[place], closely=True)
+        pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
         pairs = [_without_idle_part(each, pairs) for each in pairs]
         evidences = [own for _, own in pairs]
         scale, independent = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
@@ -144,6 +144,7 @@ def judged(
         weight = independent * shares[place]
         each = [(pair, weighed(pair[0], level(pair) - null.level, weight)) for pair in pairs]
         stated = [_estimated(*pair, own, independent * s, scale) for (pair, own), s in zip(each, shares, strict=True)]
+        stated[place] = _less_linear(stated[place], along_delays(problem, pairs[place], weight))
         fits = [with_others(problem, fit) for fit in stated]
         there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
@@ -204,6 +205,11 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
     covariance[knots, knots] += step**2 / 12.0
     found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance)
     return within_bounds(replace(found, bound_cost=0.0))
+
+
+def _less_linear(fit: HypothesisFit, more: FloatArray) -> HypothesisFit:
+    """The fit with more covariance of coefficients, knots and delays."""
+    return within_bounds(replace(fit, joint_covariance=fit.joint_covariance + more)) if np.any(more) else fit
 
 
 def explained(judged: Judged) -> Explained:

@@ -73,10 +73,11 @@ class MaximumLikelihood(NullIsNaN):
 
     @property
     def trouble(self) -> str:
-        """Why it is not to be relied on; empty where it converged from every starting point alike."""
+        """Why it is not to be relied on, and what is; empty where it converged from every starting point alike."""
         apart = "starting points disagree" if "Starting points disagree" in self.message else ""
-        ended = "" if self.status == "converged" else f"{self.status}, so coefficients are those of the regression"
-        return "; ".join(filter(None, (ended, apart)))
+        ended = "" if self.status == "converged" else self.status
+        why = ", ".join(filter(None, (ended, apart)))
+        return f"{why}: quote the estimates that are fitted with processes instead" if why else ""
 
 
 class NetInterval(NullIsNaN):
@@ -292,8 +293,16 @@ class Series(NullIsNaN):
     channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
     """Of the leader, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled, processes left out.
     """
+    leader: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = ()
+    """As `measured` less the leader's baseline, processes and errors of the record; and of its mechanisms. Empty where
+    the baseline only leads.
+    """
     whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
     """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""
+    histories: dict[str, tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = Field(default_factory=dict)
+    """Of processes beside the leader, by name, at even times: value and standard error of each shape or channel, in the
+    process's units; of moments as a moment coefficient, by the rms of the shape.
+    """
 
 
 def _percent(share: float) -> str:

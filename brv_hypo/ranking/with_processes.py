@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import SCANNED
 from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column, theta_grid
@@ -34,6 +35,7 @@ FINER_EDGES = 9  # times about each of the best two of them: jumps have several 
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
 PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which all mechanisms and delays, and the best of them, are tried
 TRIED_FINELY = 3  # of those, at most
+AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # standard errors of a delay at which the evidence is found
 NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket one
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
@@ -281,6 +283,56 @@ def _level_fixed(pair: Pair) -> float:
     """The log evidence with knots and delays where they are."""
     terms = len(pair[0].selected)
     return pair[1].level_without(range(terms, terms + len(pair[0].nonlinear)))
+
+
+def scanned(problem: Problem, pair: Pair) -> Pair:
+    """With delays, and what goes with them, where they are likeliest of a scan about where steps of them ended: what is
+    multiplied by a delay makes up for it along a curve, which steps on a straight line leave.
+    """
+    for k in range(len(pair[0].nonlinear)):
+        fit, own = pair
+        parameter, place = fit.nonlinear[k], len(fit.selected) + k
+        found = [pair]
+        for value in parameter.others(SCANNED) if parameter.kind == "theta" else ():
+            there = _with_columns(problem, fit, parameter.moved(fit.columns, value)[fit.baseline_size :])
+            found.append((there, with_amplitudes(own.rows, own.rows.terms(there), own.at)))
+        best = max(found, key=lambda each: each[1].level_without([place]))
+        if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
+            found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
+            pair = max(*found, moved(problem, found[1], closely=True), key=level)
+    return pair
+
+
+def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
+    """What is to be added to the covariance of coefficients, knots and delays for how delays differ from linear.
+
+    A delay and what is multiplied by it make up for one another along a curve, and a delay may be at its bound: its
+    error is where the evidence, a nat of which counts as `weight`, has fallen by a half (a likelihood interval:
+    Meeker and Escobar, Am. Stat. 49, 1995), and the others go with it to where they are there.
+    """
+    (fit, own), count = pair, len(pair[0].columns)
+    at_mode = np.append(own.values[:count], [parameter.value for parameter in fit.nonlinear])
+    out = np.zeros((at_mode.size, at_mode.size))
+    for k, parameter in enumerate(fit.nonlinear):
+        if parameter.kind != "theta":
+            continue
+        known = float(np.sqrt(own.covariance[count + k, count + k] / weight))
+        level, ends = own.level_without([len(fit.selected) + k]), []
+        for sign in (1.0, -1.0):
+            for times in AFTER_ERRORS:
+                value = float(np.clip(parameter.value + sign * times * known, *parameter.bounds))
+                there = _with_columns(problem, fit, parameter.moved(fit.columns, value)[fit.baseline_size :])
+                other = with_amplitudes(own.rows, own.rows.terms(there), own.at)
+                fall = weight * (level - other.level_without([len(fit.selected) + k]))
+                moved_by = np.append(other.values[:count], [each.value for each in there.nonlinear]) - at_mode
+                if fall > 0.5 or value in parameter.bounds:
+                    break
+            ends.append(moved_by / np.sqrt(max(2.0 * fall, 1.0)))
+        far = max(ends, key=lambda each: abs(each[count + k]))
+        size = abs(far[count + k])
+        if size > known:
+            out += (1.0 - (known / size) ** 2) * np.outer(far, far)
+    return out
 
 
 def _completed(problem: Problem, pair: Pair) -> Pair:

@@ -26,7 +26,7 @@ from brv_hypo.motion.inertial import (
 )
 from brv_hypo.motion.inputs import with_smooth_inputs
 from brv_hypo.motion.interpolation import SplineGrid
-from brv_hypo.motion.kinematics import crossflow
+from brv_hypo.motion.kinematics import crossflow, windward_meridian
 from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.pipeline import axial_share
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -174,6 +174,7 @@ def _moved(record: InertialRecord, reconstruction: Reconstruction, propagated: P
     moved = with_crossflow(replace(motion, history=None), after, rate)
     read = replace(
         moved,
+        windward_meridian=np.unwrap(windward_meridian(after)),  # not next to that before: near alpha = 0 it is another
         roll_acceleration=SplineGrid.on(record.time).slopes(record.flight.p[:, np.newaxis])[:, 0],
         axial_share=axial_share(record, moved.alpha),
     )

@@ -15,7 +15,7 @@ from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.ranking.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Picture, Role, Section, Texts
+from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 LEADING = 2  # hypotheses that are drawn besides the baseline only; more lines than this hide each other
@@ -27,6 +27,7 @@ CHANNELS = {
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
 """By chart and channel, title and scale of an axis."""
+ALONE = "Dots: measured less the leader's baseline, processes and errors of the record. Dashed: its knots."
 EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
 
 
@@ -64,31 +65,37 @@ def _sizes(comparison: Comparison) -> Chart:
         Line(p, p, "guide", "C_p = p", dashed=True),
         Line([each.n_coefficients for each in sized], [max(each.cp, 1.0) for each in sized], "third", "best of a size"),
     ]
-    for (count, _), some in found.items():  # rivals of one size in one label, beside the middle one of its dots
-        heights, labels = [max(row.cp, 1.0) for row in some], [""] * len(some)
-        labels[len(some) // 2] = "\n".join(hypothesis(row.mechanism) for row in some)
+    for (count, _), some in found.items():  # rivals of one size in one label, above the highest of its dots
+        heights = [max(row.cp, 1.0) for row in some]
+        labels = ["\n".join(hypothesis(row.mechanism) for row in some), *[""] * (len(some) - 1)]
         layers.append(Line([count] * len(some), heights, "first", "hypotheses", dots=True, large=True, labels=labels))
     read = "Mallows' criterion. Far above the line, terms are missing. Best of a size: on the grid of knots and delays."
-    panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 0.5, p[-1] + 1.5)  # room for the last label
+    panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 1.0, p[-1] + 1.0)  # room for labels
     return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
 
 
-def _own_knots(row: RankedHypothesis | None, index: int, flight: FlightSummary) -> list[float]:
-    """Times inside the record of one flight at which a hypothesis' coefficients begin, change or end."""
-    if row is None:
-        return []
-    if not row.knots:
-        return charts.knots_of(row.terms, flight.start_s, flight.stop_s)
-    own = [knot.flights_s[index] for knot in row.knots]
-    return [time for time in own if time is not None and flight.start_s < time < flight.stop_s]
+def _own_knots(row: RankedHypothesis, index: int, flight: FlightSummary) -> dict[float, str]:
+    """Times inside the record of one flight at which a hypothesis' coefficients change: onset, end, or neither ("").
+
+    A mechanism acts where a coefficient is more than two standard errors.
+    """
+    own = {knot.time_s: knot.flights_s[index] for knot in row.knots}
+    acts = [any(abs(value.value) > 2.0 * value.std_error for value in each.values) for each in row.intervals]
+    first, last = (acts.index(True), len(acts) - acts[::-1].index(True)) if any(acts) else (0, 0)
+    names, found = {first: "onset", last: "end"}, dict[float, str]()
+    for k, each in enumerate(row.intervals):
+        at = own.get(each.start_s) if own else each.start_s
+        if at is not None and flight.start_s < at < flight.stop_s:
+            found[at] = names.get(k, "")
+    return found
 
 
-def _setting(comparison: Comparison, index: int, row: RankedHypothesis | None) -> Setting:
+def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Setting:
     """What charts over time of one flight share, with the knots of a hypothesis."""
     flight, several = comparison.flights[index], len(comparison.flights) > 1
     return Setting(
         (flight.start_s, flight.stop_s),
-        _own_knots(row, index, flight),
+        list(knots),
         charts.masked(comparison.record.faults, flight.stop_s - flight.start_s),
         f"-{index + 1}" if several else "",
         f": {flight.title or flight.path}" if several else "",
@@ -98,7 +105,9 @@ def _setting(comparison: Comparison, index: int, row: RankedHypothesis | None) -
 def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     """Charts of one flight, by what they are of."""
     series, ranked = comparison.series[index], [row for row in comparison.ranking if row.mechanism != "none"]
-    setting = _setting(comparison, index, ranked[0] if ranked else None)
+    leader = comparison.ranking[0]
+    knots = _own_knots(leader, index, comparison.flights[index])
+    setting = _setting(comparison, index, knots)
     time, measured, sigma = series.time_s, series.measured, series.sigma
     angles = (series.alpha_rad, series.windward_meridian_rad)
     # the baseline below, for contrast, and the leader last, on top
@@ -113,13 +122,17 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         charts.moment_by_alpha_chart(setting, angles[0], measured, models[-1:]),
     ]
     overview = replace(moments[0], name=f"overview{setting.suffix}")
-    if "none" in series.fitted and len(models) > 1:  # what the leader makes of the baseline's residual (Figure 5.18)
-        beyond = replace(models[-1], moments=charts.difference(models[-1].moments, series.fitted["none"]))
-        heading = f"Moments less the baseline, and {beyond.name}{setting.which}"
-        drawn = charts.moment_chart(setting, time, residuals[0].moments, sigma, [beyond])
-        overview = replace(drawn, name=overview.name, heading=heading)
-        named = ("excess-by-alpha", "Moments less the baseline")
-        moments.append(charts.moment_by_alpha_chart(setting, angles[0], residuals[0].moments, [beyond], *named))
+    if "none" in series.fitted and len(models) > 1:  # what is left for a mechanism, and what it makes of that (5.18)
+        heading, left, made = "Moments less the baseline", residuals[0].moments, models[-1].moments
+        beyond = charts.difference(made, series.fitted["none"])
+        if series.leader:
+            heading, (left, beyond) = f"Moments of {models[-1].name}", series.leader
+            alone = charts.moment_chart(setting, time, left, sigma, [replace(models[-1], moments=beyond)])
+            marks = [Mark(at, name) for at, name in knots.items()]
+            title = f"{heading}{setting.which}"
+            overview = replace(alone, name=overview.name, heading=title, caption=ALONE, marks=marks)
+        drawn = [replace(models[-1], moments=beyond)]
+        moments.append(charts.moment_by_alpha_chart(setting, angles[0], left, drawn, "excess-by-alpha", heading))
     sigmas, rolls = (series.alpha_sigma_rad, series.windward_meridian_sigma_rad), series.roll_rate_rad_s
     motion = charts.air_chart(setting, time, series.mach, series.dynamic_pressure_pa)
     motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
@@ -131,18 +144,20 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         for name, (title, scale) in axes.items():
             read, fitted = (scale * np.asarray(each) for each in series.channels[name])
             dots = Line(time, read, "measured", "measured", dots=True)
-            panels.append(Panel(title, [dots, Line(time, fitted, "first", models[-1].name)]))
+            panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
         text = "At the c.g., fitted errors of the record taken out; the model without processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
     ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's
-    histories = [
-        Drawn("measured", measured, "measured"),
-        *(replace(m, name=f"less {m.name.removesuffix(' only')}") for m in ends),
-    ]
     rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
-    spectrum = charts.spectrum_chart(setting, time, histories, rates)
+    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *ends], rates)
+    units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
+    named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
     return {
         "overview": [overview],
+        "processes": [
+            charts.process_chart(setting, series.histories, dict(units[k * most : (k + 1) * most]), *each)
+            for k, each in enumerate(named.items())
+        ],
         "motion": motion,
         "moments": moments,
         "channels": channels,
@@ -202,6 +217,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Air data and motion", of("motion"), folded=True),
             Section("Moments, measured and modelled", of("moments")),
             Section("Measured channels", of("channels"), folded=True),
+            Section("Processes", [*tables.process_texts(comparison), *of("processes")], folded=True),
             Section("Residual diagnostics", of("residual")),
             Section("Hypotheses and limits", _compared(comparison)),
             Section("Models by size", [Picture(_sizes(comparison)), tables.size_table(comparison)]),
@@ -228,13 +244,13 @@ def _quality(comparison: Comparison) -> list[Block]:
     faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
     known = [text for text in comparison.warnings if not (comparison.beyond_tolerances and EXCEED in text)]
     warnings = (*faults, *comparison.reconstruction.warnings, *known)
-    none = () if warnings else ("The record shows no fault.",)
+    none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
     seconds = comparison.seconds
-    took = f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"
+    took = [f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"] if comparison.ranking else []
     return [
         Texts(none, bullets=False, shown="page"),
         Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
-        Texts([*(note for flight in comparison.flights for note in flight.notes), took], "Notes", shown="verbose"),
+        Texts([*(note for flight in comparison.flights for note in flight.notes), *took], "Notes", shown="verbose"),
     ]
 
 
@@ -269,11 +285,10 @@ def _of_record(comparison: Comparison) -> list[Block]:
 
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
     """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
-    name, fit = hypothesis(row.mechanism), row.ml
-    net = [value for each in row.intervals for value in each.values]
+    name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
     blocks: list[Block] = [
-        Picture(_coefficients(_setting(comparison, (comparison.reference_flight or 1) - 1, row), row)),
-        tables.term_table(f"Net values of {name}", net, "page"),
+        Picture(_coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row)),
+        tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
         tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
         Texts(tables.derived_texts(row.derived), shown="verbose"),

@@ -36,7 +36,7 @@ class Line:
     dots: bool = False
     dashed: bool = False
     large: bool = False  # of dots that are few
-    labels: Sequence[str] = ()  # to the right of each dot, of a line or more
+    labels: Sequence[str] = ()  # above each dot, or to the right of its error; of a line or more
     error: tuple[Values, Values] | None = None  # how far y may lie below and above
     spread: Values | None = None  # how far x may lie to either side
 
@@ -140,6 +140,11 @@ class Chart:
     def rows(self) -> int:
         """Panels below each other."""
         return -(-len(self.panels) // self.columns)
+
+    @property
+    def named(self) -> bool:
+        """Whether something is written above the frame: names of marks and spans, or labels of several lines."""
+        return self.counted or any(mark.name for mark in self.marks) or any(span.name for span in self.spans)
 
     @property
     def lines(self) -> int:

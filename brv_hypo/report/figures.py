@@ -139,7 +139,8 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
         error = None if layer.error is None else np.asarray(layer.error, dtype=float)
         axes.errorbar(layer.x, layer.y, yerr=error, xerr=layer.spread, fmt="none", ecolor=colour, linewidth=1.0)
     for x, y, label in zip(layer.x, layer.y, layer.labels, strict=False):
-        axes.annotate(label, (x, y), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8, clip_on=False)
+        place: Any = {"xytext": (0, 4), "ha": "center"} if layer.error is None else {"xytext": (5, 0), "va": "center"}
+        axes.annotate(label, (x, y), textcoords="offset points", fontsize=8, clip_on=False, **place)
 
 
 def _bars(axes: Axes, layer: Bars, colour: str) -> None:

@@ -52,7 +52,7 @@ from brv_hypo.report.document import (
 _UNEVEN = 1e-3  # share of a step by which times may be uneven and still be given as start and step
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
-_HEIGHT = {"panel": 175, "frame": 105, "bar": 26, "gap": 32}
+_HEIGHT = {"panel": 175, "frame": 105, "names": 24, "bar": 26, "gap": 32}  # names: of marks, above the frame
 _STRETCHES = {1: 415, 2: 330, 3: 230, 4: 175}
 """Height of a row of intervals of a path by how many stand in it: squares, and their titles."""
 _AXIS = {
@@ -75,7 +75,7 @@ _NAME = 13  # height of a mark's name, px
 
 def plotly_chart(chart: Chart) -> dict[str, Any]:
     """Traces, layout and height (px) of a chart; of a path what the page makes them of."""
-    shared = {"time": chart.over_time, "height": chart_height(chart)}
+    shared = {"time": chart.over_time, "height": chart_height(chart), "named": chart.named}
     if (path := chart.path) is not None:
         curve = {"t": path.time, "x": path.x, "y": path.y}
         histories = {name: _bits(thinned(values, MOST_OF_A_PATH))["bdata"] for name, values in curve.items()}
@@ -111,7 +111,8 @@ def _line(layer: Line) -> list[dict[str, Any]]:
         trace["line"] = {"color": colour, "width": 1.5, **({"dash": "dot"} if layer.dashed else {})}
     if layer.labels:
         text = [label.replace("\n", "<br>") for label in layer.labels]
-        trace |= {"text": text, "textposition": "middle right", "cliponaxis": False}
+        place = "top center" if layer.error is None else "middle right"  # beside an error bar, which is vertical
+        trace |= {"text": text, "textposition": place, "textfont": {"size": 11}, "cliponaxis": False}
     if layer.error is not None:
         below, above = (np.asarray(values, dtype=float).tolist() for values in layer.error)
         trace["error_y"] = {
@@ -221,7 +222,7 @@ def chart_height(chart: Chart) -> int:
     if chart.path is not None:
         return _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
     drawn = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
-    return _HEIGHT["frame"] + drawn
+    return drawn + _HEIGHT["frame"] - (0 if chart.named else _HEIGHT["names"])
 
 
 def _over(x: Values) -> dict[str, Any]:
@@ -276,9 +277,7 @@ def provenance(command: str, settings: BaseModel | None, records: Iterable[str |
 # ---- The page: templates in `page/`, and what they need ----
 
 _WHOLE = 9  # a table of more columns takes the whole width of the page
-_ROW, _LINE = 380, 32
-"""Heights (px) of a row of sections, and of a line of a table: a section that is several rows high has as many sections
-beside it, and no empty space."""
+_NARROW = 4  # a table of more columns does not fit a third of it
 _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 """What is typed in one piece: text between backticks, and options."""
 
@@ -335,13 +334,11 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
 
 
 def _cell(group: Sequence[Block]) -> dict[str, Any]:
-    """Blocks, whether they want half of the page or all of it, and how many of its rows, by about their height."""
+    """Blocks, and whether they want all of the page's width or half of it; else a third will do."""
     pictures = [block.chart for block in group if isinstance(block, Picture)]
-    heights = [_LINE * len(b.rows if isinstance(b, Table) else b.texts) for b in group if not isinstance(b, Picture)]
-    rows = round(sum((*heights, *map(chart_height, pictures))) / _ROW)
     columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
-    wide = columns > _WHOLE or any(chart.over_time or chart.path or chart.counted for chart in pictures)
-    return {"blocks": group, "columns": columns, "whole": columns > _WHOLE, "wide": wide, "rows": max(1, rows)}
+    wide = columns > _NARROW or any(chart.over_time or chart.path or chart.counted for chart in pictures)
+    return {"blocks": group, "whole": columns > _WHOLE, "wide": wide}
 
 
 def _slug(heading: str) -> str:

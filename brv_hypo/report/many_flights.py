@@ -156,7 +156,8 @@ def calibration_chart(calibration: Calibration) -> Chart:
     perfect = Line([0.0, 1.0], [0.0, 1.0], "guide", "perfect", dashed=True)
     panels = [Panel("share right", [perfect, dots], range=(-0.03, 1.08))] if bins else []
     read = "Of verdicts given at 0.9, nine in ten should be right. Bars: 95 % intervals."
-    return Chart("calibration", "Calibration", "probability of the leader", panels, range=(0.0, 1.03), caption=read)
+    named = ("calibration", "Share right by probability", "probability of the leader")
+    return Chart(*named, panels, range=(0.0, 1.03), caption=read)
 
 
 def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
@@ -190,6 +191,8 @@ def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Docume
     least = percent(summary.visible_effect)
     pace = "" if summary.seconds_per_flight is None else f", {summary.seconds_per_flight:.1f} s each"
     flown = f"{summary.compared} of {summary.flights} flights compared{pace}"
+    by_vehicle = summary.by_vehicle if len(summary.by_vehicle) > 1 else {}
+    small = summary.confusion != summary.confusion_visible
     visible = f"Ranked first (effect at least {least} of the moment, or none)"
     return Document(
         title=f"Study: {summary.title}",
@@ -202,8 +205,8 @@ def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Docume
         decided=not summary.failures,
         blocks=[
             confusion_table(visible, summary.confusion_visible),
-            *(confusion_table(f"Ranked first, {name}", part, "verbose") for name, part in summary.by_vehicle.items()),
-            confusion_table("Ranked first, all flights", summary.confusion, "page"),
+            *(confusion_table(f"Ranked first, {name}", part, "verbose") for name, part in by_vehicle.items()),
+            confusion_table("Ranked first, all flights", summary.confusion if small else (), "page"),
             *calibration_blocks(summary.calibration_visible),
             Picture(effect_chart([o for o in outcomes if o.status == "compared" and o.effect > 0.0])),
             Picture(calibration_chart(summary.calibration_visible)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.signal import welch
@@ -284,7 +285,7 @@ def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], r
         [Panel("power density, 1/Hz", layers, log=True)],
         range=(0.0, highest),
         marks=[Mark(at, name) for name, at in marks.items()],
-        caption="Both planes together, Welch's method. Marked: median rates over the record.",
+        caption="Measured moments and residuals, both planes together, Welch's method. Marked: median rates.",
     )
 
 
@@ -325,6 +326,21 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; the verdict names errors beyond."
     title = "error over its tolerance"
     return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
+
+
+def process_chart(
+    setting: Setting, histories: Mapping[str, Any], units: Mapping[str, str], name: str, heading: str
+) -> Chart:
+    """Processes over time, those that have `units`, in their order; `histories` as `Series` has them."""
+    roles: tuple[Role, ...] = ("first", "second", "third")
+    panels = []
+    for process, unit in units.items() if histories else ():
+        layers: list[Layer] = []
+        for (value, sigma), role in zip(histories[process], roles, strict=False):
+            time, nth = np.linspace(*setting.span, len(value)), f"{role} shape or channel"
+            layers += estimate(time, np.array(value), np.array(sigma), role, nth)
+        panels.append(framed(Panel(process if unit == "1" else f"{process}, {unit}", layers)))
+    return setting.chart(name, heading, panels, "Moments by the rms of their shape. Bands: 2 sigma.")
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:

@@ -16,6 +16,8 @@ from brv_hypo.ranking.result import (
     DerivedEstimate,
     FlightSummary,
     Knot,
+    ProcessEstimate,
+    RankedHypothesis,
     RecordError,
     RecordSummary,
     TermEstimate,
@@ -35,6 +37,10 @@ _PROCESSES = (
 )
 
 COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
+NAME_AND_FAMILY = (
+    "`compare` names the mechanism that its baseline lacks. `trace` divides, by family, what is left of a model whose "
+    "static slope follows the Mach number, and which may include that mechanism's moment: both may be right."
+)
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself
 CONTRADICTED = "The record contradicts itself (see the warnings), and its faults may be the cause of what follows."
 
@@ -65,9 +71,13 @@ def ranking_table(comparison: Comparison) -> Table:
     return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
 
 
+def shown_processes(comparison: Comparison) -> list[ProcessEstimate]:
+    """Those that make more than `LEAST_PROCESS`, largest first."""
+    return [each for each in comparison.verdict.processes if each.share_of_moment > LEAST_PROCESS]
+
+
 def process_blocks(comparison: Comparison) -> list[Block]:
     """One row for each process beside the leader that makes more than `LEAST_PROCESS`, largest first."""
-    processes = comparison.verdict.processes
     rows = [
         {
             "process": each.name,
@@ -78,23 +88,38 @@ def process_blocks(comparison: Comparison) -> list[Block]:
             "relative": f"{number(each.size / each.tolerance, 2)} ×",
             "of moment": share(each.share_of_moment),
         }
-        for each in processes
-        if each.share_of_moment > LEAST_PROCESS
+        for each in shown_processes(comparison)
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
-    small = ", ".join(each.name for each in processes if each.share_of_moment <= LEAST_PROCESS)
-    others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
-    text = Texts((_PROCESSES,) if rows else (), bullets=False, shown="page")
-    return [table, text, Texts(others, "", bullets=False, shown="verbose" if rows else "always")]
+    named = comparison.verdict.winner not in (None, "none")
+    return [table, Texts((NAME_AND_FAMILY,) if named else (), bullets=False)]
+
+
+def process_texts(comparison: Comparison) -> list[Texts]:
+    """What the columns of the processes mean, and which are left out of the table."""
+    shown = shown_processes(comparison)
+    small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
+    others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
+    read = Texts((_PROCESSES,) if shown else (), bullets=False, shown="page")
+    return [read, Texts(others, bullets=False, shown="verbose" if shown else "always")]
+
+
+def net_values(row: RankedHypothesis) -> list[TermEstimate]:
+    """Net values of a hypothesis in time order, in the plane of the jumps and ramps that they are sums of."""
+    planes = {re.sub(r"^(jump|ramp) in ", "", term.name): term.channel for term in row.terms}
+    values = (value for each in row.intervals for value in each.values)
+    return [value.model_copy(update={"channel": planes.get(value.name, value.channel)}) for value in values]
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
     leader = comparison.ranking[:1]
-    net = [v for row in leader for each in row.intervals for v in each.values if abs(v.value) > 2.0 * v.std_error]
+    net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
     table = term_table("Estimates of the leader", net, "always", most=ROWS_AT_FIRST)
-    return [table, Texts(derived_texts(e for row in leader for e in row.derived if e.region_s is None), bullets=False)]
+    derived = derived_texts(e for row in leader for e in row.derived if e.region_s is None)
+    shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
+    return [table, Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)]
 
 
 def size_table(comparison: Comparison) -> Table:

@@ -10,6 +10,7 @@ import numpy as np
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
+from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
@@ -116,34 +117,38 @@ def trace_document(result: Trace) -> Document:
         for each in result.account
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    errors = Table(account, "mean square of the moment error, model by model", ("model",))
+    errors = Table(account, "Mean square of the moment error, model by model", ("model",))
     drawn, known = _charts(result), result.record_errors
+    related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
     model: list[Block] = [
-        term_table("model, fitted to the whole record", result.model.terms),
+        term_table("Model, fitted to the whole record", result.model.terms),
         Texts(result.collinear, COLLINEAR, shown="verbose"),
     ]
     if (fit := result.ml) is not None:
         ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
-        model.append(term_table(f"model, by maximum likelihood: {ended}", fit.terms))
+        model.append(term_table(f"Model, by maximum likelihood: {ended}", fit.terms))
     warnings = (*fault_texts(result.record), *result.caveats)
+    steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
         *(Section(name, list(map(Picture, some)), name.startswith("Air")) for name, some in drawn.items()),
         Section("Errors of instruments and vehicle", [Picture(charts.errors_chart(known)), error_table(known)]),
-        Section("Steps", [block for step in result.steps for block in _step(step)]),
-        Section("Final residual", [Texts(final, "Final residual", bullets=False)]),
+        Section("Steps", steps),
         Section("Model", model, folded=True),
     ]
     return Document(
         title=f"Residual traced: {name}",
         subtitle=tuple(flight_line(flight) for flight in result.flights),
         conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
-        conclusion=" ".join(filter(None, conclusion)),
+        conclusion="\n".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
         blocks=sections,
         ahead=(errors,),
-        beside=() if result.picture is None else (Picture(families_chart(result.steps[0])),),
+        beside=(
+            Picture(families_chart(result.steps[0])),
+            Texts(related, bullets=False, shown="page" if result.findings else "always"),
+        ),
     )
 
 
@@ -277,16 +282,16 @@ def prediction_charts(result: Prediction) -> list[Chart]:
 
 
 def band_chart(result: Prediction) -> Chart:
-    """C_m and C_n as measured, over the band in which the frozen model predicts them, noise included."""
+    """C_m and C_n less the frozen model's, over the band in which it predicts them to be, noise included."""
     band, panels = result.band, []
     time, percent = thinned(band.time_s), f"{100.0 * band.level:.0f} %"
     scale = scale_of(*band.measured, *band.predicted)
     for name, *histories in zip(BODY, band.measured, band.predicted, band.half_width, strict=True):
         measured, centre, half = (scale.drawn(thinned(values)) for values in histories)
-        interval_drawn = Band(time, centre - half, centre + half, f"{percent} prediction interval", "first")
-        dots = Line(time, measured, "measured", "measured", dots=True)
-        panels.append(Panel(f"{name}{scale.suffix}", [interval_drawn, dots, Line(time, centre, "first", "predicted")]))
-    heading = f"Moments in the {percent} prediction interval ({100.0 * band.inside:.1f} % inside)"
+        interval_drawn = Band(time, -half, half, f"{percent} prediction interval", "first")
+        dots = Line(time, measured - centre, "measured", "measured less predicted", dots=True)
+        panels.append(charts.framed(Panel(f"{name}{scale.suffix}", [interval_drawn, dots])))
+    heading = f"Moments less the prediction ({100.0 * band.inside:.1f} % within its {percent} interval)"
     span = (result.flight.start_s, result.flight.stop_s)
     read = (
         "The interval includes the noise, the errors of the coefficients, and the residual of the model on the flights "

@@ -193,6 +193,11 @@ def test_topics_are_in_reading_order():
     assert all(re.match(r"# \S", text(topic)) for topic in topics())
 
 
+def test_the_functions_are_a_topic_like_others(brv_hypo):
+    assert "functions" in brv_hypo("docs").stdout
+    assert "brv_hypo.compare(flights" in brv_hypo("docs", "functions").stdout
+
+
 def test_an_unknown_topic_is_refused_with_the_nearest():
     with pytest.raises(UsageError, match="is 'verdict' meant"):
         text("verdikt")

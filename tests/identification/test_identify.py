@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.identification import identify
+from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.identification.parameters import tolerated_mechanisms
 from brv_hypo.mechanisms import record_effects
 from tests.studies.identification.study import errors, flights, regress, trial
@@ -136,6 +136,14 @@ def test_flights_share_coefficients_and_keep_their_own_gravity():
     for together, single, true in zip(both.terms, alone.terms, pair[0].coefficients, strict=True):
         assert together.std_error < single.std_error
         assert abs(together.value - true) < 4.0 * together.std_error
+
+
+def test_a_search_that_ends_early_names_remedies_that_a_command_has(bodyfixed):
+    _, work, _ = bodyfixed
+    found = identify(work.frame, work.columns, work.values, IdentificationConfig(max_iterations=1, begin_anew=False))
+    assert found.status == "iteration limit"
+    assert "`--start`, `--stop`" in found.message
+    assert "max_iterations" not in found.message
 
 
 def test_a_record_too_short_is_a_status_not_an_exception(bodyfixed):

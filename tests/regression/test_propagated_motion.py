@@ -71,3 +71,12 @@ def test_an_error_of_the_walk_is_taken_from_it(point):
         for axis, size in zip("yz", both, strict=True)
     }
     np.testing.assert_allclose(wrong.less(record, errors).walk, true.walk, atol=1e-15)
+
+
+def test_the_meridian_of_a_motion_far_from_that_before_has_no_turn_from_sample_to_sample(point):
+    """Next to the meridian before, each sample would be on whichever side of half a turn it happens to fall."""
+    record, smooth = point
+    motion = PropagatedMotion.of(record, smooth)
+    other = replace(motion, walk=-1.5 * motion.walk - 1.2 * np.mean(smooth.crossflow))
+    _, moved = linearisation_point(smooth, ReconstructionConfig(), other)
+    assert np.max(np.abs(np.diff(moved.motion.windward_meridian))) <= np.pi

@@ -202,7 +202,7 @@ def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
     assert {size.split("x")[0] for size in sizes} == {"660"}
     two, _, bars, most = (float(size.split("x")[1]) for size in sizes)
     assert two < 430
-    assert bars == 157
+    assert bars == 133
     assert most < 1000
     assert f'data-paper="{SCHEMES["light"][1]}"' in root
 

@@ -34,7 +34,7 @@ from brv_hypo.report.document import (
 )
 from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import Provenance, page, plotly_chart
-from brv_hypo.report.motion_charts import Setting, attitude_chart
+from brv_hypo.report.motion_charts import Setting, attitude_chart, process_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.report.write import draw_into, drawn
@@ -124,6 +124,41 @@ def test_what_the_baseline_leaves_is_drawn_against_the_angle_of_attack(compariso
     left, beyond = charts["excess-by-alpha-1"].panels[1].layers
     np.testing.assert_allclose(left.y, 1e3 * np.subtract(series.measured[1], series.fitted["none"][1]))
     np.testing.assert_allclose(beyond.y, 1e3 * np.subtract(series.fitted["bodyfixed"][1], series.fitted["none"][1]))
+
+
+def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(planted, planted_charts) -> None:
+    """Both differ by noise, and where the leader does not act nothing is left; its onset and end are marked."""
+    left, made = (np.array(each) for each in planted.series[0].leader)
+    time, known = np.array(planted.series[0].time_s), np.isfinite(left[0])
+    marks = {mark.name: mark.at for mark in planted_charts["overview"].marks if mark.name}
+    assert set(marks) <= {"onset", "end"}
+    before, after = known & (time < marks["onset"] - 0.1), known & (time > marks["onset"] + 0.1)
+    size = np.sqrt(np.mean(made[1, after] ** 2))
+    for some in (before, after):
+        assert np.sqrt(np.mean((left - made)[1, some] ** 2)) < 0.2 * size
+    assert np.sqrt(np.mean(left[1, before] ** 2)) < 0.2 * size
+    dots, line = planted_charts["overview"].panels[1].layers[1:]
+    np.testing.assert_allclose(dots.y, 1e3 * left[1])
+    np.testing.assert_allclose(line.y, 1e3 * made[1])
+
+
+def test_histories_of_processes_are_drawn_in_the_units_of_the_table(planted) -> None:
+    """Every shape or channel; a history's rms is at most about the size in the table: that of its splines'
+    coefficients."""
+    known, histories = planted.verdict.processes, planted.series[0].histories
+    drawn = process_chart(Setting((0.0, 1.0)), histories, {each.name: each.units for each in known}, "processes", "All")
+    assert [panel.title.partition(",")[0] for panel in drawn.panels] == [each.name for each in known]
+    for each, panel in zip(known, drawn.panels, strict=True):
+        lines = [layer.y for layer in panel.layers if isinstance(layer, Line)]
+        assert len(lines) == len(histories[each.name])
+        assert np.sqrt(np.mean(np.square(lines))) <= 1.5 * each.size
+
+
+def test_a_record_that_is_refused_is_not_said_to_be_without_fault() -> None:
+    flight = nominal().flight
+    refused = compare(replace(flight, q=-flight.q))
+    assert refused.verdict.outcome == "record fault"
+    assert "shows no fault" not in page(comparison_document(refused), Provenance())
 
 
 def test_the_manual_names_a_file_for_every_figure_of_the_report(charts) -> None:

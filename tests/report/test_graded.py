@@ -188,7 +188,7 @@ class TestPython:
             status="iteration limit", iterations=30, log_likelihood=None, message="x. Starting points disagree: y"
         )
         row = graded().ranking[0].model_copy(update={"ml": fit})
-        said = "iteration limit, so coefficients are those of the regression; starting points disagree"
+        said = "iteration limit, starting points disagree: quote the estimates that are fitted with processes instead"
         troubled = graded().model_copy(update={"ranking": (row,)})
         assert troubled.conclusion().endswith(f"Maximum likelihood of damping: {said}.")
 

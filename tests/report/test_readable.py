@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from dataclasses import replace
 from urllib.parse import unquote
 
 import numpy as np
@@ -53,7 +54,7 @@ def test_names_of_rivals_of_one_size_stand_in_one_label() -> None:
     rows = tuple(row.model_copy(update={"mechanism": name, "n_terms": n, "cp": cp}) for name, (n, cp) in cps.items())
     charts = comparison_document(comparison.model_copy(update={"ranking": rows})).charts
     _, _, *dots = next(chart for chart in charts if chart.name == "cp").panels[0].layers
-    assert [list(each.labels) for each in dots] == [["", "d\nc\nb", ""], ["e"], ["a"]]
+    assert [list(each.labels) for each in dots] == [["d\nc\nb", "", ""], ["e"], ["a"]]
 
 
 def test_every_hypothesis_has_its_own_knots_marked() -> None:
@@ -145,16 +146,21 @@ def test_small_dots_are_seen_in_the_legend_of_a_figure() -> None:
 
 
 class TestPage:
-    def test_a_high_section_has_several_rows_of_the_grid(self) -> None:
-        high = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])] * 5)
-        rows = [{"term": "a"}] * 40
-        blocks = (Picture(high), Table(rows, "many"), Texts(("few",), "Notes"))
-        html = page(Document("t", (), "c", "words", True, blocks), Provenance())
-        assert re.findall(r"<section[^>]*>", html) == [
-            '<section class="" style="grid-row: span 3">',
-            '<section class="" style="grid-row: span 3">',
-            '<section class="">',
-        ]
+    def test_sections_flow_in_as_many_columns_as_their_blocks_allow(self) -> None:
+        """Three of small blocks, two where one is wide or there are two, and one for words alone."""
+        chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
+        small, wide = Picture(chart), Picture(replace(chart, over_time=True))
+        words, columns = Texts(("few",), "Notes"), Table([dict.fromkeys("abcdefghijk", "1")], "many")
+        parts = {
+            "three": [small] * 3,
+            "two": [small] * 2,
+            "half": [wide, small, small],
+            "one": [words],
+            "all": [columns],
+        }
+        html = page(Document("t", (), "c", "words", True, [Section(*part) for part in parts.items()]), Provenance())
+        assert re.findall(r'<div class="grid\s*(\w*)"', html) == ["narrow", "", "", "single", "single"]
+        assert html.count('<section class="whole">') == 1
 
     def test_sections_fold_and_contents_lead_to_them(self) -> None:
         """Empty ones are left out; every link resolves, and no id is given twice."""

@@ -55,6 +55,7 @@
     modebar: { bgcolor: "rgba(0,0,0,0)", color: "--quiet", activecolor: "--accent" },
     legend: { orientation: "h", yref: "container", yanchor: "top", y: 1, x: 0, itemsizing: "constant" },
   };
+  const UNNAMED = 34;  // px: the margin above a frame without names of marks, where the legend stands
   const PAPER = 660;  // px: the width of a sheet between its margins
   const SHEET = 880;  // px: the height that a chart may have on it, with heading and caption
   const CLOSER = 0.8;  // of its height on a screen, so that two charts of two panels stand on a sheet
@@ -105,7 +106,8 @@
       const { l, r, t, b } = common.margin, width = "printing" in root.dataset ? PAPER : node.clientWidth;
       chart = { ...chart, ...stretchesOf(chart.path, [width - l - r, height - t - b], shown) };
     }
-    const layout = painted({ ...common, ...chart.layout, height }, style);
+    const margin = { ...common.margin, t: chart.named ? common.margin.t : UNNAMED };
+    const layout = painted({ ...common, margin, ...chart.layout, height }, style);
     if ("printing" in root.dataset) {
       layout.width = PAPER;
       layout.font.size = SMALLER;

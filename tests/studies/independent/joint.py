@@ -1,9 +1,11 @@
-"""Two flights of one design, at the same Mach numbers at other times: is what begins and ends at one named, and placed?
+"""Flights of one design, at the same Mach numbers at other times: is what begins and ends at one named, and placed?
 
 By hand: python -m tests.studies.independent.joint --seed 1000 --pairs 10 --jobs 2
+What many cost: python -m tests.studies.independent.joint --seed 1000 --pairs 1 --flights 10
 
-Pair k has seed SEED + k; vehicles and mechanisms (those whose size does not hang on the flight) take turns. The second
-flight enters lower and at another speed, and the mechanism begins and ends there at the Mach numbers of the first.
+Pair k has seed SEED + k; vehicles and mechanisms (those whose size does not hang on the flight) take turns. The others
+enter higher and at another speed than the first flight, the last of them farthest, and the mechanism begins and ends
+there at the Mach numbers of the first.
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from resource import RUSAGE_SELF, getrusage
+from time import process_time
 
 import numpy as np
 from joblib import delayed
@@ -18,7 +22,7 @@ from joblib import delayed
 from brv_hypo import compare
 from brv_hypo.ranking import CompareConfig
 from tests.studies.independent.flights import Made, make_flight
-from tests.studies.independent.mechanisms import LISTED
+from tests.studies.independent.mechanisms import LISTED, Planted
 from tests.studies.independent.reporting import fly_and_report
 from tests.studies.independent.sisters import at_speed
 from tests.studies.independent.vehicles import CRAFTS
@@ -54,21 +58,27 @@ class Outcome:
     winner: str | None
     ratio: float
     errors: tuple[float, ...]
+    cpu: float
+    memory: float
 
 
-def fly(seed: int, vehicle: str, truth: str, amplitude: float) -> Outcome | str:
-    """Compare one pair; the reason in words where it was not flown or not compared."""
+def fly(seed: int, vehicle: str, truth: str, amplitude: float, count: int = 2) -> Outcome | str:
+    """Compare some flights; the reason in words where they were not flown or not compared."""
     try:
-        first, second = fly_pair(vehicle, truth, seed, amplitude)
+        first, *others = fly_several(vehicle, truth, seed, amplitude, count=count)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    found = compare([first.flight, second.flight], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
+    begun = process_time()
+    config = CompareConfig(mechanisms=LISTED, maximum_likelihood="none" if count == 2 else "quick")
+    found = compare([each.flight for each in (first, *others)], config)
+    cpu, memory = process_time() - begun, 1e-6 * getrusage(RUSAGE_SELF).ru_maxrss
     verdict = found.verdict
     if verdict.adequacy is None:
         return f"seed {seed}, {vehicle} {truth}: not compared ({verdict.reason})"
     leader = found.ranking[0]
     knots = [term.region_s[0] for term in leader.terms if term.region_s is not None]
-    edges = (first.true.planted.start, first.true.planted.stop)
+    # In the time of the flight that is the reference of all: far from those of the others.
+    each = [_apart(knots, made.true.planted) for made in (first, *others)]
     return Outcome(
         seed,
         vehicle,
@@ -77,22 +87,34 @@ def fly(seed: int, vehicle: str, truth: str, amplitude: float) -> Outcome | str:
         verdict.outcome,
         verdict.winner,
         verdict.adequacy.ratio,
-        tuple(min((abs(knot - edge) for knot in knots), default=np.inf) for edge in edges),
+        min(each, key=sum),
+        cpu,
+        memory,
     )
 
 
-def fly_pair(vehicle: str, truth: str, seed: int, amplitude: float = 1.0, grade: str = "tactical") -> tuple[Made, Made]:
-    """The flights, one mechanism acting between the same Mach numbers on both."""
+def _apart(knots: Sequence[float], planted: Planted) -> tuple[float, ...]:
+    """How far from each edge of what is planted the nearest knot is, s."""
+    return tuple(min((abs(knot - edge) for knot in knots), default=np.inf) for edge in (planted.start, planted.stop))
+
+
+def fly_several(
+    vehicle: str, truth: str, seed: int, amplitude: float = 1.0, grade: str = "tactical", count: int = 2
+) -> list[Made]:
+    """The flights, one mechanism acting between the same Mach numbers on all."""
     craft = CRAFTS[vehicle]
-    first = make_flight(craft, truth, amplitude, seed, grade)
+    made = [make_flight(craft, truth, amplitude, seed, grade)]
     faster, higher = OTHERWISE[vehicle]
-    other = replace(at_speed(craft, faster), altitude=craft.altitude + higher)
-    second = make_flight(other, seed=seed + SECOND, grade=grade)
-    for _ in range(_ROUNDS):
-        start, stop = (time_at(second, mach) for mach in machs(first))
-        planted = replace(first.true.planted, start=start, stop=stop)
-        second = make_flight(other, seed=seed + SECOND, grade=grade, planted=planted)
-    return first, second
+    for number in range(1, count):
+        share, own = number / (count - 1), seed + SECOND * number
+        other = replace(at_speed(craft, 1.0 + share * (faster - 1.0)), altitude=craft.altitude + share * higher)
+        flown = make_flight(other, seed=own, grade=grade)
+        for _ in range(_ROUNDS):
+            start, stop = (time_at(flown, mach) for mach in machs(made[0]))
+            planted = replace(made[0].true.planted, start=start, stop=stop)
+            flown = make_flight(other, seed=own, grade=grade, planted=planted)
+        made.append(flown)
+    return made
 
 
 def machs(made: Made) -> tuple[float, float]:
@@ -115,6 +137,8 @@ def report(outcomes: Sequence[Outcome]) -> Iterable[str]:
     yield f"none adequate: {sum(o.outcome == 'none adequate' for o in outcomes)} of {len(outcomes)}"
     errors = [error for o in named for error in o.errors]
     if errors:
+        cpu, memory = np.median([o.cpu for o in outcomes]), max(o.memory for o in outcomes)
+        yield f"CPU: median {cpu:.1f} s; memory at most {memory:.1f} GB"
         yield f"edges of those named rightly: median {np.median(errors):.4f} s off, at most {max(errors):.4f} s"
 
 
@@ -132,11 +156,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--pairs", type=int, default=12)
+    parser.add_argument("--flights", type=int, default=2, help="that are fitted jointly")
     parser.add_argument("--amplitude", type=float, default=1.0, help="of the nominal one")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
     cases = [(vehicle, truth) for truth in TRUTHS for vehicle in sorted(CRAFTS)]
-    runs = (delayed(fly)(given.seed + k, *cases[k % len(cases)], given.amplitude) for k in range(given.pairs))
+    runs = (
+        delayed(fly)(given.seed + k, *cases[k % len(cases)], given.amplitude, given.flights) for k in range(given.pairs)
+    )
     fly_and_report(runs, given.jobs, line, report)
 
 

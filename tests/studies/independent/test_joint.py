@@ -11,7 +11,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.ranking.preparation import shared_time, sharing_warnings
 from tests.ranking.pulse import problem
-from tests.studies.independent.joint import fly_pair, machs
+from tests.studies.independent.joint import fly_several, machs
 from tests.studies.independent.mechanisms import LISTED
 
 # What the fits state of the edges that they know least, s.
@@ -29,7 +29,7 @@ EDGE_SIGMA = 0.0245
 )
 def test_a_mechanism_at_mach_numbers_is_named_and_placed(vehicle: str, truth: str, seed: int) -> None:
     """The flights come by them 0.3 to 2.3 s apart: at the same times on both, nothing was adequate."""
-    made = fly_pair(vehicle, truth, seed)
+    made = fly_several(vehicle, truth, seed)
     comparison = compare([each.flight for each in made], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
     assert comparison.warnings == ()
     assert comparison.verdict.winner == truth
