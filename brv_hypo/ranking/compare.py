@@ -169,7 +169,10 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
         total=finished - begun,
     )
     comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
-    known = diagnostics(beside, comparison)
+    # What the first reconstruction warns of is of the record, whatever the motion that the leader is linear about.
+    said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
+    about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
+    known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
     warnings = (*warnings, *tolerance_warnings(fits[beside.leader].name, known["record_errors"], verdict))
     sized = best_by_size(problem, fits, criteria[beside.null])
     return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})

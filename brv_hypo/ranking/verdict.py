@@ -136,7 +136,13 @@ def judge(
         return verdict.model_copy(update={"equivalent": (), "reason": _inadequate(leader, fit, chances, outside)})
     if decision.outcome == "named":
         return verdict.model_copy(update={"equivalent": (leader.name,), "reason": _named(verdict, leader)})
-    return verdict.model_copy(update={"reason": _undecided(verdict, leader, decision.predicts, outside)})
+    reason = _undecided(verdict, leader, decision.predicts, outside)
+    if confirmed < min(whole.chances[leader.name], 1.0):
+        reason += (
+            f" Of {count} repetitions, each without a stretch of the record, {confirming} have {hypothesis(leader.name)} "
+            "first: that bounds its probability."
+        )
+    return verdict.model_copy(update={"reason": reason})
 
 
 def decide(

@@ -91,8 +91,8 @@ IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,si
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
 BESIDE = (
-    "Errors of record and vehicle are fitted with every model; a model that fits far worse than the leader is drawn "
-    "with the leader's errors."
+    "Models without processes. Errors of record and vehicle are fitted with every model; a model that fits far worse "
+    "than the leader is drawn with the leader's errors."
 )
 _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
 _SHARE, _MARGIN = 0.98, 2.0

@@ -103,7 +103,7 @@ def trace_document(result: Trace) -> Document:
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
     conclusion = (
         "" if sound else CONTRADICTED,
-        f"Found: {found}." if found else "Nothing was found.",
+        f"Found: {found}." if found else "No effect was found.",
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
         families_text(result.steps[0]),
         result.static_stability,
