@@ -203,12 +203,6 @@ def no_responses(record: InertialRecord) -> EffectResponses:
     return EffectResponses((), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged)
 
 
-def as_expected(responses: EffectResponses) -> EffectFit:
-    """The prior of the errors: their tolerances."""
-    count = len(responses.effects)
-    return EffectFit(responses, np.zeros(count), np.zeros(count), np.eye(count))
-
-
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
     """The flight corrected by the estimated errors.
 
