@@ -24,7 +24,7 @@ from brv_hypo.errors import MechanismError
 from brv_hypo.flight.record import CHANNELS, Flight
 from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
-from brv_hypo.motion.motion import EarlierMotion, Motion
+from brv_hypo.motion.motion import EarlierMotion, Motion, fixed
 
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
 
@@ -271,12 +271,7 @@ def read_only(data: Data) -> Data:
     """The same motion or flight, through arrays that cannot be written to, its past included."""
     if isinstance(data, EarlierMotion) or (isinstance(data, Motion) and isinstance(data.history, _ShownPast)):
         return data
-    views: dict[str, Any] = {}
-    for field in fields(data):
-        value = getattr(data, field.name)
-        if isinstance(value, np.ndarray):
-            views[field.name] = value.view()
-            views[field.name].flags.writeable = False
+    views: dict[str, Any] = {each.name: fixed(getattr(data, each.name)) for each in fields(data)}
     if isinstance(data, Motion) and data.history is not None:
         views["history"] = _ShownPast(data.history)
     return replace(data, **views)
