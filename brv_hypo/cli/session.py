@@ -83,12 +83,6 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
     return written, error.end
 
 
-def require_output(what: str) -> None:
-    """Raise UsageError where standard output, which `what` needs, was closed by the shell."""
-    if "stdout" in _closed:
-        raise UsageError(f"{what} writes to standard output, which is closed (>&-). Open it, or name a file.")
-
-
 # ---- Signals: what unwinds, and what ends at once ----
 
 
@@ -282,8 +276,8 @@ class Session:
         Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` is to
         hold HDF5 and has a name that says otherwise.
         """
-        if self.json_only:
-            require_output("--json -")
+        if self.json_only and "stdout" in _closed:
+            raise UsageError("--json - writes to standard output, which is closed (>&-). Open it, or name a file.")
         json_file = None if self.json is None or self.json_only else Path(self.json)
         wanted = [file for file in (*files, self.report, json_file) if file is not None]
         resolved = [file.resolve() for file in wanted]

@@ -194,7 +194,11 @@ class Checked(Wrapped):
 
 
 def checked(item: Item) -> Item:
-    """The same mechanism or record effect, every answer of which is checked; see `checked_terms`."""
+    """The same mechanism or record effect, which cannot change what it is given, and whose every answer is checked.
+
+    A method raises MechanismError where it raises, gives no answer, or anything but what the contract says, such as
+    terms of finite columns on the motion's shape.
+    """
     return item if is_checked(item) else cast(Item, Checked(item))
 
 
@@ -206,15 +210,6 @@ def is_checked(item: Mechanism | RecordEffect) -> bool:
 def unchecked(item: Item) -> Item:
     """What `checked` was given."""
     return cast(Item, vars(item)["item"]) if is_checked(item) else item
-
-
-def checked_terms(mechanism: Mechanism, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-    """The mechanism's terms at this motion, which it cannot change.
-
-    Raises MechanismError where it raises, gives no answer, or anything but terms of finite columns on the
-    motion's shape.
-    """
-    return tuple(_answer_of(unchecked(mechanism), "terms", motion, theta))
 
 
 def _answer_of(item: Mechanism | RecordEffect, method: str, *arguments: Any) -> Any:

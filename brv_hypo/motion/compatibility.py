@@ -35,7 +35,7 @@ from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
 from brv_hypo.flight.mounting import GRAVITY, fitted_slopes, integral, nose_axis, path_into_force
 from brv_hypo.flight.plausibility import contradictions, mounting_fault
-from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import arm_acceleration, gravity_magnitude
 from brv_hypo.motion.signals import differentiated, white_noise_level
 
@@ -58,22 +58,22 @@ COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
 # ---- What may be wrong with a record's signs, axes and units, each as the correction that undoes it ----
 
 
-_DEGREES = 180.0 / np.pi  # deg in a rad
-_FEET = 0.3048  # m in a foot (international, 1959)
-_PSF = 47.88026  # Pa in a lbf/ft^2
+DEGREES = 180.0 / np.pi  # deg in a rad
+FEET = 0.3048  # m in a foot (international, 1959)
+PSF = 47.88026  # Pa in a lbf/ft^2
 
-_TRIADS = {"gyros": ("p", "q", "r"), "accelerometers": ("ax", "ay", "az")}
+_TRIADS = {"gyros": GYROS, "accelerometers": ACCELEROMETERS}
 _TRIAD_UNITS = (
-    ("gyros", _DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
+    ("gyros", DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
     ("accelerometers", GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
-    ("accelerometers", 1.0 / _FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
+    ("accelerometers", 1.0 / FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
 )
 _AIR = ("velocity", "dynamic_pressure", "altitude")
 _AIR_UNITS = (
-    (("velocity",), 1.0 / _FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
-    (("dynamic_pressure",), _PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
-    (("altitude",), 1.0 / _FEET, "m tagged ft", "ft tagged m"),
-    (("velocity", "altitude"), 1.0 / _FEET, "metres tagged feet", "feet tagged metres"),
+    (("velocity",), 1.0 / FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
+    (("dynamic_pressure",), PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
+    (("altitude",), 1.0 / FEET, "m tagged ft", "ft tagged m"),
+    (("velocity", "altitude"), 1.0 / FEET, "metres tagged feet", "feet tagged metres"),
 )
 
 
@@ -107,23 +107,19 @@ AS_IT_IS = Correction((), "", "", changes=0)
 
 def corrections() -> tuple[Correction, ...]:
     """Every mistake that is tried, the simplest first."""
-    return (*_signs(), *_exchanges(), *_units(), *_turned_gyros())
+    return (*_signs_and_exchanges(), *_units(), *_turned_gyros())
 
 
-def _signs() -> Iterator[Correction]:
+def _signs_and_exchanges() -> Iterator[Correction]:
     for triad, names in _TRIADS.items():
         for i, name in enumerate(names):
-            words = f"{name} reads as if its sign were flipped"
-            yield _of_triad(triad, (name,), "sign", words, _scaled(i, -1.0))
-
-
-def _exchanges() -> Iterator[Correction]:
+            yield _of_triad(triad, (name,), "sign", f"{name} reads as if its sign were flipped", _scaled(i, -1.0))
     for triad, names in _TRIADS.items():
         for i, j in ((1, 2), (0, 1), (0, 2)):
-            matrix = np.eye(3)
-            matrix[[i, j]] = matrix[[j, i]]
+            exchanged = np.eye(3)
+            exchanged[[i, j]] = exchanged[[j, i]]
             words = f"{names[i]} and {names[j]} read as if they were exchanged"
-            yield _of_triad(triad, (names[i], names[j]), "axes", words, matrix)
+            yield _of_triad(triad, (names[i], names[j]), "axes", words, exchanged)
 
 
 def _units() -> Iterator[Correction]:

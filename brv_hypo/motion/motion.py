@@ -172,11 +172,7 @@ _KEPT_VALUES = 500_000
 
 
 def recorded(motion: Motion) -> Motion:
-    """The same motion, able to tell its past.
-
-    The angles are interpolated as crossflow, because alpha has a cusp and the meridian jumps by pi where
-    alpha passes through zero.
-    """
+    """The same motion, able to tell its past."""
     return replace(motion, history=_Past(replace(motion, history=None)))
 
 
