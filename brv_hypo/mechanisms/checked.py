@@ -13,7 +13,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, cast
@@ -264,22 +264,16 @@ def _flaw(column: Any, shape: tuple[int, ...]) -> str:
 
 def read_only(data: Data) -> Data:
     """The same motion or flight, through arrays that cannot be written to, its past included."""
-    if isinstance(data, EarlierMotion) or (isinstance(data, Motion) and isinstance(data.history, _ShownPast)):
+    if isinstance(data, EarlierMotion) or (isinstance(data, Motion) and isinstance(data.history, partial)):
         return data
     views: dict[str, Any] = {each.name: fixed(getattr(data, each.name)) for each in fields(data)}
     if isinstance(data, Motion) and data.history is not None:
-        views["history"] = _ShownPast(data.history)
+        views["history"] = partial(_past, data.history)
     return replace(data, **views)
 
 
-@dataclass(frozen=True)
-class _ShownPast:
-    """The past of a motion that cannot be written to."""
-
-    past: Callable[[float], Motion]
-
-    def __call__(self, tau: float) -> Motion:
-        return read_only(self.past(tau))
+def _past(past: Callable[[float], Motion], tau: float) -> Motion:
+    return read_only(past(tau))
 
 
 # ---- An analysis without the plugins that broke their contract in it ----

@@ -96,11 +96,6 @@ class Correction:
     changes: int = 1
     """How many separate mistakes would have been made."""
 
-    @property
-    def channel(self) -> str:
-        """The channels at fault, joined by commas."""
-        return ", ".join(self.channels)
-
 
 AS_IT_IS = Correction((), "", "", changes=0)
 
@@ -116,10 +111,10 @@ def _signs_and_exchanges() -> Iterator[Correction]:
             yield _of_triad(triad, (name,), "sign", f"{name} reads as if its sign were flipped", _scaled(i, -1.0))
     for triad, names in _TRIADS.items():
         for i, j in ((1, 2), (0, 1), (0, 2)):
-            exchanged = np.eye(3)
-            exchanged[[i, j]] = exchanged[[j, i]]
+            matrix = np.eye(3)
+            matrix[[i, j]] = matrix[[j, i]]
             words = f"{names[i]} and {names[j]} read as if they were exchanged"
-            yield _of_triad(triad, (names[i], names[j]), "axes", words, exchanged)
+            yield _of_triad(triad, (names[i], names[j]), "axes", words, matrix)
 
 
 def _units() -> Iterator[Correction]:
@@ -521,7 +516,7 @@ def _contradictions(record: PreparedRecord) -> tuple[RecordFault, ...]:
     if likely and likely[0] is ranked[0][0]:
         best, others = likely[0], "; or ".join(one.words for one in likely[1 : 1 + MOST_OTHERS])
         nearly = f" (nearly as likely: {others})" if others else ""
-        found.append(_fault(flight, best.channel, best.fault, f"{best.words}{nearly}: correct the map"))
+        found.append(_fault(flight, ", ".join(best.channels), best.fault, f"{best.words}{nearly}: correct the map"))
     if "path" in broken and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
         found.append(_fault(flight, "p, q, r, ay, az", "axes", words))
