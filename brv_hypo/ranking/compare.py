@@ -36,7 +36,7 @@ from brv_hypo.ranking.intervals import out_of_bounds
 from brv_hypo.ranking.judgement import Hypotheses, Judged, Say, acting_in, explained, judged, processes, weighed
 from brv_hypo.ranking.limits import limits
 from brv_hypo.ranking.maximum_likelihood import identify_credible, tolerance_warnings
-from brv_hypo.ranking.preparation import sharing_warnings
+from brv_hypo.ranking.preparation import sharing_warnings, short_warnings
 from brv_hypo.ranking.result import Comparison, Seconds, Verdict
 from brv_hypo.ranking.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.ranking.verdict import Candidate, Fit, judge
@@ -152,7 +152,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
     reconstructed = clock.perf_counter()
     answered, warnings = answerable(reconstructions, hypotheses)
-    warnings = (*warnings, *sharing_warnings(reconstructions))
+    warnings = (*warnings, *sharing_warnings(reconstructions), *short_warnings(reconstructions))
     beside = judged(reconstructions, config, answered, say)
     problem, fits = beside.problem, beside.fits
     criteria = criteria_of(problem, fits, config.held_out_blocks)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_QUANTILE
+from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_LARGEST, LIMIT_QUANTILE
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.mechanisms.contract import Mechanism
@@ -55,7 +55,8 @@ def limits(
 ) -> tuple[MechanismLimit, ...]:
     """The share of the moment's rms that each hypothesis may have at 95 %; a joined one has that of its largest.
 
-    One of the leader: as fitted, with its margin; another: beside the leader. A nat counts as `weight`.
+    One of the leader: as fitted, with its margin; another: beside the leader. A nat counts as `weight`. Of one that may
+    be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
     rows = evidence.rows
     frame, moment = rows.frame_of(leader), rows.moment
@@ -66,10 +67,10 @@ def limits(
             known[mechanism.name] = min(_fitted(leader, frame, scale_variance(rows.problem)) / moment, 1.0)
         else:
             known[mechanism.name] = _limit(evidence, frame, mechanism, LIMIT_FALL / weight) / moment
+    shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
     return tuple(
-        MechanismLimit(mechanism=name, share_of_moment_95=max(known[each.name] for each in group))
-        for name, group in hypotheses.items()
-        if group
+        MechanismLimit(mechanism=name, share_of_moment_95=share if share <= LIMIT_LARGEST else float("nan"))
+        for name, share in shares.items()
     )
 
 

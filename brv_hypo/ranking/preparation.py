@@ -26,7 +26,7 @@ from brv_hypo.regression.build import LinearisationPoint, baseline_columns, buil
 from brv_hypo.regression.frame import build_frame
 from brv_hypo.regression.noise import estimated_noise
 from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.propagated_motion import PropagatedMotion, linearisation_point
+from brv_hypo.regression.propagated_motion import PropagatedMotion, cycles, linearisation_point
 
 
 @dataclass(frozen=True)
@@ -233,6 +233,17 @@ def sharing_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ..
     return tuple(
         f"flight {number + 1} shares no Mach number with another: changes there are determined by it alone"
         for number in (() if found is None else found.apart())
+    )
+
+
+def short_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
+    """Which flights hold less than a cycle of their motion."""
+    held = [(rec.flight.path or "the window", cycles(rec.motion)) for rec in reconstructions]
+    return tuple(
+        f"{name} holds {count:.2g} cycles of the transverse motion, expected one at least, better ten: what acts "
+        "throughout can hardly be distinguished from the baseline. Widen --start and --stop."
+        for name, count in held
+        if count < 1.0
     )
 
 

@@ -180,7 +180,7 @@ def _ranked(
         prediction_ratio=error / null_error,
         r2=1.0 - fit.rss / total,
         bic=fit.bic,
-        log_evidence=float("nan") if fit.log_evidence is None else fit.log_evidence,
+        log_evidence=float("nan") if fit.log_evidence is None else fit.log_evidence - 0.5 * fit.bound_cost,
         log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * variance) + 1.0),
         n_terms=len(fit.selected),
         n_effective=fit.effective,

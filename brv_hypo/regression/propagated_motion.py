@@ -40,11 +40,11 @@ def walk_modes(record: InertialRecord, reconstruction: Reconstruction) -> int:
     """
     size = record.gyro_sigma * np.sqrt(record.time[-1] * record.flight.step)
     wanted = 2.0 / np.pi**2 * (size / (WALK_LEFT_OUT * float(np.median(reconstruction.alpha_sigma_on_clock)))) ** 2
-    wanted = max(wanted, WALK_MODES_PER_CYCLE * _cycles(reconstruction.motion))
+    wanted = max(wanted, WALK_MODES_PER_CYCLE * cycles(reconstruction.motion))
     return int(np.clip(np.ceil(wanted), WALK_FEWEST_MODES, WALK_MOST_MODES))
 
 
-def _cycles(motion: Motion) -> float:
+def cycles(motion: Motion) -> float:
     """Cycles of the crossflow over the record, in axes that do not roll."""
     roll = np.asarray(cumulative_trapezoid(motion.p, motion.time, initial=0), dtype=float)
     turned = crossflow(motion.alpha, motion.windward_meridian) * np.exp(1j * roll)

@@ -256,8 +256,11 @@ def _quality(comparison: Comparison) -> list[Block]:
 
 def _compared(comparison: Comparison) -> list[Block]:
     """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
-    withheld = any(np.isnan(limit.share_of_moment_95) for limit in comparison.verdict.limits)
-    no_limits = ("Withheld: no hypothesis that was compared is adequate.",) if withheld else ()
+    withheld = [limit.mechanism for limit in comparison.verdict.limits if np.isnan(limit.share_of_moment_95)]
+    why = f"Withheld for {', '.join(withheld)}: the record says nothing of their size."
+    if comparison.verdict.outcome == "none adequate":
+        why = "Withheld: no hypothesis that was compared is adequate."
+    no_limits = (why,) if withheld else ()
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
     title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
     return [

@@ -64,3 +64,11 @@ def test_what_the_baseline_has_over_the_whole_record_sets_no_limit() -> None:
     """An in-plane moment that lasts is the vehicle's own; parts of the record bound the mechanism."""
     (limit,) = shares(("inplane",), "bodyfixed").values()
     assert 0.0 < limit < 2.0
+
+
+def test_a_limit_far_beyond_the_moment_is_withheld() -> None:
+    """At a nat that counts for next to nothing, a record says nothing of any size."""
+    judged = judged_cone("bodyfixed")
+    groups = {"damping": (find("damping"),)}
+    (limit,) = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, 1e-12)
+    assert np.isnan(limit.share_of_moment_95)

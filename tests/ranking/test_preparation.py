@@ -10,6 +10,7 @@ import pytest
 from brv_hypo import compare
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
+from brv_hypo.motion import reconstruct
 from brv_hypo.ranking import CompareConfig, preparation
 from tests.chains import judged_cone
 from tests.flights import flown
@@ -67,3 +68,14 @@ def test_knots_are_taken_in_any_order_and_once() -> None:
         for knots in ((1.0, 2.0, 3.0), (3.0, 1.0, 2.0, 1.0))
     )
     assert [each.model_dump_json() for each in ordered.ranking] == [each.model_dump_json() for each in shuffled.ranking]
+
+
+def test_a_window_of_less_than_a_cycle_is_said_to_be_short() -> None:
+    """Its rms frequency and length say so; one of many cycles is not."""
+    flight = flown("research_cone", "bodyfixed").flight
+    whole = reconstruct(flight)
+    per_cycle = (flight.time[-1] - flight.time[0]) / preparation.cycles(whole.motion)
+    short = reconstruct(flight.window(2.0, 2.0 + 0.5 * per_cycle))
+    assert preparation.short_warnings([whole]) == ()
+    (said,) = preparation.short_warnings([short])
+    assert "cycles of the transverse motion, expected one at least" in said
