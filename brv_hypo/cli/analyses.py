@@ -52,14 +52,14 @@ def compare(
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
     session.claim()
-    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.flight.format import load_flight
     from brv_hypo.ranking import CompareConfig
     from brv_hypo.ranking import compare as rank
     from brv_hypo.settings import read_settings
 
     accepted = {"accept_record": True} if accept_record else {}
     settings = read_settings(CompareConfig, config, **chosen(mechanisms), **accepted)
-    records = [load_for_analysis(path, start, stop, instruments) for path in flights]
+    records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
     with session.progress("comparing", COMPARED * len(records)) as progress:
         comparison = rank(records, settings, progress=progress)
     report_comparison(session, comparison, settings)
@@ -136,7 +136,7 @@ def trace(
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
     session.claim(mechanism_file, model_file)
-    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.flight.format import load_flight
     from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.model.model import model_text
@@ -149,7 +149,7 @@ def trace(
     if aero is not None:
         chosen["aero"] = read_aero_table(aero)
     settings = read_settings(TraceConfig, config, **chosen)
-    records = [load_for_analysis(path, start, stop, instruments) for path in flights]
+    records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
     with session.progress("tracing", TRACED * len(records)) as progress:
         result = traced(records, settings, progress=progress)
     document = trace_document(result)
@@ -234,7 +234,7 @@ def predict(
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
-    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.flight.format import load_flight
     from brv_hypo.prediction import predict as predicted
     from brv_hypo.report.trace import prediction_document
     from brv_hypo.settings import read_settings
@@ -242,7 +242,7 @@ def predict(
 
     settings = read_settings(TraceConfig, config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
-    record = load_for_analysis(flight, start, stop, instruments)
+    record = load_flight(flight, instruments=instruments).window(start, stop)
     with session.progress("predicting") as progress:
         result = predicted(record, model, names, settings, progress=progress)
     document = prediction_document(result)

@@ -128,14 +128,14 @@ def reconstruct(
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
     session.claim(output, hdf5=True)
-    from brv_hypo.flight.format import load_for_analysis
+    from brv_hypo.flight.format import load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
     from brv_hypo.settings import read_settings
 
     settings = read_settings(ReconstructionConfig, config, **({} if method is None else {"method": method}))
-    record = load_for_analysis(flight, start, stop, instruments)
+    record = load_flight(flight, instruments=instruments).window(start, stop)
     with session.progress("reconstructing") as progress:
         result = reconstructed(record, settings, progress=progress)
     document = reconstruction_document(result)

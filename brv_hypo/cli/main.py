@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from brv_hypo.cli import analyses, flights, options
-from brv_hypo.cli.session import Session, in_session, listen
-from brv_hypo.cli.streams import ready
+from brv_hypo.cli.session import Session, in_session, listen, ready
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import check_target, make_folder, whole_folder, write_whole
 from brv_hypo.io.text import meant
@@ -142,10 +141,13 @@ def check(
 
 config_app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 
-VEHICLE, STUDY, MAP = "research_cone", "study_planted", "launch12"
-"""What new simulations, studies and maps start from: files that come along, comments included."""
-
-
+ALONG = {
+    "simulate": ("research_cone", "", "brv-hypo simulate {} -o flight.h5"),
+    "study": ("study_planted", "studies", "brv-hypo study {} -o results"),
+    "import": ("launch12", "maps", "brv-hypo import log.csv --map {} -o flight.h5"),
+}
+"""What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
+comments, by name and folder; and the command that reads them."""
 KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")
 """The commands that take settings."""
 RESULTS = ("compare-result", "trace-result", "predict-result")
@@ -171,20 +173,14 @@ def new_settings(
     from brv_hypo.simulation import config_path
 
     path, model = Path(f"{kind}.yaml") if output is None else output, _model(kind, KINDS)
-    # of simulations, studies and maps one that comes along, which needs more than defaults
-    along = {"simulate": (VEHICLE, ""), "study": (STUDY, "studies"), "import": (MAP, "maps")}
-    if kind in along:
-        text = config_path(*along[kind]).read_text(encoding="utf-8")
+    if kind in ALONG:
+        name, folder, use = ALONG[kind]
+        text = config_path(name, folder).read_text(encoding="utf-8")
     else:
-        text = commented(model, f"Settings of `brv-hypo {kind}`")
+        text, use = commented(model, f"Settings of `brv-hypo {kind}`"), f"brv-hypo {kind} flight.h5 --config {{}}"
     session.claim(path)
     write_whole(path, text, overwrite=session.force)
-    use = {
-        "simulate": f"brv-hypo simulate {path} -o flight.h5",
-        "study": f"brv-hypo study {path} -o results",
-        "import": f"brv-hypo import log.csv --map {path} -o flight.h5",
-    }
-    session.show(f"Wrote {path}. Use it with:\n  {use.get(kind, f'brv-hypo {kind} flight.h5 --config {path}')}")
+    session.show(f"Wrote {path}. Use it with:\n  {use.format(path)}")
 
 
 @config_app.command("schema")

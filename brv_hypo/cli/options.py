@@ -7,46 +7,29 @@ need when a shell calls them.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 
-def topics(incomplete: str) -> list[str]:
-    """Topics of the manual that begin so."""
-    from brv_hypo.docs import topics as known
+def _completion(module: str, names: str, *arguments: str) -> Callable[[str], list[str]]:
+    """What a shell offers of the names in a module, or by a function of it: those that begin as what is typed."""
 
-    return _beginning(incomplete, known())
+    def beginning(incomplete: str) -> list[str]:
+        known = getattr(import_module(f"brv_hypo.{module}"), names)
+        return _beginning(incomplete, known(*arguments) if callable(known) else known)
 
-
-def configurations(incomplete: str) -> list[str]:
-    """Simulations that come along; a shell completes files where none begins so."""
-    from brv_hypo.simulation.config import config_names
-
-    return _beginning(incomplete, config_names())
+    return beginning
 
 
-def studies(incomplete: str) -> list[str]:
-    """Studies that come along."""
-    from brv_hypo.simulation.config import config_names
-
-    return _beginning(incomplete, config_names("studies"))
-
-
-def grades(incomplete: str) -> list[str]:
-    """Grades of instruments."""
-    from brv_hypo.flight.tolerances import GRADES
-
-    return _beginning(incomplete, GRADES)
-
-
-def installed(incomplete: str) -> list[str]:
-    """Mechanisms and record effects."""
-    from brv_hypo.mechanisms.registry import installed as known
-
-    return _beginning(incomplete, sorted(known()))
+topics = _completion("docs", "topics")
+configurations = _completion("simulation.config", "config_names")  # a shell completes files where none begins so
+studies = _completion("simulation.config", "config_names", "studies")
+grades = _completion("flight.tolerances", "GRADES")
+installed = _completion("mechanisms.registry", "installed")
 
 
 def hypotheses(incomplete: str) -> list[str]:

@@ -5,21 +5,25 @@ or not at all. With `--json -` standard output holds JSON and nothing else.
 
 A refusal, a fault of the program, SIGINT or SIGTERM becomes one message and the contract's exit code (`guarded`). After
 a signal the command unwinds and its workers end; if it does not within the grace period, the process ends all the
-same. `listen` handles the signals, `in_session` makes a function a command.
+same. `listen` handles the signals, `ready` makes the streams fit for any text, `in_session` makes a function a command.
 """
 
 from __future__ import annotations
 
+import codecs
 import errno
 import functools
 import inspect
+import io
 import json as json_format
 import os
 import shlex
 import signal
 import sys
 import threading
+import time
 import traceback
+import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
@@ -31,17 +35,53 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TextIO
 import typer
 
 from brv_hypo.cli import options
-from brv_hypo.cli.streams import require_output, shown
 from brv_hypo.errors import BrvHypoError, UsageError
 from brv_hypo.io.files import check_hdf5, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
-from brv_hypo.progress import Report
+from brv_hypo.progress import Report, report_to, silent
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from brv_hypo.report.document import Document
     from brv_hypo.report.html import Provenance
+
+# ---- The standard streams of any shell ----
+
+
+PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
+"""Characters that some encodings lack, as ASCII has them; of others, what is left without accents."""
+_closed: set[str] = set()
+"""Streams that the shell had closed."""
+
+
+def ready() -> None:
+    """Make the standard streams fit for any text: to be called once, before anything is printed or opened."""
+    codecs.register_error("brv_hypo.plain", _plain)
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:  # closed: the next file that is opened would get its number, and what is printed
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", encoding="utf-8", closefd=False))
+            _closed.add(name)
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="brv_hypo.plain")
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """What is written in place of characters that the encoding lacks; a raised one has a ^ before it."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    written, raised = "", False
+    for each in error.object[error.start : error.end]:
+        before, raised = raised, unicodedata.decomposition(each).startswith("<super>")
+        near = unicodedata.normalize("NFKD", each.translate(PLAIN)).encode("ascii", "ignore").decode() or "?"
+        written += f"^{near}" if raised and not before else near
+    return written, error.end
+
 
 # ---- Signals: what unwinds, and what ends at once ----
 
@@ -161,6 +201,46 @@ def _end(message: str, code: int) -> None:
     raise typer.Exit(code) from None
 
 
+# ---- What long work shows while it lasts: a bar on a terminal, a line now and then elsewhere ----
+
+LINE_SECONDS = 2.0
+"""Between lines where standard error is no terminal, at least; work of hours has fewer."""
+
+
+@contextmanager
+def shown(title: str, *, quiet: bool) -> Iterator[Report]:
+    """What to call with a fraction and a text: it moves a bar on a terminal, and elsewhere now and then adds a line."""
+    if quiet:
+        yield silent
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+        words = TextColumn("{task.description}", markup=False)
+        columns = (BarColumn(bar_width=24), TaskProgressColumn(), TimeElapsedColumn(), words)
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            bar.add_task(title, total=None)
+            yield report_to(bar)
+    else:
+        reached, finished = [title], threading.Event()
+        writer = threading.Thread(target=_write_lines, args=(reached, finished), daemon=True)  # a stage takes minutes
+        writer.start()
+        try:
+            yield lambda fraction, text: reached.append(text if fraction is None else f"{text}, {fraction:.0%} done")
+        finally:
+            finished.set()
+            writer.join()
+
+
+def _write_lines(reached: list[str], finished: threading.Event) -> None:
+    """Write the last of what was reached, where it is new."""
+    begun, written = time.monotonic(), ""
+    while not finished.wait(max(LINE_SECONDS, (time.monotonic() - begun) / 30.0)):
+        if reached[-1] != written:
+            written = reached[-1]
+            print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
+
+
 # ---- A session: where the results of a command go ----
 
 
@@ -196,8 +276,8 @@ class Session:
         Raises UsageError where a file exists and `--force` was not given, cannot be written, or one of `files` is to
         hold HDF5 and has a name that says otherwise.
         """
-        if self.json_only:
-            require_output("--json -")
+        if self.json_only and "stdout" in _closed:
+            raise UsageError("--json - writes to standard output, which is closed (>&-). Open it, or name a file.")
         json_file = None if self.json is None or self.json_only else Path(self.json)
         wanted = [file for file in (*files, self.report, json_file) if file is not None]
         resolved = [file.resolve() for file in wanted]

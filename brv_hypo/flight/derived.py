@@ -21,12 +21,9 @@ from brv_hypo.flight.clock import transverse_frequency
 from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Channels, Flight
 from brv_hypo.thresholds import PRESSURE_CONSISTENT
 
-# A record that is far more finely sampled than its motion needs is analysed as means: samples left to a cycle of the
-# fastest motion, samples up to which it is analysed as it is, samples left of a longer one at least. Means damp by
-# 2e-4 of the motion (brv_hypo/flight/averaging.py), and bound the time.
-AVERAGED_PER_CYCLE = 96
-AVERAGED_BEYOND = 20_000  # samples
-AVERAGED_LEFT = 4_000  # samples
+AVERAGED_PER_CYCLE = 96  # samples left to a cycle of the fastest motion
+AVERAGED_BEYOND = 20_000  # samples up to which a record is analysed as it is; bounds the time
+AVERAGED_LEFT = 4_000  # samples left of a longer one at least
 
 
 LOWEST_ALTITUDE = -5000.0

@@ -127,10 +127,7 @@ def unassemble(flight: Flight) -> Record:
 
     Raises FlightRecordError where the flight, built by hand perhaps, is not a valid record.
     """
-    usable = np.zeros(flight.time.size, dtype=np.bool_)
-    for start, stop in flight.segments:
-        usable[start:stop] = True
-    channels = {}
+    usable, channels = flight.measured(), {}
     for name in (*CHANNELS, *OPTIONAL_CHANNELS):
         values = getattr(flight, name)
         if values is not None:  # a wrong shape is left for `Record` to refuse
@@ -522,14 +519,6 @@ def one_flight(source: FlightSource) -> Flight:
     raise UsageError(
         f"got {type(source).__name__} for a flight, expected the path of a record, a Flight or a simulated flight."
     )
-
-
-def load_for_analysis(path: str | Path, start: float | None, stop: float | None, instruments: str | None) -> Flight:
-    """The record at `path` from `start` to `stop` (s), known to the tolerances that `--instruments` names.
-
-    Without them it is known to those that the record states itself.
-    """
-    return load_flight(path, instruments=instruments).window(start, stop)
 
 
 def flights_of(source: FlightSource | Sequence[FlightSource]) -> tuple[Flight, ...]:

@@ -220,8 +220,7 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
 def white_noise(values: FloatArray) -> Noise:
     """White-noise sigma of `values` (n,), NaN where missing, from their differences of high order.
 
-    It is trusted where the periodogram of the longest run is level (within 1.5) over the upper half of the
-    band, and at that sigma (within 1.25). Spikes spoil the periodogram: take them out first.
+    Trusted by the periodogram of the longest run, which spikes spoil: take them out first.
     """
     sigma = sigma_of_differences([values])
     if np.isnan(sigma):

@@ -25,7 +25,7 @@ from pydantic import (
     model_validator,
 )
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.tolerances import Instruments, of_grade
 from brv_hypo.flight.units import SI, Dimension
@@ -211,6 +211,13 @@ class Flight(Histories, HasCharts):
     def sample_rate(self) -> float:
         """Samples per second, Hz."""
         return 1.0 / self.step
+
+    def measured(self, ends: int = 0) -> BoolArray:
+        """Where the instruments were read (n,), not bridged, less so many samples at the ends of each segment."""
+        inside = np.zeros(self.time.size, dtype=np.bool_)
+        for start, stop in self.segments:
+            inside[start + ends : stop - ends] = True
+        return inside
 
     def window(self, start: float | None, stop: float | None) -> Flight:
         """The part of the flight with start <= time <= stop (s); None leaves that end open."""

@@ -33,7 +33,7 @@ from scipy.interpolate import CubicSpline, PPoly
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.likelihood import TimeVaryingParameter
-from brv_hypo.mechanisms.checked import checked_terms
+from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
 from brv_hypo.model.baseline import StaticBend
@@ -547,7 +547,7 @@ def _of_moments(
     for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight, own):
         if mechanism.name in modelled:
             continue
-        terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
+        terms = checked(mechanism).terms(motion, dict(theta_grid(mechanism)[0]))
         for term, size in zip(terms, sizes, strict=True):
             moment = size * acceleration * motion.to_body(term.in_plane, term.out_of_plane)
             value = Tolerated(mechanism.name, term.name, term.units, size)

@@ -13,7 +13,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, cast
@@ -24,7 +24,7 @@ from brv_hypo.errors import MechanismError
 from brv_hypo.flight.record import CHANNELS, Flight
 from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
-from brv_hypo.motion.motion import EarlierMotion, Motion
+from brv_hypo.motion.motion import EarlierMotion, Motion, fixed
 
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
 
@@ -194,7 +194,11 @@ class Checked(Wrapped):
 
 
 def checked(item: Item) -> Item:
-    """The same mechanism or record effect, every answer of which is checked; see `checked_terms`."""
+    """The same mechanism or record effect, which cannot change what it is given, and whose every answer is checked.
+
+    A method raises MechanismError where it raises, gives no answer, or anything but what the contract says, such as
+    terms of finite columns on the motion's shape.
+    """
     return item if is_checked(item) else cast(Item, Checked(item))
 
 
@@ -206,15 +210,6 @@ def is_checked(item: Mechanism | RecordEffect) -> bool:
 def unchecked(item: Item) -> Item:
     """What `checked` was given."""
     return cast(Item, vars(item)["item"]) if is_checked(item) else item
-
-
-def checked_terms(mechanism: Mechanism, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-    """The mechanism's terms at this motion, which it cannot change.
-
-    Raises MechanismError where it raises, gives no answer, or anything but terms of finite columns on the
-    motion's shape.
-    """
-    return tuple(_answer_of(unchecked(mechanism), "terms", motion, theta))
 
 
 def _answer_of(item: Mechanism | RecordEffect, method: str, *arguments: Any) -> Any:
@@ -269,27 +264,16 @@ def _flaw(column: Any, shape: tuple[int, ...]) -> str:
 
 def read_only(data: Data) -> Data:
     """The same motion or flight, through arrays that cannot be written to, its past included."""
-    if isinstance(data, EarlierMotion) or (isinstance(data, Motion) and isinstance(data.history, _ShownPast)):
+    if isinstance(data, EarlierMotion) or (isinstance(data, Motion) and isinstance(data.history, partial)):
         return data
-    views: dict[str, Any] = {}
-    for field in fields(data):
-        value = getattr(data, field.name)
-        if isinstance(value, np.ndarray):
-            views[field.name] = value.view()
-            views[field.name].flags.writeable = False
+    views: dict[str, Any] = {each.name: fixed(getattr(data, each.name)) for each in fields(data)}
     if isinstance(data, Motion) and data.history is not None:
-        views["history"] = _ShownPast(data.history)
+        views["history"] = partial(_past, data.history)
     return replace(data, **views)
 
 
-@dataclass(frozen=True)
-class _ShownPast:
-    """The past of a motion that cannot be written to."""
-
-    past: Callable[[float], Motion]
-
-    def __call__(self, tau: float) -> Motion:
-        return read_only(self.past(tau))
+def _past(past: Callable[[float], Motion], tau: float) -> Motion:
+    return read_only(past(tau))
 
 
 # ---- An analysis without the plugins that broke their contract in it ----

@@ -144,6 +144,10 @@ class Check(Generic[Item]):
         return Outcome(str(self), True)
 
 
+def _checks(*tests: Callable[[Item], None]) -> tuple[Check[Item], ...]:
+    return tuple(map(Check, tests))
+
+
 def expect(condition: bool | np.bool_, found: str) -> None:
     """Raise Nonconformity with `found` unless `condition` holds."""
     if not condition:
@@ -419,14 +423,11 @@ def has_a_sane_tolerance(mechanism: Mechanism) -> None:
     expect(sound, f"a tolerance of {sizes} for {len(terms)} terms: give each its 1-sigma size")
 
 
-MECHANISM_CHECKS: tuple[Check[Mechanism], ...] = tuple(
-    Check(check)
-    for check in (
-        *(is_declared, documents_its_terms, is_configurable, varies_in_known_ways, has_sane_parameters),
-        *(keeps_the_shape, is_finite, has_the_same_terms_for_every_theta, states_its_units, is_elementwise, is_pure),
-        *(takes_the_meridian_as_an_angle, acts_on_the_moments, flags_its_delays, has_sane_knots),
-        *(derives_with_uncertainty, has_a_sane_tolerance),
-    )
+MECHANISM_CHECKS: tuple[Check[Mechanism], ...] = _checks(
+    *(is_declared, documents_its_terms, is_configurable, varies_in_known_ways, has_sane_parameters),
+    *(keeps_the_shape, is_finite, has_the_same_terms_for_every_theta, states_its_units, is_elementwise, is_pure),
+    *(takes_the_meridian_as_an_angle, acts_on_the_moments, flags_its_delays, has_sane_knots),
+    *(derives_with_uncertainty, has_a_sane_tolerance),
 )
 """Every check of a mechanism, in the order in which an author wants to read them."""
 
@@ -535,12 +536,9 @@ def leaves_its_input_alone(effect: RecordEffect) -> None:
         expect(np.array_equal(_channels(flight), _channels(sample_flight())), f"'{name}' writes into its input")
 
 
-EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = tuple(
-    Check(check)
-    for check in (
-        *(is_declared, has_sane_components, leaves_the_record_alone_at_zero, changes_the_record),
-        *(is_linear_for_small_values, leaves_its_input_alone),
-    )
+EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = _checks(
+    *(is_declared, has_sane_components, leaves_the_record_alone_at_zero, changes_the_record),
+    *(is_linear_for_small_values, leaves_its_input_alone),
 )
 """Every check of a record effect."""
 
@@ -580,8 +578,8 @@ def multiplies_shapes_by_splines(process: Process) -> None:
     expect(same, "its terms are not its shapes times the splines: write `shapes`, and no `terms`")
 
 
-PROCESS_CHECKS: tuple[Check[Process], ...] = tuple(
-    Check(check) for check in (has_a_family_and_splines, has_an_estimated_size, multiplies_shapes_by_splines)
+PROCESS_CHECKS: tuple[Check[Process], ...] = _checks(
+    has_a_family_and_splines, has_an_estimated_size, multiplies_shapes_by_splines
 )
 """What a process has to pass besides."""
 

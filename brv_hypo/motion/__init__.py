@@ -13,21 +13,12 @@ Motion: what a mechanism may know                                motion.py
 on                                                               kinematics.py, signals.py, interpolation.py
 """
 
-from brv_hypo.motion.compatibility import try_record
-from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.pipeline import reconstruct
-from brv_hypo.motion.reconstruction import EffectEstimate, MomentEstimate, Reconstruction, write_motion
-from brv_hypo.motion.responses import Perturbation
-
-__all__ = [
-    "EffectEstimate",
-    "MomentEstimate",
-    "Motion",
-    "Perturbation",
-    "Reconstruction",
-    "ReconstructionConfig",
-    "reconstruct",
-    "try_record",
-    "write_motion",
-]
+from brv_hypo.motion.compatibility import try_record as try_record
+from brv_hypo.motion.config import ReconstructionConfig as ReconstructionConfig
+from brv_hypo.motion.motion import Motion as Motion
+from brv_hypo.motion.pipeline import reconstruct as reconstruct
+from brv_hypo.motion.reconstruction import EffectEstimate as EffectEstimate
+from brv_hypo.motion.reconstruction import MomentEstimate as MomentEstimate
+from brv_hypo.motion.reconstruction import Reconstruction as Reconstruction
+from brv_hypo.motion.reconstruction import write_motion as write_motion
+from brv_hypo.motion.responses import Perturbation as Perturbation

@@ -21,7 +21,7 @@ the physics of any vehicle (brv_hypo/flight/plausibility.py).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -29,15 +29,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo import thresholds as limits
-from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
 from brv_hypo.flight.mounting import GRAVITY, fitted_slopes, integral, nose_axis, path_into_force
 from brv_hypo.flight.plausibility import contradictions, mounting_fault
-from brv_hypo.flight.record import Flight, RecordFault, RecordTrial, Vehicle
-from brv_hypo.motion.inertial import gravity_magnitude
-from brv_hypo.motion.signals import differentiate, white_noise_level
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, RecordFault, RecordTrial, Vehicle
+from brv_hypo.motion.inertial import arm_acceleration, gravity_magnitude
+from brv_hypo.motion.signals import differentiated, white_noise_level
 
 COMPATIBILITY_FEWEST_SAMPLES = 64  # of a segment that is judged
 COMPATIBILITY_ALTITUDE_DEGREE = 3  # of the polynomial through the altitude: it is noisy, and its rate changes slowly
@@ -58,26 +58,23 @@ COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
 # ---- What may be wrong with a record's signs, axes and units, each as the correction that undoes it ----
 
 
-_DEGREES = 180.0 / np.pi  # deg in a rad
-_FEET = 0.3048  # m in a foot (international, 1959)
-_PSF = 47.88026  # Pa in a lbf/ft^2
+DEGREES = 180.0 / np.pi  # deg in a rad
+FEET = 0.3048  # m in a foot (international, 1959)
+PSF = 47.88026  # Pa in a lbf/ft^2
 
-_TRIADS = {"gyros": ("p", "q", "r"), "accelerometers": ("ax", "ay", "az")}
+_TRIADS = {"gyros": GYROS, "accelerometers": ACCELEROMETERS}
 _TRIAD_UNITS = (
-    ("gyros", _DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
+    ("gyros", DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
     ("accelerometers", GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
-    ("accelerometers", 1.0 / _FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
+    ("accelerometers", 1.0 / FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
 )
 _AIR = ("velocity", "dynamic_pressure", "altitude")
 _AIR_UNITS = (
-    (("velocity",), 1.0 / _FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
-    (("dynamic_pressure",), _PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
-    (("altitude",), 1.0 / _FEET, "m tagged ft", "ft tagged m"),
-    (("velocity", "altitude"), 1.0 / _FEET, "metres tagged feet", "feet tagged metres"),
+    (("velocity",), 1.0 / FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
+    (("dynamic_pressure",), PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
+    (("altitude",), 1.0 / FEET, "m tagged ft", "ft tagged m"),
+    (("velocity", "altitude"), 1.0 / FEET, "metres tagged feet", "feet tagged metres"),
 )
-
-Matrix = tuple[tuple[float, float, float], ...]
-_IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -90,19 +87,14 @@ class Correction:
     """Its kind: sign, axes or units."""
     words: str
     """How the channels read, in a sentence."""
-    gyros: Matrix = _IDENTITY
+    gyros: FloatArray = field(default_factory=lambda: np.eye(3))
     """(3, 3), times p, q, r."""
-    accelerometers: Matrix = _IDENTITY
+    accelerometers: FloatArray = field(default_factory=lambda: np.eye(3))
     """(3, 3), times ax, ay, az."""
     air: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Times velocity, dynamic pressure and altitude."""
     changes: int = 1
     """How many separate mistakes would have been made."""
-
-    @property
-    def channel(self) -> str:
-        """The channels at fault, joined by commas."""
-        return ", ".join(self.channels)
 
 
 AS_IT_IS = Correction((), "", "", changes=0)
@@ -110,17 +102,13 @@ AS_IT_IS = Correction((), "", "", changes=0)
 
 def corrections() -> tuple[Correction, ...]:
     """Every mistake that is tried, the simplest first."""
-    return (*_signs(), *_exchanges(), *_units(), *_turned_gyros())
+    return (*_signs_and_exchanges(), *_units(), *_turned_gyros())
 
 
-def _signs() -> Iterator[Correction]:
+def _signs_and_exchanges() -> Iterator[Correction]:
     for triad, names in _TRIADS.items():
         for i, name in enumerate(names):
-            words = f"{name} reads as if its sign were flipped"
-            yield _of_triad(triad, (name,), "sign", words, _scaled(i, -1.0))
-
-
-def _exchanges() -> Iterator[Correction]:
+            yield _of_triad(triad, (name,), "sign", f"{name} reads as if its sign were flipped", _scaled(i, -1.0))
     for triad, names in _TRIADS.items():
         for i, j in ((1, 2), (0, 1), (0, 2)):
             matrix = np.eye(3)
@@ -176,8 +164,7 @@ def _scaled(axis: int, factor: float) -> FloatArray:
 def _of_triad(
     triad: str, channels: tuple[str, ...], fault: str, words: str, matrix: FloatArray, changes: int = 1
 ) -> Correction:
-    values: Matrix = tuple((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
-    factors: dict[str, Any] = {triad: values}
+    factors: dict[str, Any] = {triad: matrix}
     return Correction(channels, fault, words, changes=changes, **factors)
 
 
@@ -264,12 +251,7 @@ def prepared(flight: Flight) -> PreparedRecord:
     )
     change = np.zeros_like(rates)
     if segments and any(flight.vehicle.accelerometer_position):
-        change = np.stack(
-            [
-                differentiate(channel.astype(complex), flight.step, float(sigma), flight.segments).rate.real
-                for channel, sigma in zip(rates, rate_sigma, strict=True)
-            ]
-        )
+        change = np.stack([differentiated(flight, channel).rate.real for channel in rates])
     height = flight.altitude
     return PreparedRecord(
         flight=flight,
@@ -296,9 +278,8 @@ def prepared(flight: Flight) -> PreparedRecord:
 def compatibility_of(record: PreparedRecord, correction: Correction) -> Compatibility:
     """How well the record, corrected, keeps to the relations."""
     pieces = [_corrected(piece, correction) for piece in record.segments]
-    gyros, accelerometers = np.array(correction.gyros), np.array(correction.accelerometers)
-    rate_sigma = np.sqrt(gyros**2 @ record.rate_sigma**2)
-    force_sigma = np.sqrt(accelerometers**2 @ record.force_sigma**2)
+    rate_sigma = np.sqrt(correction.gyros**2 @ record.rate_sigma**2)
+    force_sigma = np.sqrt(correction.accelerometers**2 @ record.force_sigma**2)
     tallies = [_tally(record, piece, rate_sigma, force_sigma) for piece in pieces]
     total = np.sum([tally.squares for tally in tallies], axis=0) if tallies else np.zeros((3, 3))
     size = np.maximum(total[:, 0], 1e-300)
@@ -327,13 +308,12 @@ def compatibility_of(record: PreparedRecord, correction: Correction) -> Compatib
 
 
 def _corrected(piece: Readings, correction: Correction) -> Readings:
-    gyros, accelerometers = np.array(correction.gyros), np.array(correction.accelerometers)
     speed, pressure, height = correction.air
     return replace(
         piece,
-        rates=gyros @ piece.rates,
-        change=gyros @ piece.change,
-        forces=accelerometers @ piece.forces,
+        rates=correction.gyros @ piece.rates,
+        change=correction.gyros @ piece.change,
+        forces=correction.accelerometers @ piece.forces,
         velocity=speed * piece.velocity,
         dynamic_pressure=pressure * piece.dynamic_pressure,
         altitude=None if piece.altitude is None else height * piece.altitude,
@@ -357,7 +337,9 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
     roll = integral(time, piece.rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
     omega = piece.rates[1] + 1j * piece.rates[2]
-    axial, force = _force(piece, vehicle.accelerometer_position)
+    omega_change, arm = piece.change[1] + 1j * piece.change[2], np.array(vehicle.accelerometer_position)
+    forces = piece.forces - arm_acceleration(piece.rates[0], piece.change[0], omega, omega_change, arm).T
+    axial, force = forces[0], forces[1] + 1j * forces[2]
     path_of_gyros = integral(time, 1j * piece.velocity * omega * turn)
     pressure = piece.dynamic_pressure
     scale = pressure * vehicle.reference_area / vehicle.mass
@@ -365,9 +347,7 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
     powers = np.stack([np.ones_like(tau), tau, tau**2])
     noise, rate_noise = (2.0 * float(np.mean(sigma[1:] ** 2)) for sigma in (force_sigma, rate_sigma))
 
-    first, slope = path_into_force(
-        time, piece.rates, np.stack([axial, force.real, force.imag]), piece.velocity, scale, noise
-    )
+    first, slope = path_into_force(time, piece.rates, forces, piece.velocity, scale, noise)
     # Relation 2, integrated; a moment fixed in the body may come and go.
     body = [integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
     damped = integral(time, pressure / piece.velocity * omega * spin)
@@ -383,16 +363,6 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
     third, _ = fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
     steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
     return _Tally(np.array([first, second, third]), slope, steady)
-
-
-def _force(piece: Readings, position: tuple[float, float, float]) -> tuple[FloatArray, ComplexArray]:
-    """Axial and transverse specific force at the c.g. (errata E10, E11)."""
-    arm = np.array(position)
-    moved = piece.forces
-    if np.any(arm):
-        swing = np.cross(piece.rates.T, np.cross(piece.rates.T, arm)).T
-        moved = moved - np.cross(piece.change.T, arm).T - swing
-    return moved[0], moved[1] + 1j * moved[2]
 
 
 def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correction) -> tuple[float, float]:
@@ -513,9 +483,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
 
 def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     """What contradicts the physics of any vehicle, within the segments, or a nose along x."""
-    inside = np.zeros(flight.samples, dtype=np.bool_)
-    for start, stop in flight.segments:
-        inside[start:stop] = True
+    inside = flight.measured()
     known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
     rates, forces = (np.stack([known[name] for name in triad]) for triad in _TRIADS.values())
     air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
@@ -548,7 +516,7 @@ def _contradictions(record: PreparedRecord) -> tuple[RecordFault, ...]:
     if likely and likely[0] is ranked[0][0]:
         best, others = likely[0], "; or ".join(one.words for one in likely[1 : 1 + MOST_OTHERS])
         nearly = f" (nearly as likely: {others})" if others else ""
-        found.append(_fault(flight, best.channel, best.fault, f"{best.words}{nearly}: correct the map"))
+        found.append(_fault(flight, ", ".join(best.channels), best.fault, f"{best.words}{nearly}: correct the map"))
     if "path" in broken and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
         found.append(_fault(flight, "p, q, r, ay, az", "axes", words))

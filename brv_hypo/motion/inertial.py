@@ -136,7 +136,7 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
         spin_rate=spin,
         spin_angle=spin_angle,
         force=force,
-        measured=measured(flight),
+        measured=flight.measured(),
         gyro_sigma=gyro_sigma,
         gyro_walk=config.gyro_walk or ColouredNoise(gyro_sigma),
         accel_sigma=accel_sigma,
@@ -159,14 +159,6 @@ def _refuse_what_cannot_be_integrated(flight: Flight) -> None:
                 "Likely cause: the record goes on after landing or before entry. Narrow it with --start and "
                 "--stop."
             )
-
-
-def measured(flight: Flight, ends: int = 0) -> BoolArray:
-    """Where the instruments were read (n,), not bridged, less so many samples at the ends of each segment."""
-    inside = np.zeros(flight.samples, dtype=bool)
-    for start, stop in flight.segments:
-        inside[start + ends : stop - ends] = True
-    return inside
 
 
 def arm_acceleration(

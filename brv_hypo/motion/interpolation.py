@@ -29,10 +29,7 @@ _AT_ONCE = 1_000_000  # values that are worked on at once: what that needs besid
 
 @dataclass(frozen=True)
 class SplineGrid:
-    """Cubic splines without a knot at the second and the last but one sample, on the samples `time` (m,), m > 3.
-
-    The equations of the slopes are factorised once (de Boor, A Practical Guide to Splines, Chapter IV).
-    """
+    """Those cubic splines on the samples `time` (m,) s, m > 3; the equations of the slopes are factorised once."""
 
     time: FloatArray
 
@@ -129,8 +126,7 @@ def running_integral(time: FloatArray, values: Values) -> Values:
 # ---- Lagrange's polynomials through the nearest of many nodes, as one sparse operator ----
 
 
-NEAREST = 6
-"""Nodes that a place lies between: degree 5, whose error at 24 nodes a cycle is 2e-6 of a sine."""
+NEAREST = 6  # nodes that a place lies between: degree 5
 
 
 def lagrange(nodes: FloatArray, places: FloatArray) -> sparse.csr_array:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.motion.inertial import InertialRecord, measured
+from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.kinematics import effective, unit
 from brv_hypo.motion.responses import EffectResponses, Responses
 
@@ -161,7 +161,7 @@ def force_measurement(record: InertialRecord, responses: EffectResponses) -> Mea
         nuisance=np.zeros((record.time.size, 0), dtype=complex),
         effects=responses.force,
         factors=responses.pressure,
-        sigma=np.where(measured(record.flight, SEGMENT_ENDS), record.force_sigma, np.inf),
+        sigma=np.where(record.flight.measured(SEGMENT_ENDS), record.force_sigma, np.inf),
         complex_slope=False,
     )
 

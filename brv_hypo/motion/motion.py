@@ -172,11 +172,7 @@ _KEPT_VALUES = 500_000
 
 
 def recorded(motion: Motion) -> Motion:
-    """The same motion, able to tell its past.
-
-    The angles are interpolated as crossflow, because alpha has a cusp and the meridian jumps by pi where
-    alpha passes through zero.
-    """
+    """The same motion, able to tell its past."""
     return replace(motion, history=_Past(replace(motion, history=None)))
 
 
@@ -214,7 +210,7 @@ class _Past:
     def __call__(self, tau: float) -> Motion:
         past = _Past(self.motion, self.splines, self.kept, self.ago + tau)
         earlier = object.__new__(EarlierMotion)
-        vars(earlier).update(past=past, history=past, time=_fixed(self.motion.time - past.ago))
+        vars(earlier).update(past=past, history=past, time=fixed(self.motion.time - past.ago))
         return earlier
 
     def quantity(self, time: FloatArray, name: str) -> Any:
@@ -222,7 +218,7 @@ class _Past:
         key = (self.ago, name)
         if key in self.kept:
             return self.kept[key]
-        found = _fixed(self._at(time, name))
+        found = fixed(self._at(time, name))
         if name != _MOMENT:
             self.kept[key] = found
         while len(self.kept) * np.size(found) > _KEPT_VALUES:
@@ -266,7 +262,7 @@ class EarlierMotion(Motion):
         return found
 
 
-def _fixed(values: Any) -> Any:
+def fixed(values: Any) -> Any:
     """The same array, not to be written to; anything else as it is."""
     if not isinstance(values, np.ndarray):
         return values

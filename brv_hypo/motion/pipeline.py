@@ -317,14 +317,7 @@ def _estimates(fit: EffectFit) -> tuple[EffectEstimate, ...]:
     """What is known of each error, in its units."""
     sigma = np.sqrt(np.diag(fit.covariance))
     return tuple(
-        EffectEstimate(
-            effect=e.effect,
-            component=e.component,
-            units=e.units,
-            size=e.size,
-            value=e.size * float(value),
-            std_error=e.size * float(error),
-        )
+        EffectEstimate(e.effect, e.component, e.units, e.size, e.size * float(value), e.size * float(error))
         for e, value, error in zip(fit.responses.effects, fit.value, sigma, strict=True)
     )
 

@@ -17,7 +17,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.binary import Dataset, Tree, write_tree
 from brv_hypo.motion.config import Method
-from brv_hypo.motion.inertial import InertialRecord, WindStart, measured
+from brv_hypo.motion.inertial import InertialRecord, WindStart
 from brv_hypo.motion.interpolation import Quadrature
 from brv_hypo.motion.kinematics import angle_of_attack, crossflow
 from brv_hypo.motion.motion import Motion, at_nodes, quadrature
@@ -222,12 +222,12 @@ class Reconstruction(HasCharts, Histories):
     @property
     def alpha_rms_sigma(self) -> float:
         """Root mean square of the standard deviation of alpha, rad, where the record has no gap."""
-        return rms(self.alpha_sigma[measured(self.flight)])
+        return rms(self.alpha_sigma[self.flight.measured()])
 
     @property
     def phi_w_rms_sigma(self) -> float:
         """Root mean square of the standard deviation of the windward meridian, rad, where there is no gap."""
-        return rms(self.phi_w_sigma[measured(self.flight)])
+        return rms(self.phi_w_sigma[self.flight.measured()])
 
 
 # ---- A reconstruction on disk: one HDF5 file, every dataset with its units ----
@@ -238,22 +238,17 @@ FORMAT_VERSION = 1  # of the motion file; raised when what it holds changes its 
 
 
 def write_motion(reconstruction: Reconstruction, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write the motion, the moments and their standard deviations (n,), whole or not at all.
+    """Write the columns of a result, rates, air data and body moments (n,), whole or not at all.
 
     `time` is the dimension scale of all root datasets; root attributes hold method, status and warnings.
     Raises UsageError where the file exists and `overwrite` is false, or where it cannot be written.
     """
     motion, flight = reconstruction.motion, reconstruction.flight
     known = np.where(reconstruction.moments.usable, 1.0, np.nan)
-    body, plane = reconstruction.moments.body * known, reconstruction.plane_moments * known
+    body, columns = reconstruction.moments.body * known, dict(reconstruction.columns())
     histories = {
-        "s": {"time": motion.time},
-        "rad": {
-            "alpha": motion.alpha,
-            "alpha_sigma": reconstruction.alpha_sigma,
-            "windward_meridian": motion.windward_meridian,
-            "windward_meridian_sigma": reconstruction.phi_w_sigma,
-        },
+        "s": {"time": columns.pop("time")},
+        "rad": {name: columns.pop(name) for name, unit in reconstruction.units().items() if unit == "rad"},
         "rad/s": {
             **{"alpha_rate": motion.alpha_rate, "windward_meridian_rate": motion.windward_meridian_rate},
             **{"p": motion.p, "q": motion.q, "r": motion.r},
@@ -263,8 +258,7 @@ def write_motion(reconstruction: Reconstruction, path: str | Path, *, overwrite:
         "1/rad": {"normal_force_slope": reconstruction.normal_force_slope},
         "dimensionless": {
             **{"mach": motion.mach, "reynolds": motion.reynolds},
-            **{"C_m": body.real, "C_n": body.imag, "C_N_prime": plane.real, "C_Z_prime": plane.imag},
-            "moment_sigma": reconstruction.moments.sigma * known,
+            **{"C_m": body.real, "C_n": body.imag, "moment_sigma": columns.pop("C_sigma"), **columns},
             "moment_noise_sigma": reconstruction.moments.noise_sigma * known,
         },
     }

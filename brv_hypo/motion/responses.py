@@ -1,6 +1,6 @@
 """`Perturbation`: one error of a record with its size; the linear response of motion and moments to it.
 
-`Perturbation` is one component of an error with its 1-sigma size, `perturbed` the inertial record under it.
+`perturbed` gives the inertial record under it.
 `effect_responses` linearises each by a central difference about a noise-free flight: smoothed rates, speed and
 pressure, and the normal force as fitted. A regressor made from measured channels would hold the noise of the
 response, and find itself.
@@ -17,7 +17,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
+from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration
 from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, full_grid, running_integral, spacing
 from brv_hypo.motion.kinematics import body_attitude, windward_meridian
@@ -27,10 +27,6 @@ from brv_hypo.motion.signals import differentiated
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
-
-
-_TURNING = ("p", "q", "r")
-_SENSED = ("ax", "ay", "az")
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[Inertia
     The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
     """
     before, time = record.flight, record.time
-    turned = [k for k, flight in enumerate(flights) if _differ(flight, before, _TURNING)]
+    turned = [k for k, flight in enumerate(flights) if _differ(flight, before, GYROS)]
     turns: dict[int, dict[str, Any]] = {}
     if turned:
         measured = np.stack([flights[k].q + 1j * flights[k].r for k in turned], axis=1)
@@ -104,8 +100,8 @@ def _differ(flight: Flight, before: Flight, names: Sequence[str]) -> bool:
 def _moved(record: InertialRecord, flight: Flight, turned: dict[str, Any], swing: FloatArray) -> InertialRecord:
     """The inertial record of one flight, `turned` by other rates. `swing` (n, 3) m/s^2 is what the record's was."""
     before, moved, force = record.flight, replace(record, flight=flight, **turned), record.force
-    if _differ(flight, before, _SENSED):
-        force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in _SENSED], axis=1)
+    if _differ(flight, before, ACCELEROMETERS):
+        force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in ACCELEROMETERS], axis=1)
     if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
         force = force + swing
         force -= _swing(moved, flight)
@@ -201,12 +197,6 @@ def no_responses(record: InertialRecord) -> EffectResponses:
     nothing = np.zeros((rows.count, 0))
     unchanged: Responses[ComplexArray] = Responses(none, rows, nothing.astype(complex))
     return EffectResponses((), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged)
-
-
-def as_expected(responses: EffectResponses) -> EffectFit:
-    """The prior of the errors: their tolerances."""
-    count = len(responses.effects)
-    return EffectFit(responses, np.zeros(count), np.zeros(count), np.eye(count))
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:

@@ -1,11 +1,7 @@
-"""Noise level, derivative and smoothing spline of one sampled channel.
+"""Noise level, derivative and smoothing spline of a channel: `white_noise_level`, `differentiate`, `smoothed`.
 
-`white_noise_level`: standard deviation of white noise, from differences of high order.
-`differentiate`: Savitzky-Golay filter of the least mean-square error of the derivative; the bias is estimated from
-the next even order in the same window (Mallows, Technometrics 15:661, 1973).
-`smoothed`: cubic smoothing spline of greatest likelihood (Wahba, Ann. Statist. 13:1378, 1985), and the error that it
-leaves as independent shapes in time of unit standard deviation: parameters with just that prior, so that standard
-errors account for it.
+What smoothing leaves of the noise are independent shapes in time of unit standard deviation: parameters with just that
+prior, so that standard errors account for it.
 """
 
 from __future__ import annotations
@@ -127,7 +123,7 @@ class Derivative:
 
 
 def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]) -> Derivative:
-    """Derivative of `signal` (n,), each part of which carries white noise of `sigma`, sampled each `step` s.
+    """Derivative of `signal` (n,) by a Savitzky-Golay filter; `sigma` is its parts' white noise, `step` in s.
 
     Order and width are those of the least mean-square error of the derivative. Its bias is judged by what the
     next even order finds in the same window, less the noise in that (Mallows, Technometrics 15:661, 1973).

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cholesky_banded
@@ -55,21 +54,8 @@ _RIDGE = 1e-11
 _LEAST_STEP_VARIANCE = 1e-4
 
 
-class Columns(Protocol):
-    """Columns (n, k) that need not all exist at once: an array, or what makes the rows that are asked for."""
-
-    def __getitem__(self, rows: slice, /) -> ComplexArray:
-        """These rows of all columns."""
-
-
-class _OnDemand:
-    """Columns whose rows are made when they are asked for."""
-
-    def __init__(self, make: Callable[[slice], ComplexArray]) -> None:
-        self._make = make
-
-    def __getitem__(self, rows: slice) -> ComplexArray:
-        return self._make(rows)
+Columns = Callable[[slice], ComplexArray]
+"""Makes rows of columns (n, k), which need not all exist at once."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +107,7 @@ class WalkEquations:
     def residual(self, solution: WalkSolution) -> ComplexArray:
         """Residual (n,) of the last measurement."""
         last = self.measurements[-1]
-        fitted = [last.columns[rows] @ solution.theta for rows in blocks(last.residual.size)]
+        fitted = [last.columns(rows) @ solution.theta for rows in blocks(last.residual.size)]
         return np.asarray(last.residual - np.concatenate(fitted) - last.gain * solution.walk)
 
 
@@ -159,12 +145,12 @@ def walk_equations(
 
 def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:
     """Inner products (k + 1, k + 1) of whitened residual and columns; their projection on the walk (n, 2 k + 2)."""
-    n, count = measurements[0].residual.size, measurements[0].columns[:1].shape[1] + 1
+    n, count = measurements[0].residual.size, measurements[0].columns(slice(1)).shape[1] + 1
     gram, projected = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
     for measurement in measurements:
         gain = np.conj(measurement.gain) / measurement.sigma
         for rows in blocks(n):
-            white = np.column_stack([measurement.residual[rows], measurement.columns[rows]])
+            white = np.column_stack([measurement.residual[rows], measurement.columns(rows)])
             white /= measurement.sigma[rows, np.newaxis]
             both = np.concatenate([white.real, white.imag])
             gram += both.T @ both
@@ -236,7 +222,7 @@ class SmoothedMotion:
         turned = (self.turn * np.conj(unit(self.crossflow)))[:, None]
         radial, tangential = np.empty((2, turned.size))
         for rows in blocks(turned.size):
-            projected = self.response[rows] * turned[rows]
+            projected = self.response(rows) * turned[rows]
             for sigma, part in ((radial, projected.real), (tangential, projected.imag)):
                 sigma[rows] = np.sqrt(self.walk_sigma[rows] ** 2 + projected_variance(part, self.covariance))
         return radial, tangential
@@ -365,7 +351,7 @@ class RandomWalkSmoother:
             residual=left if scaling is None else scaling.back(left),
             covariance=solution.covariance,
             effects=EffectFit(self.responses, self.known, value, covariance),
-            response=_OnDemand(response),
+            response=response,
             walk_sigma=walk_sigma,
             turn=turn,
             score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
@@ -408,7 +394,7 @@ class RandomWalkSmoother:
                 out[:, first : first + here.shape[1]] = here
                 return out
 
-            return LinearMeasurement(residual + slope * offset, gain, _OnDemand(columns), sigma), scaling
+            return LinearMeasurement(residual + slope * offset, gain, columns, sigma), scaling
 
         each = [
             linear(measurement, values, int(first))

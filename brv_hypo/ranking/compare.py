@@ -21,7 +21,7 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import hypothesis
-from brv_hypo.mechanisms.checked import checked_terms, without_faulty
+from brv_hypo.mechanisms.checked import checked, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, requested
 from brv_hypo.model.reconstruction import reconstruct
@@ -220,7 +220,7 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
             for mechanism in mechanisms:
                 for reconstruction in reconstructions:
                     for theta in theta_grid(mechanism):
-                        checked_terms(mechanism, reconstruction.motion, dict(theta))
+                        checked(mechanism).terms(reconstruction.motion, dict(theta))
             kept[name] = mechanisms
         except MechanismError as error:
             warnings.append(f"{name} is left out: {error}")

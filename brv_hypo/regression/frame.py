@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.mechanisms.checked import checked_terms, read_only
+from brv_hypo.mechanisms.checked import checked, read_only
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import CommonTime, OwnTime
 from brv_hypo.model.term import Regressor, Theta, evaluated
@@ -265,7 +265,7 @@ class RateFrame:
             terms = {
                 (theta, term.name): term
                 for theta in thetas
-                for term in checked_terms(self.mechanisms[name], motion, dict(theta))
+                for term in checked(self.mechanisms[name]).terms(motion, dict(theta))
             }
             position = {term: k for k, term in enumerate(terms)}
             found = np.empty((motion.time.size, len(terms)), dtype=complex)

@@ -9,7 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import TURNING_FASTEST, TURNING_MERIDIAN, TURNING_RATES
-from brv_hypo.mechanisms.checked import checked_terms
+from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
 from brv_hypo.model.term import Regressor, theta_grid
 from brv_hypo.motion.motion import Motion
@@ -126,7 +126,7 @@ def _complex(mechanism: Mechanism, motions: Sequence[Motion]) -> list[ComplexArr
     """Its terms over all flights, at the first point of its grid."""
 
     def components(motion: Motion) -> list[ComplexArray]:
-        terms = checked_terms(mechanism, motion, dict(theta_grid(mechanism)[0]))
+        terms = checked(mechanism).terms(motion, dict(theta_grid(mechanism)[0]))
         return [term.in_plane + 1j * term.out_of_plane for term in terms]
 
     return over(motions, components)

@@ -44,11 +44,15 @@ SHOWN = 110  # dots per inch in a notebook
 class ChartFigure(Figure):
     """A figure that notebooks show without pyplot."""
 
-    def _repr_png_(self) -> bytes:
+    def content(self, kind: str, dpi: int) -> bytes:
+        """Of a file of that kind, "png" or "svg"; the same chart gives the same bytes."""
         content = io.BytesIO()
         with mpl.rc_context(STYLE):
-            self.savefig(content, format="png", dpi=SHOWN)
+            self.savefig(content, format=kind, dpi=dpi, metadata={"Date": None} if kind == "svg" else {})
         return content.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.content("png", SHOWN)
 
 
 def chart_figure(chart: Chart) -> ChartFigure:

@@ -101,7 +101,7 @@ def _line(layer: Line) -> list[dict[str, Any]]:
     trace: dict[str, Any] = {
         **_over(layer.x),
         "type": "scatter",
-        "y": _packed(layer.y),
+        "y": _bits(thinned(layer.y)),
         "name": layer.name,
         "mode": ("markers+text" if layer.labels else "markers") if layer.dots else "lines",
     }
@@ -141,7 +141,7 @@ def _band(layer: Band) -> list[dict[str, Any]]:
         return [{**_EDGE, **area, "fill": "toself", "fillcolor": f"--{layer.role}-band"}]
     edge = {**_over(layer.x), **_EDGE}
     fill = {"name": layer.name, "fill": "tonexty", "fillcolor": f"--{layer.role}-band"}
-    return [{**edge, "y": _packed(layer.low)}, {**edge, **fill, "y": _packed(layer.high)}]
+    return [{**edge, "y": _bits(thinned(layer.low))}, {**edge, **fill, "y": _bits(thinned(layer.high))}]
 
 
 def _bars(layer: Bars) -> list[dict[str, Any]]:
@@ -231,12 +231,7 @@ def _over(x: Values) -> dict[str, Any]:
     steps = np.diff(values)
     if steps.size > 1 and steps[0] > 0.0 and np.ptp(steps) < _UNEVEN * steps[0]:
         return {"x0": float(values[0]), "dx": float((values[-1] - values[0]) / steps.size)}
-    return {"x": _packed(values)}
-
-
-def _packed(values: Values) -> dict[str, str]:
-    """A history, thinned."""
-    return _bits(thinned(values))
+    return {"x": _bits(values)}
 
 
 def _bits(values: FloatArray) -> dict[str, str]:

@@ -107,25 +107,10 @@ _SEGMENT = 512  # samples of a segment of a spectrum, at most
 Moments = tuple[Values, Values]  # in-plane and out-of-plane, or pitch and yaw, moment coefficient over time
 
 
-@dataclass(frozen=True)
-class Scale:
-    """What the moment coefficients of one chart are drawn in: thousandths, or as they are."""
-
-    factor: float
-    suffix: str
-
-    def drawn(self, values: Values) -> FloatArray:
-        """The values in the units of an axis."""
-        return self.factor * np.asarray(values, dtype=float)
-
-
-THOUSANDTHS, PLAIN = Scale(1e3, " · 10³"), Scale(1.0, "")
-
-
-def scale_of(*histories: Values) -> Scale:
-    """Thousandths, unless a coefficient reaches one: thousands of thousandths are hard to read."""
-    sizes = [np.abs(np.asarray(values, dtype=float)) for values in histories]
-    return PLAIN if any(np.any(size >= 1.0) for size in sizes) else THOUSANDTHS
+def scale_of(*histories: Values) -> tuple[float, str]:
+    """Factor and suffix of an axis: thousandths, unless a moment coefficient reaches one, whose thousands are many."""
+    plain = any(np.any(np.abs(np.asarray(values, dtype=float)) >= 1.0) for values in histories)
+    return (1.0, "") if plain else (1e3, " · 10³")
 
 
 @dataclass(frozen=True)
@@ -213,17 +198,18 @@ def _panels(
     dots: bool = False,
 ) -> list[Panel]:
     """A panel for each moment: the measured one, if any, within its noise, and the models on top."""
-    scale = scale_of(*(measured or ()), *(values for m in models for values in m.moments))
+    factor, suffix = scale_of(*(measured or ()), *(values for m in models for values in m.moments))
     panels = []
     for k, title in enumerate(titles):
         layers: list[Layer] = []
         if sigma is not None:
-            centre, wide = scale.drawn(measured[k] if measured else np.zeros(len(x))), 2.0 * scale.drawn(sigma)
+            centre = factor * np.asarray(measured[k] if measured else np.zeros(len(x)), dtype=float)
+            wide = 2.0 * (factor * np.asarray(sigma, dtype=float))
             layers.append(Band(x, centre - wide, centre + wide))
         if measured is not None:
-            layers.append(Line(x, scale.drawn(measured[k]), "measured", "measured", dots=True))
-        layers += [Line(x, scale.drawn(m.moments[k]), m.role, m.name, dots=dots) for m in models]
-        panels.append(framed(Panel(f"{title}{scale.suffix}", layers)))
+            layers.append(Line(x, factor * np.asarray(measured[k], dtype=float), "measured", "measured", dots=True))
+        layers += [Line(x, factor * np.asarray(m.moments[k], dtype=float), m.role, m.name, dots=dots) for m in models]
+        panels.append(framed(Panel(f"{title}{suffix}", layers)))
     return panels
 
 

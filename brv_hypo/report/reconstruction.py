@@ -6,6 +6,7 @@ rates alone, in which there is no wind; then motion and moments. `reconstruction
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,6 @@ from brv_hypo.report.document import Chart, Document, Line, Panel, Picture, Tabl
 from brv_hypo.report.motion_charts import Drawn, Setting
 from brv_hypo.report.tables import motion_known
 
-_FORCES = (("ax", "a<sub>x</sub>, m/s²"), ("ay", "a<sub>y</sub>, m/s²"), ("az", "a<sub>z</sub>, m/s²"))
-_RATES = (("p", "p, deg/s"), ("q", "q, deg/s"), ("r", "r, deg/s"))
-
 
 def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
     """Accelerometers, gyros, and pitch and yaw of the nose by integration of the rates, without any wind, over time.
@@ -32,19 +30,20 @@ def record_charts(setting: Setting, flight: Flight) -> list[Chart]:
     _, attitude = body_attitude(flight.time, flight.p, flight.q + 1j * flight.r)
     forward, right, down = attitude[:, :, 0].T  # of the nose
     nose = np.degrees([np.arcsin(np.clip(-down, -1.0, 1.0)), np.unwrap(np.arctan2(right, forward))])
+    forces = {f"a<sub>{axis}</sub>, m/s²": getattr(flight, f"a{axis}") for axis in "xyz"}
+    rates = {f"{name}, deg/s": np.degrees(getattr(flight, name)) for name in "pqr"}
+    angles = dict(zip(("theta, deg", "psi, deg"), nose, strict=True))
     read = "In the body axes of the first sample, where both are zero. Biases of the gyros accumulate."
-    histories = {
-        "accelerations": {title: getattr(flight, name) for name, title in _FORCES},
-        "rates": {title: np.degrees(getattr(flight, name)) for name, title in _RATES},
-        "integrated-attitude": dict(zip(("theta, deg", "psi, deg"), nose, strict=True)),
-    }
-    headings = ("Accelerometers", "Rate gyros", "Pitch and yaw by integrated rates")
-    captions = ("", "", read)
-    drawn = []
-    for (name, values), heading, caption in zip(histories.items(), headings, captions, strict=True):
-        panels = [Panel(title, [Line(flight.time, history, "measured")]) for title, history in values.items()]
-        drawn.append(setting.chart(name, heading, panels, caption))
-    return drawn
+
+    def chart(name: str, heading: str, histories: Mapping[str, FloatArray], caption: str = "") -> Chart:
+        panels = [Panel(title, [Line(flight.time, history, "measured")]) for title, history in histories.items()]
+        return setting.chart(name, heading, panels, caption)
+
+    return [
+        chart("accelerations", "Accelerometers", forces),
+        chart("rates", "Rate gyros", rates),
+        chart("integrated-attitude", "Pitch and yaw by integrated rates", angles, read),
+    ]
 
 
 def record_document(flight: Flight) -> Document:

@@ -285,12 +285,12 @@ def band_chart(result: Prediction) -> Chart:
     """C_m and C_n less the frozen model's, over the band in which it predicts them to be, noise included."""
     band, panels = result.band, []
     time, percent = thinned(band.time_s), f"{100.0 * band.level:.0f} %"
-    scale = scale_of(*band.measured, *band.predicted)
+    factor, suffix = scale_of(*band.measured, *band.predicted)
     for name, *histories in zip(BODY, band.measured, band.predicted, band.half_width, strict=True):
-        measured, centre, half = (scale.drawn(thinned(values)) for values in histories)
+        measured, centre, half = (factor * thinned(values) for values in histories)
         interval_drawn = Band(time, -half, half, f"{percent} prediction interval", "first")
         dots = Line(time, measured - centre, "measured", "measured less predicted", dots=True)
-        panels.append(charts.framed(Panel(f"{name}{scale.suffix}", [interval_drawn, dots])))
+        panels.append(charts.framed(Panel(f"{name}{suffix}", [interval_drawn, dots])))
     heading = f"Moments less the prediction ({100.0 * band.inside:.1f} % within its {percent} interval)"
     span = (result.flight.start_s, result.flight.stop_s)
     read = (

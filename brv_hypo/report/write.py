@@ -5,7 +5,6 @@ Picture files need matplotlib (the extra `figures`), which is imported when a pi
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Sequence
 from functools import singledispatch
@@ -46,6 +45,8 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     overwritten, or matplotlib is missing.
     """
     require_matplotlib()
+    from brv_hypo.report.figures import chart_figure
+
     stems = {re.sub(r"[^\w.+-]+", "-", chart.name): chart for chart in charts}
     wanted = {Path(folder) / f"{stem}.{kind}": chart for stem, chart in stems.items() for kind in ("png", "svg")}
     for path in wanted:
@@ -53,21 +54,8 @@ def draw_into(folder: str | Path, charts: Sequence[Chart], *, overwrite: bool = 
     if wanted:
         make_folder(folder)
     for path, chart in wanted.items():
-        write_whole(path, drawn(chart, path.suffix[1:]))
+        write_whole(path, chart_figure(chart).content(path.suffix[1:], RESOLUTION))
     return tuple(wanted)
-
-
-def drawn(chart: Chart, kind: str) -> bytes:
-    """The chart as the content of a file of that kind, "png" or "svg"; the same chart gives the same bytes."""
-    import matplotlib as mpl
-
-    from brv_hypo.report.figures import STYLE, chart_figure
-
-    content = io.BytesIO()
-    metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {}
-    with mpl.rc_context(STYLE):
-        chart_figure(chart).savefig(content, format=kind, dpi=RESOLUTION, metadata=metadata)
-    return content.getvalue()
 
 
 # ---- From Python: any result as a page, its charts as picture files, or one of them as a figure ----

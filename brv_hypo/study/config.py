@@ -24,6 +24,7 @@ from brv_hypo.flight.mounting import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis
+from brv_hypo.motion.compatibility import DEGREES, FEET, PSF
 from brv_hypo.ranking import CompareConfig
 from brv_hypo.ranking.result import RecordFaultSummary
 from brv_hypo.settings import read_settings
@@ -34,7 +35,6 @@ from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Sec
 
 
 STUCK_SECONDS, CLOCK_STEP_SECONDS, CLIPPED_AT, SPIKE_SHARE, PLANTED_SPIKE_SIGMAS = 0.2, 0.1, 0.8, 0.01, 30.0
-DEGREES, FEET, PSF = 180.0 / np.pi, 0.3048, 47.88026
 
 Corruption = Callable[[Record, np.random.Generator], Record]
 

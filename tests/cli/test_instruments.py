@@ -7,7 +7,7 @@ import pytest
 
 import brv_hypo
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.format import load_for_analysis
+from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.report.reconstruction import reconstruction_document
@@ -15,11 +15,11 @@ from brv_hypo.report.tables import flight_line
 
 
 def test_left_out_it_leaves_what_the_record_states(flight_file):
-    assert load_for_analysis(flight_file, None, None, None).instruments == of_grade("tactical")
+    assert load_flight(flight_file).instruments == of_grade("tactical")
 
 
 def test_a_grade_replaces_every_tolerance(flight_file):
-    flight = load_for_analysis(flight_file, 1.0, 3.0, "industrial")
+    flight = load_flight(flight_file, instruments="industrial").window(1.0, 3.0)
     assert flight.instruments == of_grade("industrial")
     assert flight.time[-1] == pytest.approx(3.0, abs=0.011)
 
@@ -27,7 +27,7 @@ def test_a_grade_replaces_every_tolerance(flight_file):
 def test_a_file_replaces_what_it_names(flight_file, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("gyro_bias: 0.3\naccel_position: [1 mm, 0.002, 0.002]\n")
-    found = load_for_analysis(flight_file, None, None, str(file)).instruments
+    found = load_flight(flight_file, instruments=str(file)).instruments
     assert found.gyro_bias == pytest.approx(np.radians([0.3] * 3))
     assert found.accel_position == pytest.approx((0.001, 0.002, 0.002))
     assert found.wind == of_grade("tactical").wind
@@ -35,7 +35,7 @@ def test_a_file_replaces_what_it_names(flight_file, tmp_path):
 
 
 def test_the_grade_is_at_the_top_of_an_answer(flight_file):
-    flight = load_for_analysis(flight_file, None, None, "industrial")
+    flight = load_flight(flight_file, instruments="industrial")
     summary = flight_summary(flight)
     assert summary.instruments == "industrial"
     assert flight_line(summary).endswith("Hz, instruments industrial")
@@ -58,7 +58,7 @@ def test_files_that_hold_no_tolerances_are_refused(flight_file, tmp_path, text, 
     file = tmp_path / "mine.yaml"
     file.write_text(text)
     with pytest.raises(UsageError, match=message):
-        load_for_analysis(flight_file, None, None, str(file))
+        load_flight(flight_file, instruments=str(file))
 
 
 @pytest.mark.parametrize("command", ["compare", "trace", "reconstruct"])

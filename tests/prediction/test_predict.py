@@ -17,7 +17,7 @@ from brv_hypo.model.model import SavedModel
 from brv_hypo.prediction import Prediction, predict
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
-from brv_hypo.report.motion_charts import BODY, THOUSANDTHS
+from brv_hypo.report.motion_charts import BODY
 from brv_hypo.report.tables import CONTRADICTED
 from brv_hypo.report.trace import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
 from brv_hypo.simulation import SimulationConfig, simulate
@@ -238,7 +238,7 @@ def test_where_the_model_never_flew_nothing_is_counted(traced: Trace, sister: Fl
 def test_the_page_draws_the_band(predicted: Prediction) -> None:
     chart = band_chart(predicted)
     assert [chart.name for chart in prediction_charts(predicted)] == ["band", "errors", "regions"]
-    assert [panel.title for panel in chart.panels] == [f"{title}{THOUSANDTHS.suffix}" for title in BODY]
+    assert [panel.title for panel in chart.panels] == [f"{title} · 10³" for title in BODY]
     assert "95 % prediction interval" in page(prediction_document(predicted), provenance("brv-hypo predict", None, ()))
 
 

@@ -37,7 +37,7 @@ from brv_hypo.report.html import Provenance, page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart, process_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.terminal import terminal_view
-from brv_hypo.report.write import draw_into, drawn
+from brv_hypo.report.write import RESOLUTION, draw_into
 from brv_hypo.simulation import load_config, simulate
 from tests.chains import compared_sticking, reconstructed
 from tests.flights import nominal
@@ -362,8 +362,8 @@ class TestDrawing:
 
     @pytest.mark.thorough
     def test_the_same_chart_gives_the_same_bytes(self, plain) -> None:
-        assert drawn(plain, "svg") == drawn(plain, "svg")
-        assert drawn(plain, "png").startswith(b"\x89PNG")
+        assert chart_figure(plain).content("svg", RESOLUTION) == chart_figure(plain).content("svg", RESOLUTION)
+        assert chart_figure(plain).content("png", RESOLUTION).startswith(b"\x89PNG")
 
     @pytest.mark.thorough
     def test_files_are_named_by_the_chart_and_not_overwritten(self, plain, tmp_path) -> None:
@@ -391,7 +391,11 @@ class TestDrawing:
 
     @pytest.mark.thorough
     def test_every_chart_of_a_comparison_can_be_drawn(self, charts) -> None:
-        assert all(b"<svg" in drawn(chart, "svg") for name, chart in charts.items() if name.endswith("-1"))
+        assert all(
+            b"<svg" in chart_figure(chart).content("svg", RESOLUTION)
+            for name, chart in charts.items()
+            if name.endswith("-1")
+        )
 
     def test_without_matplotlib_it_says_how_to_install_it(self, plain, tmp_path, monkeypatch) -> None:
         from brv_hypo.errors import UsageError

@@ -9,10 +9,11 @@ import pytest
 from rich.console import Console
 
 from brv_hypo.report.document import Document
+from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import Provenance, page
 from brv_hypo.report.many_flights import MOST_MISTAKES, study_document
 from brv_hypo.report.terminal import terminal_view
-from brv_hypo.report.write import drawn
+from brv_hypo.report.write import RESOLUTION
 from brv_hypo.study import StudyConfig, summarise
 from tests.study.outcomes import outcome
 
@@ -45,7 +46,7 @@ def test_the_page_shades_the_confusion_and_draws_effects_and_calibration(documen
     html = page(document, Provenance())
     assert "rgba(var(--shade), 0.60)" in html
     assert [chart.name for chart in document.charts] == ["effects", "calibration"]
-    assert all(b"<svg" in drawn(chart, "svg") for chart in document.charts)
+    assert all(b"<svg" in chart_figure(chart).content("svg", RESOLUTION) for chart in document.charts)
 
 
 def test_errors_of_a_share_end_within_0_and_1(document) -> None:

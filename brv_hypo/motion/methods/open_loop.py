@@ -26,7 +26,7 @@ from brv_hypo.motion.inertial import (
 )
 from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.reconstruction import WindHistory
-from brv_hypo.motion.responses import Perturbation, as_expected, effect_responses, nonzero_responses
+from brv_hypo.motion.responses import EffectFit, Perturbation, effect_responses, nonzero_responses
 from brv_hypo.motion.signals import Derivative, differentiate
 
 NO_GRAVITY = "gravity is left out: it turns the velocity by about g t / V"
@@ -82,6 +82,7 @@ def open_loop(
     drift = responses.rows.all_of(responses.drift)
     moved = drift - drift[int(np.argmin(elapsed))]
     errors = np.sum(moved**2, axis=(1, 2)) / (2.0 * speed**2)
+    none, prior = np.zeros(len(responses.effects)), np.eye(len(responses.effects))
     sigma = np.sqrt(sigmas[0] ** 2 + walk + (sigmas[1] * elapsed / speed) ** 2 + errors)
     return WindHistory(
         record=record,
@@ -91,7 +92,7 @@ def open_loop(
         gravity=start.gravity,
         normal_force_slope=np.full(xi.size, np.nan),
         accel_sigma=record.accel_sigma,
-        effects=as_expected(responses),
+        effects=EffectFit(responses, none, none, prior),
         warnings=warnings if config.gravity else (*warnings, NO_GRAVITY),
     )
 

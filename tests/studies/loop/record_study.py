@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.flight.format import load_for_analysis
+from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
@@ -202,7 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--start", type=float, default=None)
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
-    flight = load_for_analysis(given.flight, given.start, given.stop, given.instruments)
+    flight = load_flight(given.flight, instruments=given.instruments).window(given.start, given.stop)
     base = standing_on(flight, read_structure(given.model)) if given.model else ground(flight, given.steps)
     print(f"the record itself: {', '.join(base.state.model.added) or 'nothing is added'}", flush=True)
     print(line("none", "nothing planted", found_in(base, base.flight)), flush=True)

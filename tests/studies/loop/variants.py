@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from brv_hypo.flight.format import load_for_analysis
+from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.result import Step
@@ -125,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--start", type=float, default=None)
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
-    flight = load_for_analysis(given.flight, given.start, given.stop, given.instruments)
+    flight = load_flight(given.flight, instruments=given.instruments).window(given.start, given.stop)
     config = TraceConfig(baseline=given.baseline, max_steps=given.steps, maximum_likelihood=False)
     base = trace(flight, config)
     print(line("the record as it is", base), flush=True)
