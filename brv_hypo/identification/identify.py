@@ -29,7 +29,7 @@ from brv_hypo.identification.parameters import (
     structure_of,
     unique,
 )
-from brv_hypo.likelihood import FitResult, Segment, Status, fit
+from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.derivatives import PartialJacobian
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.uncertainty import Whiteness
@@ -513,7 +513,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         beyond_tolerance(e.name, e.value, v.size, e.units)
         for e, (v, _) in zip(instruments, problem.tolerated, strict=True)
     ]
-    remedy = Status(found.status).remedy  # for whoever has functions; whoever has a record has other means
+    remedy = found.status.remedy  # for whoever has functions; whoever has a record has other means
     return Identification(
         status=found.status,
         message="; ".join(
