@@ -266,17 +266,13 @@ class VehicleModel:
     _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
     _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
 
-    def on(self, contexts: Sequence[Context]) -> VehicleModel:
-        """The model on segments that were laid out anew; nothing of the old ones is remembered."""
-        return VehicleModel(self.moments, contexts, self.force_names, self.span)
-
     def dynamics(
         self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> FloatArray:
         """d/dt of (Re omega, Im omega, Re zeta, Im zeta), (4, n)."""
         here, context = point(x, u, t), self._context(u)
         accelerations, knotted, missing = self.shapes(here, theta, delayed).on_grid
-        weights = self._coefficients(theta)
+        weights = self.moments.structure.values(theta)
         acceleration, lacking = weights @ accelerations, weights[knotted] @ missing
         scale = self._moment_share(context, theta)
         acceleration, lacking = np.asarray(acceleration * scale), np.asarray(lacking * scale)
@@ -292,7 +288,7 @@ class VehicleModel:
         force = self._force(here, context, theta) * here.to_body
         arm = context.vehicle.accelerometer_position
         if any(arm):
-            acceleration = self._coefficients(theta) @ self.shapes(here, theta, delayed).averaged
+            acceleration = self.moments.structure.values(theta) @ self.shapes(here, theta, delayed).averaged
             scaled = acceleration * self._moment_share(context, theta)
             omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
@@ -395,9 +391,6 @@ class VehicleModel:
         rates = (np.asarray(theta.get(name, 0.0)).tobytes() for name in self.rate_parameters(context.flight))
         key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, *rates)
         return self._motions(key, lambda: self._moving(at, context, theta))
-
-    def _coefficients(self, theta: Values) -> FloatArray:
-        return np.array([theta[name] for name in self.moments.structure.names])
 
     def _context(self, u: FloatArray) -> Context:
         return self.contexts[round(float(u[ROW["segment"], 0]))]

@@ -118,7 +118,9 @@ class Problem:
         block = min(self.block, block_size(frame, columns, values))
         rates = frame.columns(columns) @ values
         records = node_records(frame, columns, values, rates, self.inputs, block, self.placed_delays, fitted)
-        model = self.model.on(tuple(record.context for record in records))
+        old = self.model  # whose memory is of the old segments
+        contexts = tuple(record.context for record in records)
+        model = VehicleModel(old.moments, contexts, old.force_names, old.span)
         if block != self.block:
             warm = replace(warm, states=(), first_noise=None)
         return replace(warm, frame=frame, records=records, model=model, block=block)
