@@ -128,15 +128,20 @@ COMPATIBILITY_QUIET = threshold(0.1, "1", "noise is small enough to say so: its 
 
 # ---- Physics of a record, whatever the vehicle ----
 
+_MISREAD = "tests.studies.independent.misread"
 _SOUND = "tests.studies.soundness"
 CLIMB_WITHIN = threshold(1.1, "1", "altitude or speed is wrong: climb over speed", _SOUND)
 CLIMB_WIND = threshold(20.0, "m/s", "the same: beyond wind along the path and errors of the speed", _SOUND)
 CLIMB_SIGMAS = threshold(5.0, "sigmas", "the same: certainty of the climb", _SOUND)
 GAIN_WITHIN = threshold((0.5, 1.5), "1", "speed or height gained is wrong: over what the forces make", _SOUND)
+THINNING_WITHIN = threshold((0.5, 2.0), "1", "altitude is wrong: power of the density by which drag goes", _MISREAD)
 DRAG_WITHIN = threshold((0.01, 20.0), "1", "forces or pressure are wrong: axial coefficient of any body", _SOUND)
 MOUNTING_TILT = threshold(0.035, "rad", "the unit is turned in the vehicle: 2 deg between nose and x", _SOUND)
 MOUNTING_SIGMAS = threshold(3.0, "sigmas", "the same: certainty of that angle", _SOUND)
 GYROS_SURE = threshold(0.85, "1", "units and axes of gyros are known: unexplained share over the next", _SOUND)
+_BESIDE = "judgement; tests/importing/test_beside.py"
+ATTITUDE_FOLLOWS = threshold(0.3, "1", "attitude and gyros contradict each other: unexplained share", _BESIDE)
+UNITS_DIFFER = threshold(4.0, "sigmas", "two inertial units differ by more than their stated errors", _BESIDE)
 HELD_FEWEST = threshold(20, "changes", "a channel has enough values to be called held or rounded", _STEPS)
 HELD_REGULAR = threshold(0.8, "1", "a channel is held: share of its changes that come as regularly", _STEPS)
 ROUNDED_REPEATS = threshold(0.2, "1", "a channel is rounded beyond its noise: share of samples that repeat", _STEPS)

@@ -241,7 +241,7 @@ def held_or_rounded(name: str, time: FloatArray, values: FloatArray) -> str | No
     """What to say of a channel (n,) that is held over several samples, or rounded beyond its noise; None of others."""
     changes = np.diff(values[np.isfinite(values)])
     moved = np.flatnonzero(changes)
-    if moved.size < limits.HELD_FEWEST:
+    if moved.size < limits.HELD_FEWEST or name not in CHANNEL_DIMENSIONS:
         return None
     unit, new = SI[CHANNEL_DIMENSIONS[name]], find_holds(values)
     if new is not None:

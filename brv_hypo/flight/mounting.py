@@ -4,7 +4,9 @@
     transverse rate  = tilt * spin                             coning and swinging average out
 
 Each `tilt` from a first guess of the nose is of least squares, its error from sums over blocks longer than a swing. A
-turn about the nose is a convention, which nothing shows. How gyros stand to accelerometers the flow shows
+turn about the nose is a convention, which nothing shows. Without thrust (`coasting_axis`), mean spin and drag lean by
+the trim as well, the drag k times as much, k being the slope of the normal force over the axial: both together tell
+tilt and trim apart. How gyros stand to accelerometers the flow shows
 (`relative_axes`): the transverse force opposes the crossflow that follows from rates and speed (`path_into_force`).
 """
 
@@ -18,6 +20,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray, Values
 from brv_hypo.flight.clock import joined, runs
+from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 GRAVITY = 9.80665  # m/s^2, standard gravity (CGPM 1901)
 THRUST = 1.5 * GRAVITY  # m/s^2 sensed, beyond what any instrument's bias makes of gravity
@@ -28,6 +31,9 @@ BLOCK = 0.4  # s, about half a swing of a sounding rocket: residuals of blocks f
 THRUST_OFF = np.radians(0.4)  # rad, 1-sigma between mean thrust, with the crosswind at the rail, and the nose
 SPIN_OFF = np.radians(0.3)  # rad, 1-sigma between the axis of spin and the nose: trim, principal axis
 LEAST_SPIN, LEAST_TURNED = 0.5, 4.0 * np.pi  # rad/s and rad of roll that show the axis of spin
+COAST_ROUNDS, COAST_PARTS = 5, ((0.0, 0.5), (0.25, 0.75), (0.5, 1.0), (0.0, 1.0))  # parts of a coast; the last is all
+COAST_UNEXPLAINED = 0.1  # share of the transverse force that need not follow from the rates
+COAST_AMBIGUOUS = 0.1  # |k - 1| below which mean spin and drag lean by as much, and tilt is no other than trim
 SLOW = 0.35  # of the highest speed, below which a coast shows little
 FADED = 0.05  # s after the highest speed, until which thrust fades
 RELATIVE_SMOOTHED = 0.02  # s: a mean over this takes vibration out
@@ -54,7 +60,8 @@ class Tilt:
         from scipy.spatial.transform import Rotation
 
         axis = np.cross(self.nose, [1.0, 0.0, 0.0])
-        size = max(float(np.linalg.norm(axis)), 1e-12)
+        size = float(np.linalg.norm(axis))
+        axis, size = (axis, size) if size > 1e-9 else (np.array([0.0, 0.0, 1.0]), 1.0)  # reversed: about z
         return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
 
 
@@ -83,11 +90,15 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
     return None
 
 
-def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray) -> Tilt | None:
-    """The nose by thrust, drag and much spin; `rates` (3, n) rad/s, `forces` (3, n) m/s^2. None without thrust."""
+Air = tuple[FloatArray, FloatArray, FloatArray]
+"""Speed (n,) m/s, what is proportional to the dynamic pressure (n,), and the unit's place (3,) m from the c.g."""
+
+
+def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air | None = None) -> Tilt | None:
+    """The nose by thrust, drag and much spin of `rates` (3, n) rad/s and `forces` (3, n) m/s^2, else by a coast."""
     flown = powered_flight(time, forces)
     if flown is None:
-        return None
+        return None if air is None else coasting_axis(time, rates, forces, air)
     first, speed, (ignition, top, end) = flown
     used = slice(ignition, end)
     square = (speed[used] / max(speed[top], 1.0)) ** 2
@@ -124,6 +135,40 @@ def _tilted(
     variance = [(inverse @ (part.T @ part) @ inverse)[0, 0] for part in np.moveaxis(sums, 2, 0)]
     nose = first + axes[1:].T @ answer[0]
     return Tilt(nose / np.linalg.norm(nose), float(np.sqrt(np.mean(variance) + floor**2)))
+
+
+def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air) -> Tilt | None:
+    """The nose in the longest part without a gap; None without two turns, or where forces follow from no rates."""
+    known = np.isfinite(air[0] + air[1] + np.sum(rates, axis=0) + np.sum(forces, axis=0))
+    longest = slice(*max(runs(known), key=lambda run: run[1] - run[0], default=(0, 0)))
+    time, rates, forces, speed, scale = (each[..., longest] for each in (time, rates, forces, air[0], air[1]))
+    turned = np.trapezoid(rates, time, axis=1) if time.size >= MINIMUM_SAMPLES else np.zeros(3)
+    size = float(np.linalg.norm(turned))
+    if size < LEAST_TURNED:
+        return None
+    nose = np.asarray(turned / (-size if turned @ forces.sum(axis=1) > 0.0 else size))  # drag points backward
+    tilts = np.zeros((len(COAST_PARTS), 2))
+    for _ in range(COAST_ROUNDS):
+        matrix = Tilt(nose, 0.0).matrix
+        omega = matrix @ rates
+        force = matrix @ forces - np.cross(omega.T, np.cross(omega.T, air[2])).T
+        squares, slope = path_into_force(time - time[0], omega, force, speed, scale)
+        axial = -float(force[0] @ scale) / float(scale @ scale)
+        times = slope / axial if axial > 0.0 else 0.0
+        if times <= 0.0 or abs(times - 1.0) < COAST_AMBIGUOUS or squares[1] > COAST_UNEXPLAINED * squares[0]:
+            return None
+        for k, (start, stop) in enumerate(COAST_PARTS):
+            part = slice(round(start * time.size), round(stop * time.size))
+            window = np.hanning(part.stop - part.start)
+            spun, dragged = (
+                (each[1:, part] * each[0, part]) @ window / (each[0, part] ** 2 @ window) for each in (omega, force)
+            )
+            tilts[k] = (times * spun - dragged) / (times - 1.0)
+        nose = np.asarray(matrix.T @ np.array([1.0, *tilts[-1]]))
+        nose /= np.linalg.norm(nose)
+    # The whole is twice as long as its parts, and its error half of theirs.
+    apart = 0.5 * float(np.max(np.linalg.norm(np.diff(tilts[:-1], axis=0), axis=1)))
+    return Tilt(nose, float(np.hypot(apart, SPIN_OFF)), "mean spin and drag")
 
 
 # ---- Gyros against accelerometers: the transverse force opposes the crossflow that follows from the rates ----

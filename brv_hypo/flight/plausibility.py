@@ -1,7 +1,9 @@
 """Physics that no record breaks, whatever the vehicle: `contradictions` names what breaks it, with both numbers.
 
 climb        |dh/dt| <= speed: no vehicle climbs or falls faster than it flies
+fall         of a coast of unknown speed, gravity and drag bend the altitude, of whatever start
 gain         thrust less gravity, integrated once and twice, makes the speed and the height that are gained
+thinning     drag over speed squared goes with altitude as the Earth's density does
 drag         -ax m / (q_inf S) is the axial coefficient of a body
 mounting     thrust, drag and spin lie along x, and forces follow from rates (brv_hypo/flight/mounting.py)
 """
@@ -15,22 +17,31 @@ import numpy as np
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import joined
-from brv_hypo.flight.mounting import Tilt, integral, powered_flight, relative_axes
+from brv_hypo.flight.derived import atmosphere
+from brv_hypo.flight.mounting import GRAVITY, Tilt, integral, powered_flight, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, RecordFault, Vehicle
 
 CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least, over which a climb is averaged
 GAIN_FASTEST = 250.0  # m/s, up to which a barometer is trusted: below the transonic
 GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which they are compared
+THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not explain, from which it is no axial trend
+FALL_STEEP = 0.95  # mean cosine of the lean of a climb
+FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 
 
 def contradictions(
-    time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle | None = None
+    time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle | None = None, earth: bool = False
 ) -> tuple[RecordFault, ...]:
     """Decisive faults of `channels` (n,), SI, NaN where missing, at `time` (n,) s: climb, gain and drag."""
     found = [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
     if set(ACCELEROMETERS) <= set(channels):
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
+        found += (
+            [_fall(time, forces, channels["altitude"])]
+            if {"altitude", "velocity"} & {*channels} == {"altitude"}
+            else []
+        )
         for name, (recorded, made) in gains(time, forces, channels).items():
             if not limits.GAIN_WITHIN[0] < recorded / made < limits.GAIN_WITHIN[1]:
                 unit = "m/s" if name == "velocity" else "m"
@@ -39,6 +50,7 @@ def contradictions(
                     f"units of {name} or of the accelerometers; correct the map"
                 )
                 found.append(_fault(f"{name}, ax", "units", time, words))
+    found += [_thinning(time, channels)] if earth and {"altitude", "velocity", "ax"} <= set(channels) else []
     drag = _axial_coefficient(channels, vehicle) if vehicle and "dynamic_pressure" in channels else None
     if drag is not None and not limits.DRAG_WITHIN[0] < drag[2] < limits.DRAG_WITHIN[1]:
         words = (
@@ -75,6 +87,48 @@ def _climb(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault 
             )
             fault = _fault("altitude, velocity", "units", time[part], words)
     return fault
+
+
+def _thinning(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault | None:
+    """Where drag changes by another power of the density at the recorded altitudes than a body's does."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        drag = np.log(-channels["ax"] / channels["velocity"] ** 2)
+        density = np.log(atmosphere(channels["altitude"], "density"))
+    known = np.isfinite(drag + density) & (channels["ax"] < -DRAG_LEAST)
+    if np.count_nonzero(known) < max(limits.MINIMUM_SAMPLES, 0.5 * time.size):
+        return None
+    power, _ = np.polyfit(density[known], drag[known], 1)
+    change = float(np.ptp(np.percentile(density[known], (5.0, 95.0))))
+    if limits.THINNING_WITHIN[0] < power < limits.THINNING_WITHIN[1] or abs(power - 1.0) * change < THINNING_LEAST:
+        return None
+    words = (
+        f"drag over speed squared changes by a factor of {np.exp(abs(power) * change):.3g}, where the density at the "
+        f"recorded altitudes changes by {np.exp(change):.3g}: units of altitude; correct the map"
+    )
+    return _fault("altitude", "units", time, words)
+
+
+def _fall(time: FloatArray, forces: FloatArray, altitude: FloatArray) -> RecordFault | None:
+    """Where the altitude of a steep climb without thrust bends otherwise than gravity and drag make it."""
+    known = np.isfinite(altitude) & np.isfinite(forces[0])
+    known &= np.arange(time.size) <= (np.nanargmax(altitude) if np.any(known) else 0)
+    if powered_flight(time, forces) is not None or np.count_nonzero(known) < limits.MINIMUM_SAMPLES:
+        return None
+    at, bend = time[known] - time[known][0], FALL_STEEP * forces[0][known] - GRAVITY
+    table = np.stack([np.ones_like(at), at, integral(at, integral(at, bend)), altitude[known]], axis=1)
+    made, left = (table[:, 2:] - table[:, :2] @ np.linalg.lstsq(table[:, :2], table[:, 2:])[0]).T
+    power = float(made @ made)
+    if at[-1] < CLIMB_SECONDS or power < at.size * FALL_LEAST**2 or np.max(bend) > 0.0:
+        return None
+    factor = float(made @ left) / power
+    sigma = float(np.std(left - factor * made)) * power**-0.5
+    if abs(factor - np.clip(factor, *limits.GAIN_WITHIN)) < max(limits.CLIMB_SIGMAS * sigma, 1e-9):
+        return None
+    words = (
+        f"the altitude bends by {-np.mean(bend) * factor:.3g} m/s^2 where gravity and drag make "
+        f"{-np.mean(bend):.3g} m/s^2: units of altitude or of the accelerometers; correct the map"
+    )
+    return _fault("altitude, ax", "units", time, words)
 
 
 def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, tuple[float, float]]:

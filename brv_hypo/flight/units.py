@@ -64,7 +64,7 @@ RECORDED: dict[Dimension, dict[str, tuple[str, ...]]] = {
     "area": {"m^2": (), "ft^2": ()},
     "mass": {"kg": ("kg",), "slug": ("slug",), "lb": ("lb", "lbm"), "g": ("g",)},
     "moment of inertia": {"kg*m^2": ("kgm2", "kg m2", "kg m 2"), "slug*ft^2": ("slugft2", "slug ft2", "slug ft 2")},
-    "angle": {"rad": (), "deg": ()},
+    "angle": {"rad": ("rad",), "deg": ("deg", "degrees")},
     "dimensionless": {"dimensionless": (), "1": ()},
 }
 SI: dict[Dimension, str] = {dimension: next(iter(units)) for dimension, units in RECORDED.items()}

@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import yaml
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment, PackageLoader, Template
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo import thresholds as limits
@@ -28,6 +29,7 @@ from brv_hypo.flight.plausibility import gains, mounting_fault
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
+from brv_hypo.importing.beside import ATTITUDE
 from brv_hypo.importing.formats import clock_fault
 from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, stated_units
 from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, PAD_FEWEST_SAMPLES, clock_offset
@@ -83,9 +85,10 @@ def guess_map(data: str | Path, *others: str | Path) -> Guess:
 
 def _examined(path: Path) -> ForeignTable:
     table = numeric_table(path)
-    chosen, others = rules.by_name(list(table.columns))
+    known = [name for name, values in table.columns.items() if np.any(np.isfinite(values))]
+    chosen, others = rules.by_name(known)
     for channel, column in chosen.items():
-        dimension = CHANNEL_DIMENSIONS.get(channel)
+        dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}.get(channel)
         table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
     _find_time(table)
     _find_unnamed(table)
@@ -406,7 +409,7 @@ def _written(found: _Guessed) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
     table, vehicle = found.table, found.vehicle
     tables = [table, *found.recorders, *([vehicle] if vehicle else [])]
-    channels = {name: table.entries[name] for name in CHANNEL_DIMENSIONS if name in table.entries}
+    channels = {name: table.entries[name] for name in (*CHANNEL_DIMENSIONS, *ATTITUDE) if name in table.entries}
     missing = _missing(channels)
     unknown = [name for name in VEHICLE_DIMENSIONS if vehicle is None or name not in vehicle.entries]
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}"] if unknown else []
@@ -418,10 +421,7 @@ def _written(found: _Guessed) -> Guess:
         beside = other.path.resolve().parent == table.path.resolve().parent
         return _quoted(other.path.name if beside else str(other.path))
 
-    loader = PackageLoader("brv_hypo.importing", "")
-    templates = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-    templates.filters |= {"one_line": one_line, "quoted": _quoted}
-    text = templates.get_template("map.yaml.j2").render(
+    text = _template().render(
         main=table,
         tables=tables,
         recorders=found.recorders,
@@ -445,6 +445,14 @@ def _written(found: _Guessed) -> Guess:
         file_of=file_of,
     )
     return Guess(text, (*missing, *said, *doubts, *unsure, _GRADE))
+
+
+@cache
+def _template() -> Template:
+    loader = PackageLoader("brv_hypo.importing", "")
+    templates = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    templates.filters |= {"one_line": one_line, "quoted": _quoted}
+    return templates.get_template("map.yaml.j2")
 
 
 def _flow(entry: MapEntry, more: str = "") -> str:

@@ -44,6 +44,8 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "velocity": (("velocity",), ("airspeed",), ("tas",), ("speed",), ("vel",), ("v",), ("vrel",)),
     "altitude": (("altitude",), ("baro", "alt"), ("gps", "alt"), ("alt",), ("height",), ("h",)),
     "density": (("density",), ("rho",)),
+    "lean": (("lean",), ("tilt",)),
+    **{f"q{axis}": ((f"q{axis}",), (f"q{k}",)) for k, axis in enumerate("wxyz")},
     "mach": (("mach",), ("ma",)),
     "reynolds": (("reynolds",), ("re",)),
 }  # fmt: skip

@@ -17,6 +17,8 @@ A value is `scale * column + offset`, in `units`, and NaN where the column holds
       mass: {value: 832, units: kg}
       ixx: {file: masses.csv, column: roll_inertia, units: kg*m^2, time: {column: t, units: s}}
     instruments: {grade: industrial}
+    beside:                        # further inertial units: compared with the first, and averaged
+    - p: {column: gyro2_x, units: deg/s}
     rotation: auto                 # from the unit's axes to the body's: auto, turns such as "x 45, z 3" deg, or 3 rows
     pad: [-4.0, -0.5]              # at rest, nose up, between these times: biases
     derive: {velocity: ascent}     # from ax and altitude, on a steep climb
@@ -31,7 +33,7 @@ with the vehicle and its tolerances over it; faults masked on the way to the rat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -45,7 +47,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
-from brv_hypo.flight.mounting import Tilt, nose_axis
+from brv_hypo.flight.mounting import SCALE_HEIGHT, Tilt, nose_axis
 from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
@@ -67,11 +69,13 @@ from brv_hypo.flight.record import (
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing import rocket_log
+from brv_hypo.importing.beside import ATTITUDE, attitude_of, together
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
 from brv_hypo.io.binary import ColumnTable
-from brv_hypo.io.text import naming, one_line
+from brv_hypo.io.text import naming, one_line, refusal
 
+OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
 ASCENT_KNOWN_SPEED = 3.0  # sigmas: a derived speed below so many is unknown
 STEADY_PROPERTY = 0.002  # relative change of a mass property over the window, below which it counts as constant
 INTEGRATED: Mapping[Dimension, Dimension] = {"angular rate": "angle", "acceleration": "speed"}
@@ -187,6 +191,8 @@ class RecordMap(Layout):
     vehicle: dict[str, VehicleEntry]
     recorders: dict[str, Recorder] = Field({})
     """Other files, each with a clock of its own."""
+    beside: list[dict[str, ColumnMap]] = Field([])
+    """Gyros and accelerometers of further units."""
     instruments: dict[str, Any] = Field({})
     """Grade and tolerances."""
     rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
@@ -222,10 +228,14 @@ def read_map(path: str | Path) -> RecordMap:
         mapping = RecordMap.model_validate(content)
     except ValidationError as error:
         raise UsageError(f"the map {file}: {complaints(error, '', 'the description of the map')}") from error
-    for group, names, known in (
-        ("channels", mapping.channels, CHANNEL_DIMENSIONS),
+    for number, unit in enumerate(mapping.beside, 2):
+        mapping.channels |= {f"{name}{OF_UNIT}{number}": entry for name, entry in unit.items()}
+    parts: list[tuple[str, Collection[str], Mapping[str, Any]]] = [
+        ("channels", [name for name in mapping.channels if OF_UNIT not in name], {**CHANNEL_DIMENSIONS, **ATTITUDE}),
+        *((f"beside/{k}", unit, dict.fromkeys(INERTIAL_CHANNELS)) for k, unit in enumerate(mapping.beside)),
         ("vehicle", mapping.vehicle, VEHICLE_DIMENSIONS),
-    ):
+    ]
+    for group, names, known in parts:
         for name in names:
             if name not in known:
                 raise UsageError(
@@ -384,14 +394,25 @@ def _record(
     notes = [*notes, *clock_notes]
     tolerances: dict[str, Any] = {}
     sigma, rest = None, None
-    tilt = _nose(time, channels)
+    attitude = attitude_of(time, channels, float(time[0]) if mapping.pad is None else mapping.pad[1])
+    further = [{n: channels.pop(f"{n}{OF_UNIT}{k}") for n in unit} for k, unit in enumerate(mapping.beside, 2)]
+    tilt = _nose(time, channels, mapping)
+    matrix = np.eye(3)
     if mapping.rotation is not None:
-        _turn(mapping.rotation, tilt, channels, tolerances, notes)
-        tilt = _nose(time, channels)
+        matrix = _turn(mapping.rotation, tilt, channels, tolerances, notes)
+        tilt = _nose(time, channels, mapping)
     turned = mounting_fault(time, tilt)
     contradicted = (*turned, *contradictions(time, channels))
     if tilt is not None and not turned:
         contradicted += gyro_fault(time, *_triads(channels))
+    if attitude is not None:
+        contradicted += attitude.faults
+    if further:
+        stated = instruments_of(mapping, {}, 0.0, channels, None)
+        channels, larger, unit_notes, differing = together(time, channels, further, stated)
+        tolerances |= {key: float(np.hypot(size, tolerances.get(key, 0.0))) for key, size in larger.items()}
+        notes += unit_notes
+        contradicted += (*differing,)
     notes += [f"{fault.channel}: {fault.action}" for fault in contradicted]
     if mapping.pad is not None:
         if missing := [name for name in INERTIAL_CHANNELS if name not in channels]:
@@ -404,7 +425,8 @@ def _record(
         missing = [name for name in ("ax", "altitude") if name not in channels]
         if missing:
             raise UsageError(f"derive/velocity: ascent needs the channel {missing[0]}. Map it.")
-        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest)
+        leans = attitude.leans(time, matrix, None if rest is None else rest.up) if attitude is not None else None
+        derived = rocket_log.ascent(time, channels["ax"], channels["altitude"], rest, leans)
         speed, channels["altitude"], sigma, climb_notes = derived
         # unknown where it is as good as rest
         channels["velocity"] = np.where(speed > ASCENT_KNOWN_SPEED * sigma, speed, np.nan)
@@ -437,7 +459,7 @@ def _record(
             "title": one_line(mapping.title),
             "source": one_line(mapping.source or source.name),
             "path": str(source),
-            "recorded_units": {name: entry.units for name, entry in mapping.channels.items()},
+            "recorded_units": {n: each.units for n, each in mapping.channels.items() if n in CHANNEL_DIMENSIONS},
             "notes": notes,
         },
     )
@@ -451,8 +473,18 @@ def _record(
     return record, (*contradicted, *faults), phases
 
 
-def _nose(time: FloatArray, channels: Channels) -> Tilt | None:
-    return nose_axis(time, *_triads(channels)) if set(INERTIAL_CHANNELS) <= set(channels) else None
+def _nose(time: FloatArray, channels: Channels, mapping: RecordMap) -> Tilt | None:
+    """The nose by thrust; without, by a coast of known speed."""
+    if not set(INERTIAL_CHANNELS) <= set(channels):
+        return None
+    name = next((name for name in ("dynamic_pressure", "density", "altitude") if name in channels), None)
+    if name is None or "velocity" not in channels:
+        return nose_axis(time, *_triads(channels))
+    scale = channels[name] if name != "altitude" else np.exp(-channels[name] / SCALE_HEIGHT)
+    scale = scale if name == "dynamic_pressure" else scale * channels["velocity"] ** 2
+    place = mapping.vehicle.get("accelerometer_position", VehicleValue(value=0.0, units="m"))
+    value = to_si(getattr(place, "value", 0.0), place.units, "length", "vehicle/accelerometer_position")
+    return nose_axis(time, *_triads(channels), (channels["velocity"], scale, np.broadcast_to(value, (3,))))
 
 
 def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
@@ -460,14 +492,17 @@ def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:
     return rates, forces
 
 
-def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]) -> None:
-    """Gyros and accelerometers turned in `channels`; the error of an estimate added to `tolerances`, and a note.
+def _turn(
+    rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict[str, Any], notes: list[str]
+) -> FloatArray:
+    """Gyros and accelerometers turned in `channels` by the matrix that is returned, (3, 3); the error of an estimate
+    added to `tolerances`, and a note.
 
     Raises UsageError where nothing shows the nose.
     """
     missing = [name for name in INERTIAL_CHANNELS if name not in channels]
     if missing or (rotation == "auto" and tilt is None):
-        lacks = f"the map has no channel {missing[0]}" if missing else "the record holds no thrust, which lies along x"
+        lacks = f"the map has no channel {missing[0]}" if missing else "no thrust, nor a spinning coast, shows x"
         raise UsageError(f"rotation: {lacks}. Give a rotation by hand (turns or three rows) over all six channels.")
     matrix = np.array(rotation) if rotation != "auto" or tilt is None else tilt.matrix
     for names, triad in zip((GYROS, ACCELEROMETERS), _triads(channels), strict=True):
@@ -479,6 +514,7 @@ def _turn(rotation: Any, tilt: Tilt | None, channels: Channels, tolerances: dict
             f"rotation found from {tilt.by}: the nose lay "
             f"{np.degrees(tilt.angle):.2f} deg off x, known to {np.degrees(tilt.sigma):.2f} deg; rows {rows}"
         )
+    return np.asarray(matrix)
 
 
 def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
@@ -521,6 +557,9 @@ def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tup
     check_time(time)
     for name, values in channels.items():
         check_shape(name, values, time.shape)
+        if not np.any(np.isfinite(values)):
+            cause = "an instrument that was not there, or a recorder whose clock does not overlap"
+            raise refusal(name, "no number", "values", cause, f"take '{name}' out of the map, or map another column")
     return time, channels, [*notes, *filter(None, steps)]
 
 
@@ -532,7 +571,7 @@ def _channel(column: FloatArray, entry: ColumnMap, dimension: Dimension, name: s
 
 def _dimension(name: str, entry: ColumnMap) -> Dimension:
     """Of what a channel's column holds. Raises UsageError for increments of what has none."""
-    dimension = CHANNEL_DIMENSIONS[name]
+    dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}[name.partition(OF_UNIT)[0]]
     if entry.increments and dimension not in INTEGRATED:
         raise UsageError(f"channels/{name}/increments: only p, q, r, ax, ay and az may be given by increments.")
     return INTEGRATED[dimension] if entry.increments else dimension

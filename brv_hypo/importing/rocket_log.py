@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -140,6 +140,8 @@ class Rest:
     lean_sigma: float
     leans: FloatArray | None
     """Lean of the nose (n,) rad at the record's samples, from the gyros after the pad, if they are to be trusted."""
+    up: FloatArray | None = None
+    """Up on the pad in body axes, (3,)."""
 
 
 def lean_by_gyros(time: FloatArray, rates: FloatArray, up: FloatArray) -> FloatArray:
@@ -181,7 +183,7 @@ def take_out_biases(
     biases_text = ", ".join(f"{name} {np.degrees(biases[name]):.3g} deg/s" for name in GYROS)
     lean, across = float(np.arccos(reads[0] / norm)), np.abs(reads[1:])
     rates = np.where(time < pad[1], 0.0, np.stack([changed[name] for name in GYROS]))
-    rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm))
+    rest = Rest(pad[1], lean, mounting_sigma, lean_by_gyros(time, rates, reads / norm), reads / norm)
     notes = [
         f"biases from the pad taken out: {biases_text}, ax {biases['ax']:.3g} m/s^2",
         f"ay and az read {across[0]:.2g} and {across[1]:.2g} m/s^2 on the pad, bias or a lean of "
@@ -199,27 +201,35 @@ def take_out_biases(
 Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]
 
 
-def ascent(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None = None) -> Climb:
+def ascent(
+    time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None = None, recorded: FloatArray | None = None
+) -> Climb:
     """Speed (n,) m/s, altitude (n,) m, the standard deviation (n,) m/s of the speed, and notes; NaN off the climb.
 
     From `ax` (n,) m/s^2 and `altitude` (n,) m, NaN where missing, at increasing `time` (n,) s, from `rest` on. Without
-    a rest, speed and lean at the beginning are open. Raises UsageError where too little of either is known.
+    a rest, speed and lean at the beginning are open; `recorded` (n,) rad is the lean by the log's own attitude. Raises
+    UsageError where too little of either is known.
     """
-    climb, off = _climb(time, ax, altitude, rest)
-    if rest is None or rest.leans is None:
-        return climb
-    free, missed = _climb(time, ax, altitude, replace(rest, leans=None))
-    if off < ASCENT_GYROS_OFF * missed:
-        return climb
-    free[3].append(
-        f"the lean by the gyros misses the altitudes by {off:.0f} m, where a path of any lean misses them by "
-        f"{missed:.0f} m: axes, signs or units of the gyros are in doubt, and the lean is not theirs"
-    )
+    free, missed = _climb(time, ax, altitude, rest, None)
+    doubts = list[str]()
+    known = [("the log's attitude", recorded), ("the gyros", None if rest is None else rest.leans)]
+    for by, leans in ((by, leans) for by, leans in known if leans is not None and np.any(np.isfinite(leans))):
+        climb, off = _climb(time, ax, altitude, rest, joined(leans))
+        if off < ASCENT_GYROS_OFF * missed:
+            climb[3].extend([*doubts, *([f"the lean is that of {by}"] if leans is recorded else [])])
+            return climb
+        doubts.append(
+            f"the lean by {by} misses the altitudes by {off:.0f} m, where a path of any lean misses them by "
+            f"{missed:.0f} m: axes, signs or units of the gyros are in doubt, and the lean is not theirs"
+        )
+    free[3].extend(doubts)
     return free
 
 
-def _climb(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None) -> tuple[Climb, float]:
-    """As of `ascent`, by one source of the lean, and by how much the altitudes are missed, m."""
+def _climb(
+    time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | None, by_gyros: FloatArray | None
+) -> tuple[Climb, float]:
+    """As of `ascent`, by one source of the lean (n,) rad, and by how much the altitudes are missed, m."""
     usable = np.isfinite(altitude)
     if np.any(usable):
         width = max(1, round(ASCENT_TOP / float(np.median(np.diff(time)))))
@@ -245,7 +255,6 @@ def _climb(time: FloatArray, ax: FloatArray, altitude: FloatArray, rest: Rest | 
     measured = (grid >= time[both][0]) & (np.diff(reached, prepend=reached[0] - 1) > 0)
     lean_first, lean_sigma = (ASCENT_LEAN, ASCENT_LEAN_SIGMA) if rest is None else (rest.lean, rest.lean_sigma)
     nose, drift = np.full(grid.size, lean_first), ASCENT_TURNING
-    by_gyros = None if rest is None else rest.leans
     if by_gyros is not None:
         width = round(ASCENT_SWING * ASCENT_RATE)
         nose, drift = uniform_filter1d(np.interp(grid, time, by_gyros), width, mode="nearest"), ASCENT_DRIFT

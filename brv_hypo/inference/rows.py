@@ -29,14 +29,13 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.regression.fit import HypothesisFit
 from brv_hypo.regression.frame import RateFrame
 from brv_hypo.regression.held_out import block_of_whitened_row
+from brv_hypo.regression.linear import orthonormal
 from brv_hypo.regression.problem import Problem
 from brv_hypo.regression.refinement import prediction_slopes
 from brv_hypo.thresholds import ALWAYS, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
 
 SETTLING = 8  # samples
 TIME_BLOCKS = 12  # of a record, each left out in turn
-# Singular values of unit columns that count, of the largest.
-_CUTOFF = 1e-10
 _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its width
 
 
@@ -290,7 +289,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
             parts.append(moment / max(rms_of_shapes(process, motion), 1e-300) * made)
         ends = np.cumsum([part.shape[1] for part in parts])
         columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
-        raw, (own, _) = np.concatenate(parts, axis=1), _orthonormal(counted * design[:, free])
+        raw, (own, _) = np.concatenate(parts, axis=1), orthonormal(counted * design[:, free])
         block = Block(rows, raw, columns, raw, own, *_no_errors(rows.size))
         directions, sizes, right = np.linalg.svd(block.less(counted * design[:, within]), full_matrices=False)
         shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
@@ -308,7 +307,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     of_all = unknowns.shared[:top, common]
     y -= of_all @ np.array([items[k].present for k in number[unknowns.places[-1]][common]])
     y = empty.whitened(y[:, np.newaxis])[:, 0]
-    baseline, coefficients = _orthonormal(empty.whitened(fixed))
+    baseline, coefficients = orthonormal(empty.whitened(fixed))
     allowed = empty.whitened(of_all)
     spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
     shared = np.concatenate([baseline, allowed], axis=1)
@@ -347,13 +346,3 @@ def _counted(problem: Problem) -> BoolArray:
     flights = problem.frame.flight_of_row[problem.rows.part.rows][samples]
     _, first, number = np.unique(flights, return_index=True, return_inverse=True)
     return np.tile(samples - samples[first][number] >= SETTLING, 4)
-
-
-def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal columns (n, rank) of the same span, and what makes coefficients of those of these."""
-    if not columns.shape[1]:
-        return columns, np.zeros((0, 0))
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    left, sizes, right = np.linalg.svd(columns / scale, full_matrices=False)
-    kept = sizes > _CUTOFF * sizes[0]
-    return left[:, kept], (right[kept].T / sizes[kept]) / scale[:, np.newaxis]

@@ -504,7 +504,9 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         record = prepared(averaged(masked))
-        found = (*faults, *_physics(masked), *_contradictions(record))
+        physics = _physics(masked)
+        turned = any(fault.fault == "mounting" for fault in physics)  # axes of the unit are not those of the vehicle
+        found = (*faults, *physics, *(() if turned else _contradictions(record)))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 
@@ -516,10 +518,11 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
         inside[start:stop] = True
     known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
     rates, forces = (np.stack([known[name] for name in triad]) for triad in _TRIADS.values())
-    tilt = nose_axis(flight.time, rates, forces)
+    air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
+    tilt = nose_axis(flight.time, rates, forces, air)
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)
     turned = mounting_fault(flight.time, tilt, tolerance)
-    return (*contradictions(flight.time, known, flight.vehicle), *turned)
+    return (*contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
 
 
 def _contradictions(record: PreparedRecord) -> tuple[RecordFault, ...]:

@@ -120,8 +120,7 @@ class Bordered:
     @cached_property
     def factors(self) -> Factors:
         """Orthonormal columns of the same span, and what makes these columns' coefficients of theirs."""
-        found = [orthonormal(part) if part.shape[1] else (part, np.zeros((0, 0))) for part in self.own]
-        bases, makes = tuple(basis for basis, _ in found), tuple(made for _, made in found)
+        bases, makes = zip(*map(orthonormal, self.own), strict=True)
         known = Bordered(self.count, self.ranges, bases, np.zeros((self.count, 0)))
         if not self.shared.shape[1]:
             return Factors(known, makes, (), np.zeros((0, 0)))

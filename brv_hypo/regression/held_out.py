@@ -99,7 +99,7 @@ def _error(
     borders = [own.unit.T @ part for own, part in zip(flights, parts, strict=True)]
     eliminated = [_schur(own.products, border, own.right)[:2] for own, border in zip(flights, borders, strict=True)]
     corner = corner - sum(square for square, _ in eliminated)
-    right = right - sum(taken for _, taken in eliminated)
+    right = right - sum(beyond for _, beyond in eliminated)
     constants, moments = 2 * len(problem.rows.part.levels), frame.columns(columns)
     rest = np.zeros((frame.observed.size, count), dtype=complex)
     for number, (own, part, border, known) in enumerate(zip(flights, parts, borders, eliminated, strict=True)):
@@ -108,9 +108,9 @@ def _error(
             inside, beside, y = own.unit[rows], part[rows], own.response[rows]
             products, across = own.products - inside.T @ inside, border - inside.T @ beside
             own_right = own.right - inside.T @ y
-            square, taken, solve = _schur(products, across, own_right)
+            square, beyond, solve = _schur(products, across, own_right)
             common = np.linalg.solve(
-                corner + known[0] - beside.T @ beside - square, right + known[1] - beside.T @ y - taken
+                corner + known[0] - beside.T @ beside - square, right + known[1] - beside.T @ y - beyond
             )
             place = block % count
             values[:, place] = (common / scale)[: len(columns)]

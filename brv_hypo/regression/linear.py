@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dtrtri
 
 from brv_hypo.arrays import FloatArray
 
@@ -41,14 +40,6 @@ def solve_normal(products: FloatArray, right: FloatArray, squares: FloatArray) -
     return np.asarray(np.einsum("...ij,...j->...i", directions, along) * scale, dtype=float)
 
 
-def inverted(triangle: FloatArray) -> FloatArray:
-    """Inverse (k, k) of the triangular factor of unit columns; directions that are rounding drop out."""
-    inverse, singular = dtrtri(triangle)
-    if not singular and np.linalg.norm(triangle) * np.linalg.norm(inverse) < 1.0 / _CUTOFF:
-        return np.asarray(inverse, dtype=float)
-    return np.asarray(np.linalg.pinv(triangle, rcond=_CUTOFF), dtype=float)
-
-
 def covariance_of(design: FloatArray, residual: FloatArray, samples: int, efficiency: float) -> FloatArray:
     """Covariance (columns, columns) of the coefficients at the effective sample size."""
     scale = lengths(design)
@@ -73,6 +64,8 @@ def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:
     ones leave of them: products hold no digit of a direction that is 1e-8 of the longest. Directions that are rounding
     drop out.
     """
+    if not design.shape[1]:
+        return design, np.zeros((0, 0))
     scale = lengths(design)
     size, directions = np.linalg.eigh(design.T @ design / np.outer(scale, scale))
     directions /= scale[:, np.newaxis]

@@ -219,8 +219,8 @@ class WhitenedRows:
             for some, history in histories.batches():
                 white[:, some] = own.white(history)
             if own.own_noise.size:
-                tied = np.searchsorted(histories.places, self.nuisances.correlated[noise.places])
-                white[: 2 * own.size, tied] -= own.decorrelated(own.own_noise)
+                walks = np.searchsorted(histories.places, self.nuisances.correlated[noise.places])
+                white[: 2 * own.size, walks] -= own.decorrelated(own.own_noise)
             mine = ~np.isin(histories.places, common)
             for rows, part in zip(own.channels, np.split(white[:, ~mine], 4), strict=True):
                 shared[rows] = part

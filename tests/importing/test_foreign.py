@@ -189,7 +189,7 @@ def test_a_map_that_makes_no_record_is_refused_by_name(tmp_path: Path, mapping: 
         ("data.csv", b"", "no column"),
         ("data.mat", b"not matlab", "cannot be read"),
         ("data.parquet", b"not parquet", "cannot be read"),
-        ("data.xlsx", b"", "expected .csv, .parquet, .mat"),
+        ("data.xlsx", b"", "expected .csv, .cfl, .ulg, .parquet, .mat"),
         ("absent/data.csv", None, "no such file"),
     ],
 )
@@ -240,5 +240,5 @@ def test_a_package_adds_a_format_in_one_file(tmp_path: Path, monkeypatch: pytest
     found = import_record(tmp_path / "data.dat", write_map(tmp_path, foreign_map()))
     np.testing.assert_allclose(found.q, motion()["q"], rtol=1e-12)
     assert "not used: col_q" in guess_map(tmp_path / "data.dat").text
-    with pytest.raises(UsageError, match=r"expected \.csv, \.parquet, \.mat, \.dat"):
+    with pytest.raises(UsageError, match=r"expected \.csv, \.cfl, \.ulg, \.parquet, \.mat, \.dat"):
         import_record(write_csv(tmp_path / "d.xls", columns), write_map(tmp_path, foreign_map()))

@@ -10,20 +10,28 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.flight import Flight
 from brv_hypo.flight.inspection import held_or_rounded
-from brv_hypo.flight.record import Record
+from brv_hypo.flight.mounting import nose_axis
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Record
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.rocket_log import decimated, needed_rate
 from tests.flight.records import VEHICLE
 from tests.importing.rockets import Log, fly
 from tests.importing.test_foreign import write_csv, write_map
+from tests.studies.independent.flights import make_flight
 from tests.studies.soundness import MISTAKES, foreign, guess_map, log_map, mistaken, named, wrong
 
 
 @cache
 def flown(lean: float = 12.0) -> Log:
     return fly(4, lean)
+
+
+@cache
+def coasting() -> Flight:
+    return make_flight("cone", seed=3).flight
 
 
 @pytest.mark.parametrize("name", sorted(MISTAKES))
@@ -88,3 +96,24 @@ def test_held_and_rounded_channels_are_described() -> None:
     rounded = held_or_rounded("altitude", time, np.round(time + 0.1 * noise))
     assert rounded is not None
     assert "rounded to 1 m" in rounded
+
+
+@pytest.mark.parametrize("name", ["ay", "altitude"])
+def test_a_channel_without_a_number_is_refused(tmp_path: Path, name: str) -> None:
+    read = flown().read(np.random.default_rng(2))
+    path = write_csv(tmp_path / "a.csv", read | {name: np.full_like(read["time"], np.nan)})
+    with pytest.raises(FlightRecordError, match=f"dataset '{name}': found no number"):
+        bring_in(path, write_map(tmp_path, log_map(flown())))
+
+
+@pytest.mark.parametrize("turn", ["y 3", "z 45", "y 90", "y 180"])
+def test_a_coast_without_thrust_shows_how_the_unit_is_mounted(turn: str) -> None:
+    made = coasting()
+    axis, angle = turn.split()
+    matrix = Rotation.from_euler(axis, float(angle), degrees=True).as_matrix()
+    rates, forces = (matrix @ np.stack([getattr(made, name) for name in triad]) for triad in (GYROS, ACCELEROMETERS))
+    air = (made.velocity, made.dynamic_pressure, np.array(made.vehicle.accelerometer_position))
+    found = nose_axis(made.time, rates, forces, air)
+    assert found is not None
+    assert np.degrees(np.arccos(min(found.nose @ matrix[:, 0], 1.0))) < 3.0 * np.degrees(found.sigma)
+    np.testing.assert_allclose(found.matrix @ found.nose, [1.0, 0.0, 0.0], atol=1e-6)

@@ -2,7 +2,8 @@
 
 Rockets of tests.importing.rockets lean by 1 to 15 deg (of the speeds: 1 to 30), rest for 0.3 to 3 s and spin. Guesses:
 the unit's axes are exchanged and reversed at random and turned by up to 5 deg, names lack units, or lie. Mistakes: one
-wrong unit, sign, axis or mounting in the whole log, and in its coast. Speeds: share of samples within 1.96 sigma.
+wrong unit, sign, axis or mounting in the whole log, and in its coast. Coasts: altitudes in wrong units where nothing
+else says the speed. Speeds: share of samples within 1.96 sigma.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from brv_hypo.errors import BrvHypoError
 from brv_hypo.flight.mounting import nose_axis
+from brv_hypo.flight.plausibility import contradictions
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS
 from brv_hypo.flight.units import to_si
 from brv_hypo.importing import bring_in
@@ -27,6 +29,7 @@ from brv_hypo.importing.rocket_log import ascent, take_out_biases
 from brv_hypo.motion import try_record
 from tests.importing.rockets import Log, fly
 from tests.importing.test_foreign import write_csv, write_map
+from tests.studies.independent.imperfect_study import count
 
 UNITS = {"time": {"s": 1.0, "ms": 1e-3}, "gyro": {"rad/s": 1.0, "deg/s": np.pi / 180.0, "rpm": np.pi / 30.0},
          "acc": {"m/s^2": 1.0, "g": 9.80665, "ft/s^2": 0.3048}, "alt": {"m": 1.0, "ft": 0.3048}}  # fmt: skip
@@ -133,16 +136,24 @@ def named(log: Log, read: dict[str, Any], folder: Path) -> list[str]:
     return [f"{fault.fault}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
 
 
+def bends(log: Log, read: dict[str, Any], factor: float) -> bool:
+    """Whether units of altitude that are off by a factor are named in the coast alone, whose speed nothing says."""
+    coast = np.flatnonzero(log.time > log.time[np.argmax(log.speed)] + 1.0)
+    channels = {name: values[coast] for name, values in read.items()}
+    return bool(contradictions(channels.pop("time"), channels | {"altitude": factor * channels["altitude"]}))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m tests.studies.soundness", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--flights", type=int, default=50)
+    parser.add_argument("--guesses", action="store_true", help="guesses, coasts and speeds alone: no mistakes")
     options = parser.parse_args(arguments)
     rng = np.random.default_rng(options.seed)
     logs = [fly(seed) for seed in np.random.SeedSequence(options.seed).generate_state(options.flights)]
     tally = {name: [0, 0] for name in MISTAKES}
-    right, unsure, inside = 0, 0, []
+    right, unsure, inside, coasts = 0, 0, [], dict.fromkeys((1.0, FEET, 1.0 / FEET), 0)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         for log in logs:
@@ -150,20 +161,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
             guess = guess_map(write_csv(folder / "a.csv", columns))
             bad = wrong(guess, columns, log)
             right, unsure = right + (not bad), unsure + (bool(bad) and all(is_unsure(guess, what) for what in bad))
-            for name in tally:
+            for name in () if options.guesses else tally:
                 found = named(log, mistaken(log, name, rng), folder)
                 tally[name][0] += bool(found)
                 tally[name][1] += bool(found) and not any(entry.startswith("refused") for entry in found)
     for log in (*logs, *(fly(seed, lean=30.0) for seed in range(options.flights // 3))):
         read = log.read(rng)
+        coasts = {factor: named + bends(log, read, factor) for factor, named in coasts.items()}
         time = read.pop("time")
         rested, rest, _, _ = take_out_biases(time, read, (float(time[0]), -0.05), 0.02)
         speed, _, sigma, _ = ascent(time, rested["ax"], rested["altitude"], rest)
         known = speed > 3.0 * sigma
         inside.append(float(np.mean(np.abs(speed - log.speed)[known] < 1.96 * sigma[known])))
     print(f"guesses: {right} right, {unsure} wrong but said to be unsure, of {len(logs)}")
+    print(count("guesses right, or said to be unsure", [k < right + unsure for k in range(len(logs))]))
     print(f"speed within 1.96 sigma: {100.0 * np.mean(inside):.1f} % of samples")
-    for name, (found, faults) in tally.items():
+    sound, *others = coasts.values()
+    print(f"coasts of unknown speed: altitudes as feet, as metres named in {others} of {len(inside)}, sound in {sound}")
+    for name, (found, faults) in ({} if options.guesses else tally).items():
         print(f"{name:35s} named in {found} of {len(logs)}, {faults} of them by a fault, else refused")
 
 

@@ -59,12 +59,16 @@ class Layout(BaseModel):
 
 @dataclass(frozen=True)
 class TableFormat:
-    """A format: `read` gives the named columns and the names of all; `recognises` by path and first characters."""
+    """A format: `read` gives the named columns and the names of all; `recognises` by path and first characters.
+
+    `numbers` gives every column of numbers at once, where some may hold text.
+    """
 
     name: str
     read: Callable[[Path, tuple[str, ...], Layout], ColumnTable]
     endings: tuple[str, ...] = ()
     recognises: Callable[[Path, str], bool] = lambda path, head: False
+    numbers: Callable[[Path], ColumnTable] | None = None
 
 
 @cache
@@ -98,6 +102,9 @@ def read_columns(
 def read_all(path: Path) -> ColumnTable:
     """Every column of numbers of a file; errors as of `read_columns`."""
     found = _format_of(path, Layout())
+    if found.numbers is not None:
+        table = found.numbers(path)
+        return _cleaned(table, table.columns, None)
     table = found.read(path, (), Layout())
     columns: dict[str, Any] = {}
     with suppress(BrvHypoError):
@@ -162,7 +169,7 @@ def _cleaned(table: ColumnTable, columns: Mapping[str, Any], zero: np.datetime64
     notes, found, stamps = [*table.notes], dict[str, FloatArray](), [*table.stamps]
     for name, values in columns.items():
         if np.asarray(values).dtype.kind == "M":
-            zero = values[0] if zero is None and len(values) else zero
+            zero = next(iter(values), np.datetime64("NaT")) if zero is None else zero
             values = (values - zero) / np.timedelta64(1, "s")
             stamps.append(name)
             notes.append(f"{one_line(name)} counts from {str(zero)[:19]} UTC")

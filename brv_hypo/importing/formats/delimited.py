@@ -37,7 +37,7 @@ DELIMITERS = ",;\t| "  # a blank: any number of blanks
 TEXT_ENDINGS = (".txt", ".tsv", ".dat", ".tab", ".asc", ".log")
 MARKS = dict.fromkeys(map(ord, "\u00a0\u2009\u202f\u2019'"))  # between thousands, beside comma, point and blank
 FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]\d)")  # its exponent, 1.0D+03
-TORN = re.compile(r"\d.*[,;\t| ]|[,;\t| ].*\d")  # a value and more
+TORN = re.compile(r"(?=\D*\d)[^,;\t| ]*[,;\t| ]")  # a value and more
 BLANKS = re.compile(r"(?<=\d) (?=\d{3}(\D|$))")  # between thousands, where blanks are not between columns
 KINDS = {
     "number": re.compile(r"[+-]?(?=[.\d])([1-9]\d{0,2}(,\d{3})+|\d*)(\.\d*)?(e[+-]?\d+)?|[+-]?inf", re.IGNORECASE),
@@ -162,7 +162,7 @@ def _worth(rows: Sequence[Sequence[str]], kinds: Sequence[Sequence[str]]) -> tup
     """How many cells are values, less those that hold one and more, in rows of the same width; and this width."""
     worth: Counter[int] = Counter()
     for cells, row in zip(rows, kinds, strict=True):
-        torn = sum(kind == "text" and bool(TORN.search(cell)) for cell, kind in zip(cells, row, strict=True))
+        torn = sum(kind == "text" and bool(TORN.match(cell)) for cell, kind in zip(cells, row, strict=True))
         worth[len(cells)] += sum(kind in KINDS for kind in row) - 2 * torn
     return max(((size, width) for width, size in worth.items() if width > 1), default=(0, 0))
 
@@ -193,8 +193,10 @@ def _distinct(names: Sequence[str]) -> tuple[str, ...]:
     return tuple((f"{n} #{k + 1}" if k else n) if n else f"column {place}" for place, (n, k) in enumerate(each, 1))
 
 
-def read_text(path: Path, names: tuple[str, ...], layout: Layout, dialect: Dialect | None = None) -> ColumnTable:
-    """The columns `names` of a text table, of a dialect that is known or found."""
+def read_text(
+    path: Path, names: tuple[str, ...], layout: Layout, dialect: Dialect | None = None, numbers_only: bool = False
+) -> ColumnTable:
+    """The columns `names` of a text table, of a dialect that is known or found; `numbers_only` leaves others out."""
     import pandas as pd
 
     found = dialect or detect(path, layout)
@@ -227,12 +229,14 @@ def read_text(path: Path, names: tuple[str, ...], layout: Layout, dialect: Diale
         columns = {name: _values(frame[k], found.kinds[k], name in layout.where, layout) for name, k in places.items()}
     for name, k in places.items():
         bad = np.flatnonzero(frame[k].notna() & pd.isna(columns[name]))
-        if bad.size:
+        if bad.size and numbers_only:
+            del columns[name]
+        elif bad.size:
             place = f"{path}: dataset '{name}': line {numbers[bad[0]] + 1}, cell {k + 1}"
             remedy += ", `decimal`, `widths` or `dates` in the map (a line that starts with # is skipped)"
             got = f"'{str(frame[k].iloc[bad[0]]).strip()}'"
             raise refused(place, got, f"a {found.kinds[k]}, or an empty cell for a missing sample", cause, remedy)
-    return replace(table, columns=columns, stamps=tuple(n for n, k in places.items() if found.kinds[k] == "clock"))
+    return replace(table, columns=columns, stamps=tuple(n for n in columns if found.kinds[places[n]] == "clock"))
 
 
 def _values(cells: Any, kind: str, is_name: bool, layout: Layout) -> Any:
@@ -256,4 +260,9 @@ def _values(cells: Any, kind: str, is_name: bool, layout: Layout) -> Any:
     return pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
 
 
-FORMATS = (TableFormat("text", read_text, (".csv",), lambda path, head: path.suffix.lower() in TEXT_ENDINGS),)
+def _numbers(path: Path) -> ColumnTable:
+    found = detect(path, Layout())
+    return read_text(path, found.names, Layout(), found, numbers_only=True)
+
+
+FORMATS = (TableFormat("text", read_text, (".csv",), lambda path, head: path.suffix.lower() in TEXT_ENDINGS, _numbers),)

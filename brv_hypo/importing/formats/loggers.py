@@ -6,6 +6,7 @@ other columns keep their names, and a map may use the logger's own. Axes are the
 altos        AltosCSV.java of AltOS (https://git.gag.com/fw/altos, folder altoslib), which states the units: TeleMega,
              EasyMega, TeleMetrum and others of Altus Metrum, as AltosUI exports them, the header behind a #
 blue-raven   Featherweight Blue Raven user's manual (https://www.featherweightaltimeters.com): csv of high and low rate
+cats-csv     imu.csv that CATS Configurator exports (see flight_computers.py); `where: {id: IMU0}` keeps one unit
 eggtimer     Eggtimer TRS User's Guide, "Flight Summary" (https://eggtimerrocketry.com): altitude above the pad
 """
 
@@ -23,12 +24,18 @@ LOGGERS = {
     "altos": (
         ("version,serial,flight", "state_name"),
         f"time: time s; accel_x: ax m/s^2; accel_y: ay m/s^2; accel_z: az m/s^2; {GYROS}; gyro_roll: p deg/s; "
-        "gyro_pitch: q deg/s; gyro_yaw: r deg/s; altitude: altitude m; accel_speed: velocity m/s; speed: velocity m/s",
+        "gyro_pitch: q deg/s; gyro_yaw: r deg/s; altitude: altitude m; accel_speed: velocity m/s; "
+        "speed: velocity m/s; tilt: lean deg",
     ),
     "blue-raven": (
         ("Flight_Time_(s)",),
         f"Flight_Time_(s): time s; Accel_X: ax g; Accel_Y: ay g; Accel_Z: az g; {GYROS.title()}; "
-        "Baro_Altitude_ASL_(feet): altitude ft; Velocity_Up: velocity ft/s",
+        "Baro_Altitude_ASL_(feet): altitude ft; Velocity_Up: velocity ft/s; "
+        "Tilt_Angle_(deg): lean deg",
+    ),
+    "cats-csv": (
+        ("ts,id,Ax,Ay,Az,Gx,Gy,Gz",),
+        "ts: time s; Ax: ax m/s^2; Ay: ay m/s^2; Az: az m/s^2; Gx: p deg/s; Gy: q deg/s; Gz: r deg/s",
     ),
     "eggtimer": (
         ("Veloc", "FVeloc", "LDA"),
@@ -43,19 +50,18 @@ def _format(name: str, words: tuple[str, ...], described: str) -> TableFormat:
     def recognises(path: Path, head: str) -> bool:
         return any(all(word in line for word in words) for line in head.splitlines())
 
-    def read(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:
+    def read(path: Path, names: tuple[str, ...] | None, layout: Layout, numbers_only: bool = False) -> ColumnTable:
         found = detect(path, layout)
         own = {columns[each][0]: each for each in reversed(found.names) if each in columns}
-        table = read_text(path, tuple(own.get(each, each) for each in names), layout, found)
-        values = {each: table.columns[own.get(each, each)] for each in names}
         channels = {each: channel for channel, each in own.items()}
-        units = {each: columns[each][1] for each in channels} | {
-            channel: columns[each][1] for channel, each in own.items()
-        }
-        known = (*(channels.get(each, each) for each in found.names), *channels)
-        return replace(table, columns=values, names=known if names else known[: len(found.names)], units=units)
+        renamed = tuple(channels.get(each, each) for each in found.names)
+        wanted = renamed if names is None else names
+        table = read_text(path, tuple(own.get(each, each) for each in wanted), layout, found, numbers_only)
+        values = {each: table.columns[at] for each in wanted if (at := own.get(each, each)) in table.columns}
+        units = {each: columns[own.get(each, each)][1] for each in (*own, *channels)}
+        return replace(table, columns=values, names=(*renamed, *channels) if names else renamed, units=units)
 
-    return TableFormat(name, read, (), recognises)
+    return TableFormat(name, read, (), recognises, lambda path: read(path, None, Layout(), numbers_only=True))
 
 
 FORMATS = tuple(_format(name, *each) for name, each in LOGGERS.items())
