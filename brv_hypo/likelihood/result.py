@@ -30,7 +30,7 @@ from brv_hypo.likelihood.gauss_newton import (
 )
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood, whitening
 from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
-from brv_hypo.likelihood.segment import Grid, SampledParameter
+from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.uncertainty import (
     Identifiability,
     Linearised,
@@ -542,26 +542,18 @@ def _slopes(
     """The dynamics at states (n_states, n - 1) at fractions of every interval."""
     found = {}
     for s, x in states.items():
-        u = _between(s, *_of_intervals(grid, grid.u))
-        time_varying = tuple(
-            SampledParameter(c.name, c.weights, _between(s, *_of_intervals(grid, c.shapes))) for c in grid.time_varying
-        )
-        points = Points(x, u, grid.t[: grid.n - 1] + s * grid.step, time_varying=time_varying)
+        time_varying = tuple(replace(c, shapes=_within(grid, c.shapes, s)) for c in grid.time_varying)
+        points = Points(x, _within(grid, grid.u, s), grid.t[: grid.n - 1] + s * grid.step, time_varying=time_varying)
         found[s] = evaluate(problem.model.dynamics, points, theta)
     return found
 
 
-def _of_intervals(grid: Grid, signal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A signal at the start, the middle and the end of every interval, before the jump where there is one."""
+def _within(grid: Grid, signal: FloatArray, s: float) -> FloatArray:
+    """A signal at a fraction of every interval: on the parabola by its start, middle and end, before a jump there."""
     n = grid.n
     end = signal[:, 2 * n - 1 :] if grid.jumps else signal[:, 1:n]
-    return signal[:, : n - 1], signal[:, n : 2 * n - 1], end
-
-
-def _between(s: float, start: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
-    """On the parabola through the three."""
     weights = 2.0 * (s - 0.5) * (s - 1.0), 4.0 * s * (1.0 - s), 2.0 * s * (s - 0.5)
-    return np.asarray(weights[0] * start + weights[1] * middle + weights[2] * end)
+    return np.asarray(weights[0] * signal[:, : n - 1] + weights[1] * signal[:, n : 2 * n - 1] + weights[2] * end)
 
 
 def _hermite(s: float, h: FloatArray, x: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
