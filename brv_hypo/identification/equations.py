@@ -28,7 +28,7 @@ from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot
+from brv_hypo.identification.nodes import ROW, SLOPES, Context, has_knot, real_rows
 from brv_hypo.identification.parameters import (
     ACCELEROMETERS,
     CROSSFLOW,
@@ -110,12 +110,10 @@ class Shapes:
 
     columns: tuple[Regressor, ...]
     acceleration: ComplexArray  # angular accelerations in de-rolled axes per unit of each (columns, n), rad/s^2
-    in_plane: ComplexArray  # C_N' + i C_Z' per unit of each (columns, n)
     motion: Motion
     past: tuple[Motion, ...]  # the motion at the delays
     here: Point
-    block: float  # a block's length, s
-    own: OwnTime | None = None  # how the flight's time goes with the common one
+    context: Context
 
     @cached_property
     def on_grid(self) -> tuple[ComplexArray, list[int], ComplexArray]:
@@ -127,7 +125,7 @@ class Shapes:
         lacking = np.empty((len(knotted), time.size), dtype=complex)
         for k, j in enumerate(knotted):
             row, shape = SLOPES + 4 * k, self.acceleration[j]
-            here = placed(self.columns[j].time_basis, time, half, self.own)
+            here = placed(self.columns[j].time_basis, time, half, self.context.own)
             first, second = kink(*here)
             slope, curvature = u[row] + 1j * u[row + 1], u[row + 2] + 1j * u[row + 3]
             on_grid_too[j] = on_grid(*here) * shape - first * slope + second * curvature
@@ -140,8 +138,10 @@ class Shapes:
         out = self.acceleration.copy()
         for own, column in zip(out, self.columns, strict=True):
             if has_knot(column):
-                time_basis, time, _ = placed(column.time_basis, self.here.time, self.here.input("half"), self.own)
-                own *= averaged(time_basis, time, self.block)
+                time_basis, time, _ = placed(
+                    column.time_basis, self.here.time, self.here.input("half"), self.context.own
+                )
+                own *= averaged(time_basis, time, self.context.block)
         return out
 
 
@@ -266,22 +266,18 @@ class VehicleModel:
     _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
     _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
 
-    def on(self, contexts: Sequence[Context]) -> VehicleModel:
-        """The model on segments that were laid out anew; nothing of the old ones is remembered."""
-        return VehicleModel(self.moments, contexts, self.force_names, self.span)
-
     def dynamics(
         self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
     ) -> FloatArray:
         """d/dt of (Re omega, Im omega, Re zeta, Im zeta), (4, n)."""
         here, context = point(x, u, t), self._context(u)
         accelerations, knotted, missing = self.shapes(here, theta, delayed).on_grid
-        weights = self._coefficients(theta)
+        weights = self.moments.structure.values(theta)
         acceleration, lacking = weights @ accelerations, weights[knotted] @ missing
         scale = self._moment_share(context, theta)
         acceleration, lacking = np.asarray(acceleration * scale), np.asarray(lacking * scale)
         moving = replace(here, omega=here.omega + lacking)
-        return _rows(self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta))
+        return real_rows(self._omega_rate(here, context, theta, acceleration), self._zeta_rate(moving, context, theta))
 
     def outputs(
         self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
@@ -292,13 +288,13 @@ class VehicleModel:
         force = self._force(here, context, theta) * here.to_body
         arm = context.vehicle.accelerometer_position
         if any(arm):
-            acceleration = self._coefficients(theta) @ self.shapes(here, theta, delayed).averaged
+            acceleration = self.moments.structure.values(theta) @ self.shapes(here, theta, delayed).averaged
             scaled = acceleration * self._moment_share(context, theta)
             omega_rate = self._omega_rate(here, context, theta, scaled)
             body_rate = omega_rate * here.to_body - 1j * here.input("p") * omega
             p = here.input("p") - self._roll_rate_error(context, theta)
             force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
-        return _rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
+        return real_rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
 
     def dynamics_slopes(
         self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
@@ -348,7 +344,7 @@ class VehicleModel:
         """Rows (4, n) of what two pairs gain by each name, `none` by some; without those that change the columns."""
         shape_changing = {*self.moments.shape_parameters, *self.rate_parameters(self._context(here.u).flight)}
         return {
-            name: _rows(*(np.broadcast_to(pair.get(name, 0.0), here.time.size) for pair in (first, second)))
+            name: real_rows(*(np.broadcast_to(pair.get(name, 0.0), here.time.size) for pair in (first, second)))
             for name in {**first, **second, **dict.fromkeys(none)}
             if name not in shape_changing
         }
@@ -381,12 +377,10 @@ class VehicleModel:
         return Shapes(
             columns=columns,
             acceleration=planes * turn,
-            in_plane=planes,
             motion=now,
             past=tuple(past.values()),
             here=here,
-            block=context.block,
-            own=context.own,
+            context=context,
         )
 
     def _motion(self, at: Point, context: Context, theta: Values) -> Motion:
@@ -397,9 +391,6 @@ class VehicleModel:
         rates = (np.asarray(theta.get(name, 0.0)).tobytes() for name in self.rate_parameters(context.flight))
         key = (at.omega.tobytes(), at.zeta.tobytes(), at.time.tobytes(), context.flight, context.start, *rates)
         return self._motions(key, lambda: self._moving(at, context, theta))
-
-    def _coefficients(self, theta: Values) -> FloatArray:
-        return np.array([theta[name] for name in self.moments.structure.names])
 
     def _context(self, u: FloatArray) -> Context:
         return self.contexts[round(float(u[ROW["segment"], 0]))]
@@ -522,7 +513,3 @@ def _error(name: str, context: Context, theta: Values) -> FloatArray | float:
 def _pair(names: tuple[str, str], context: Context, theta: Values) -> ComplexArray:
     """Two courses as one complex pair."""
     return np.asarray(_error(names[0], context, theta) + 1j * _error(names[1], context, theta))
-
-
-def _rows(first: ComplexArray, second: ComplexArray) -> FloatArray:
-    return np.stack([first.real, first.imag, second.real, second.imag])

@@ -185,7 +185,7 @@ class NodeRecord:
 
     def innovations(self, outputs: FloatArray) -> FloatArray:
         """Measured minus predicted q, r, a_y, a_z at every sample, (4, samples), from the outputs (4, nodes)."""
-        return _pairs(list((self.measured - self.predicted(outputs)) * np.conj(self.turn)))
+        return real_rows(*(self.measured - self.predicted(outputs)) * np.conj(self.turn))
 
     def fitted(self, flight: Flight, outputs: FloatArray) -> Flight:
         """The flight with the outputs (4, nodes) for readings of the segment."""
@@ -268,13 +268,13 @@ def _node_record(
     )
     mean = (measured - expected)[:, local].mean(axis=2) + expected[:, middle]
     outputs = np.full((4, nodes.size), np.nan)
-    outputs[:, measuring] = _pairs(list(mean * np.conj(turn[middle])))
+    outputs[:, measuring] = real_rows(*mean * np.conj(turn[middle]))
     if local.shape[1] > 1:
         for knot in knots:
             outputs[:, np.abs(nodes - knot) < context.block] = np.nan
     smoothed = (input_error(error, part.flight) for error in inputs.errors)
     time_varying = (*smoothed, *errors.time_varying(time, samples, turn, local))
-    segment = Segment(nodes, at_nodes, outputs, _pairs(list(state)), u_mid=between, time_varying=time_varying)
+    segment = Segment(nodes, at_nodes, outputs, real_rows(*state), u_mid=between, time_varying=time_varying)
     nearest = np.clip(np.searchsorted(time, nodes), 0, time.size - 1)
     return NodeRecord(
         context=context,
@@ -353,6 +353,6 @@ def has_knot(column: Regressor) -> bool:
     return bool(np.isfinite(column.time_basis.start) or np.isfinite(column.time_basis.stop))
 
 
-def _pairs(signals: Sequence[ComplexArray]) -> FloatArray:
+def real_rows(*signals: ComplexArray) -> FloatArray:
     """Complex signals as real rows, real part first (2 x signals, n)."""
     return np.stack([part for signal in signals for part in (signal.real, signal.imag)])

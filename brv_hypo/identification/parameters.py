@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -33,6 +33,7 @@ from scipy.interpolate import CubicSpline, PPoly
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.likelihood import TimeVaryingParameter
+from brv_hypo.likelihood.segment import SampledParameter
 from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
@@ -391,15 +392,15 @@ class RecordErrors:
         What instruments read is averaged as they are: over the blocks `local` (blocks, size), in de-rolled axes.
         """
         middle = local[:, local.shape[1] // 2]
-        read: list[_Rows] = []
+        read: list[SampledParameter] = []
         for pair in (GYROS, ACCELEROMETERS):
             first, second = self._rows(pair, samples)
-            projected = ((first.values + 1j * second.values) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
-            read += [first._replace(values=projected.real), second._replace(values=projected.imag)]
+            projected = ((first.shapes + 1j * second.shapes) * turn)[:, local].mean(axis=2) * np.conj(turn[middle])
+            read += [replace(first, shapes=projected.real), replace(second, shapes=projected.imag)]
         others = [rows for name in OTHERS for rows in self._rows((name,), samples)]
         return (*_splined(time[middle], read), *_splined(time, others))
 
-    def _rows(self, names: Sequence[str], samples: slice) -> list[_Rows]:
+    def _rows(self, names: Sequence[str], samples: slice) -> list[SampledParameter]:
         """The histories of these courses at some samples, of the values that touch any of them."""
         touching = [k for k, rows in enumerate(self.histories) if any(name in rows for name in names)]
         weights = tuple(of_flight(self.values[k].name, self.flight) for k in touching)
@@ -408,16 +409,8 @@ class RecordErrors:
             values = np.zeros((len(touching), samples.stop - samples.start))
             for row, k in zip(values, touching, strict=True):
                 row[:] = self.histories[k][name][samples] if name in self.histories[k] else 0.0
-            out.append(_Rows(of_flight(name, self.flight), weights, values))
+            out.append(SampledParameter(of_flight(name, self.flight), weights, values))
         return out
-
-
-class _Rows(NamedTuple):
-    """A course at some instants: `values` (weights, n)."""
-
-    name: str
-    weights: tuple[str, ...]
-    values: FloatArray
 
 
 @dataclass(frozen=True)
@@ -430,9 +423,9 @@ class _Shapes:
         return np.asarray(self.spline(time).T, dtype=float)
 
 
-def _splined(time: FloatArray, rows: Sequence[_Rows]) -> Iterator[TimeVaryingParameter]:
+def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[TimeVaryingParameter]:
     """The courses at any times, by cubic splines through `time` (n,) s; those without weights left out."""
-    together = CubicSpline(time, np.concatenate([each.values for each in rows]).T)
+    together = CubicSpline(time, np.concatenate([each.shapes for each in rows]).T)
     last = 0
     for each in rows:
         first, last = last, last + len(each.weights)

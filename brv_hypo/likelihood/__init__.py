@@ -10,7 +10,7 @@
 In the order of the data: segment (checked input), derivatives (complex step or central differences),
 collocation (Hermite-Simpson defects), elimination (of the states), gauss_newton (step, line search, extrapolation),
 starts (starting points, long gaps, finer meshes), noise (measurement noise), filter_error (process noise), search, then
-uncertainty and assessment (standard errors, and what cannot be trusted).
+uncertainty and result (standard errors, and what cannot be trusted).
 """
 
 from brv_hypo.likelihood.derivatives import Delayed, PartialJacobian

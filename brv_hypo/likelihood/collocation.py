@@ -212,7 +212,7 @@ def _points(
     for name, whole in back.items():
         stencil = whole.part(where)
         delayed[name] = Delayed(stencil.apply(x), stencil.apply(u))
-        rates[name] = Delayed(stencil.apply_rate(x), stencil.apply_rate(u))
+        rates[name] = Delayed(stencil.apply(x, rate=True), stencil.apply(u, rate=True))
     time_varying = tuple(varying.part(where) for varying in grid.time_varying)
     return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, time_varying)
 

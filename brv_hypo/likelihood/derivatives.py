@@ -104,7 +104,8 @@ def jacobian(
     kind: type = complex if method == "complex" else float
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
-    value: list[FloatArray] = []
+    # The complex step has the value in its real part.
+    value = [] if method == "complex" else [np.asarray(_call(function, points.x, points, theta, points.delayed))]
     known: dict[str, FloatArray] = {}
     affine: Collection[str] = ()
     if isinstance(function, PartialJacobian):
@@ -119,8 +120,6 @@ def jacobian(
             return np.asarray(moved.imag.T / _COMPLEX_STEP)
         size = size_of()
         if straight:
-            if not value:
-                value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
             return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
         step = _CENTRAL_STEP * size
         return np.asarray((np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step))
@@ -145,11 +144,6 @@ def jacobian(
 
         return move
 
-    def along_varying(varying: SampledParameter) -> Callable[[Any], Any]:
-        return lambda step: _call(
-            function, x, points, dict(theta) | {varying.name: theta[varying.name] + step}, delayed
-        )
-
     columns = [derivative(along_row(x, row), partial(_size, points.x[row])) for row in range(n_states)]
     through: dict[str, FloatArray] = {}
     for varying in points.time_varying:
@@ -157,7 +151,7 @@ def jacobian(
             size = partial(_largest_size, varying.weights, theta, scale)
             own = known.get(varying.name)
             if own is None:
-                own = derivative(along_varying(varying), size, varying.name in affine)
+                own = derivative(along_parameter(varying.name), size, varying.name in affine)
             for w, shape in zip(varying.weights, varying.shapes, strict=True):
                 part = own * shape[:, None]
                 through[w] = through[w] + part if w in through else part
@@ -173,8 +167,6 @@ def jacobian(
         columns += [
             derivative(along_row(before.x, row), partial(_size, points.delayed[name].x[row])) for row in range(n_states)
         ]
-    if not value:
-        value.append(np.asarray(_call(function, points.x, points, theta, points.delayed)))
     stacked = np.stack(columns, axis=-1)
     last = n_states + len(names)
     by_delayed = {

@@ -225,6 +225,8 @@ class Eliminated(ABC):
 
     problem: Quadratic
     x: FloatArray
+    triangle: FloatArray
+    """That of `residuals` and of the whitened process noise, the constant part as last column, (1 + p, 1 + p)."""
 
     def states(self, weights: FloatArray) -> FloatArray:
         """dx, (n, n_states)."""
@@ -238,12 +240,6 @@ class Eliminated(ABC):
         """r + J dx + J_p dp, (n, n_outputs, 1 + p): the constant part and the derivative by dp."""
         return self.problem.direct() + self.problem.by_state.dot(self.x)
 
-    @abstractmethod
-    def triangle(self) -> FloatArray:
-        """Upper triangle of the same rows and of the whitened process noise, the constant part as last column, (1 + p,
-        1 + p).
-        """
-
 
 @dataclass(frozen=True)
 class SaddlePoint(Eliminated):
@@ -256,23 +252,12 @@ class SaddlePoint(Eliminated):
         """See `Eliminated`."""
         return np.asarray(self.multiplier @ weights)
 
-    def triangle(self) -> FloatArray:
-        """See `Eliminated`."""
-        noise = [_residual_last(self.noise())] if np.any(self.noise()) else []
-        return upper_triangle(np.concatenate([_residual_last(self.residuals()), *noise]))
-
-    def noise(self) -> FloatArray:
-        """The whitened process noise, (n, n_states, 1 + p), the initial state's row first."""
-        variance = np.where(np.isfinite(self.problem.variance), self.problem.variance, 0.0)
-        return np.asarray(np.sqrt(variance)[:, :, None] * self.multiplier)
-
 
 @dataclass(frozen=True)
 class Condensed(Eliminated):
-    """By forward substitution; `dynamics` has the factors of D, `left` is the triangle of what is left."""
+    """By forward substitution; `dynamics` has the factors of D."""
 
     dynamics: SuperLU
-    left: FloatArray
 
     def multipliers(self, weights: FloatArray) -> FloatArray:
         """See `Eliminated`: D' l = -J' (r + J dx + J_p dp)."""
@@ -281,10 +266,6 @@ class Condensed(Eliminated):
         found = np.asarray(self.dynamics.solve(pull, trans="T")).reshape(n, m)  # type: ignore[call-overload]
         found[0, np.isinf(self.problem.variance[0])] = 0.0
         return found
-
-    def triangle(self) -> FloatArray:
-        """See `Eliminated`."""
-        return self.left.copy()
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:
@@ -326,7 +307,7 @@ def condense(problem: Quadratic) -> Condensed | None:
     if count and not singular[-1] > _OBSERVABLE * singular[0]:
         return None
     first[free] = -np.linalg.solve(triangle[:count, :count], triangle[:count, count:])[:, [-1, *range(columns - 1)]]
-    return Condensed(problem, x + units @ first, dynamics, triangle[count:, count:])
+    return Condensed(problem, x + units @ first, triangle[count:, count:], dynamics)
 
 
 def solve_saddle(problem: Quadratic) -> SaddlePoint | None:
@@ -350,7 +331,10 @@ def solve_saddle(problem: Quadratic) -> SaddlePoint | None:
     if not growth * norm < _SINGULAR or not np.all(np.isfinite(solution)):
         return None
     multiplier, x = solution[:, 0, :, :-1] * weight, solution[:, 1, :, :-1]
-    return SaddlePoint(problem, x, multiplier, _log_det(factor, problem, weight))
+    residuals = direct + problem.by_state.dot(x)
+    noise = np.sqrt(np.where(np.isfinite(problem.variance), problem.variance, 0.0))[:, :, None] * multiplier
+    rows = [_residual_last(residuals), *([_residual_last(noise)] if np.any(noise) else [])]
+    return SaddlePoint(problem, x, upper_triangle(np.concatenate(rows)), multiplier, _log_det(factor, problem, weight))
 
 
 def log_determinant(problem: Quadratic) -> float:

@@ -7,7 +7,7 @@ For linear dynamics, and to the order of Laplace's approximation otherwise,
 
 with C(Q, R) the covariance of the outputs and K, D the matrices of `elimination` (Schweppe, IEEE Trans. Information
 Theory 11 (1965) 61). At Q = 0 it is that of R and output error remains. `determinant` is what C adds, the initial state
-held; `Determinant` its gradient, the states following theta.
+held; `determinant_gradient` its derivative by theta, the states following.
 
 C is linear in the variances. They are estimated by Fisher scoring, Q moving as Q exp(s), R as F exp(S) F' with F its
 Cholesky factor, free initial states and theta integrated out, which adds 1/2 log det I(theta) (restricted likelihood:
@@ -47,10 +47,6 @@ Variances = Sequence[tuple[FloatArray, FloatArray]]
 # ---- The determinant that integrating the states out adds, and its gradient ----
 
 
-_FAR = 1e-3
-"""Way in standard errors over which the gradient is held. It turns with the logarithm of the information, so that the
-estimate is off by that way over the root of the samples.
-"""
 _THETA_STEP = 1e-4
 """Change of a parameter, in its size, for the gradient: truncation 1e-8 of the third derivative, rounding 1e-6."""
 
@@ -77,6 +73,12 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     return total
 
 
+def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
+    """Its derivative by theta, (p,), the states following."""
+    here = [(problem.process_noise, iterate.covariance)]
+    return np.asarray(_determinant_gradients(problem, iterate, segments, here)[0])
+
+
 def _determinant_gradients(
     problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], variances: Variances
 ) -> FloatArray:
@@ -98,25 +100,6 @@ def _determinant_gradients(
         change = _determinants(problem, up, variances) - _determinants(problem, down, variances)
         gradients[:, i] = change / (2.0 * step)
     return gradients
-
-
-class Determinant:
-    """Knows the determinant's gradient by theta from near by."""
-
-    def __init__(self) -> None:
-        self._gradient: FloatArray | None = None
-        self._way = 0.0
-
-    def moved(self, length: float) -> None:
-        """The search takes a step of this length, in standard errors."""
-        self._way += length
-
-    def gradient(self, problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
-        """Its derivative by theta, (p,), the states following."""
-        if self._gradient is None or self._way > _FAR:
-            here = [(problem.process_noise, iterate.covariance)]
-            self._gradient, self._way = _determinant_gradients(problem, iterate, segments, here)[0], 0.0
-        return self._gradient
 
 
 def disturbance_cost(problem: Problem, iterate: Iterate) -> float:
@@ -196,9 +179,8 @@ class Directions:
 
 @dataclass(frozen=True)
 class Score:
-    """Gradient of the NLLF (k,) and its expected Hessian (k, k) by the unknowns of `directions`."""
+    """Gradient of the NLLF (k,) and its expected Hessian (k, k) by the unknowns."""
 
-    directions: Directions
     gradient: FloatArray
     information: FloatArray
 
@@ -261,27 +243,25 @@ def scored(
     (BFGS).
     """
     linear = linearised(problem, iterate) if held is None else held
-    solved = _solved(problem, iterate, linear)
+    solved = _solved(problem, iterate, directions, linear)
     if solved is None:
         return Scored(problem, iterate)
     lengths = []
     score: Score | None = None
     move = np.zeros(directions.count)
     for _ in range(_SCORINGS if directions.count else 0):
-        gradient = _gradient(problem, iterate, directions, linear, solved)
+        gradient = solved.gradient()
         if information is None:
-            information = _information(problem, iterate, directions, linear, solved)
+            information = solved.information()
         if score is not None:
             information = _updated(information, gradient - score.gradient, move)
-        score = Score(directions, gradient, information)
-        problem, iterate, solved, move = _moved(problem, iterate, score, linear, solved)
+        score = Score(gradient, information)
+        solved, move = solved.along(score.step())
         lengths.append(score.length(move))
         if lengths[-1] < enough:
             break
     first, last = (lengths[0], lengths[-1]) if lengths else (0.0, 0.0)
-    return Scored(
-        problem=problem, iterate=iterate, first=first, last=last, information=information, segments=solved.segments
-    )
+    return Scored(solved.problem, solved.iterate, first, last, information, solved.segments)
 
 
 def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
@@ -292,88 +272,14 @@ def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> F
     return np.asarray(information + np.outer(change, change) / along - np.outer(pull, pull) / float(pull @ move))
 
 
-def _moved(
-    problem: Problem, iterate: Iterate, score: Score, linear: Sequence[Parts], solved: _Solved
-) -> tuple[Problem, Iterate, _Solved, FloatArray]:
-    """As far along the score's step as the likelihood rises, and the move."""
-    move = score.step()
-    for _ in range(_HALVINGS):
-        trial = moved_noise(problem, iterate, score.directions, move)
-        found = _solved(*trial, linear)
-        if found is not None and found.nllf <= solved.nllf + 1e-10 * abs(solved.nllf):
-            return *trial, found, move
-        move = 0.5 * move
-    return problem, iterate, solved, np.zeros_like(move)
-
-
-def _gradient(
-    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Parts], solved: _Solved
-) -> FloatArray:
-    """Of the restricted NLLF, by differences."""
-    changes = _SMALL_DIFFERENCE * np.eye(directions.count)
-    found = _at_variances(problem, iterate, changed_variances(problem, iterate, directions, changes), linear)
-    return np.array([(each or solved).nllf - solved.nllf for each in found]) / _SMALL_DIFFERENCE
-
-
-def _information(
-    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Parts], solved: _Solved
-) -> FloatArray:
-    """The expected Hessian, from second differences."""
-    count, unit = directions.count, _DIFFERENCE * np.eye(directions.count)
-    coupled = count if count <= _COUPLED else len(directions.driven) + problem.grids[0].y.shape[0]
-    pairs = np.array([(a, b) for a in range(min(coupled, count)) for b in range(a)], dtype=int).reshape(-1, 2)
-    changes = np.concatenate([unit, -unit, unit[pairs[:, 0]] + unit[pairs[:, 1]]])
-    found = _at_variances(problem, iterate, changed_variances(problem, iterate, directions, changes), linear)
-    differences = np.array([(each or solved).log_det - solved.log_det for each in found])
-    up, down, both = np.split(differences, [count, 2 * count])
-    second = np.diag(up + down)
-    for (a, b), value in zip(pairs, both, strict=True):
-        second[a, b] = second[b, a] = value - up[a] - up[b]
-    return np.asarray(-0.5 * second / _DIFFERENCE**2)
-
-
-def moved_noise(
-    problem: Problem, iterate: Iterate, directions: Directions, move: FloatArray
-) -> tuple[Problem, Iterate]:
-    """Q exp(s) and F exp(S) F'."""
-    noise = problem.process_noise.copy()
-    driven = list(directions.driven)
-    noise[driven] *= np.exp(0.5 * move[: len(driven)])
-    power, rotation = np.linalg.eigh(_symmetric(directions, move, iterate.covariance.shape[0]))
-    root = np.linalg.cholesky(iterate.covariance) @ rotation * np.exp(0.5 * power)
-    covariance = iterate.covariance if not directions.entries else np.asarray(root @ root.T)
-    return replace(problem, process_noise=noise), replace(iterate, covariance=covariance)
-
-
-def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArray:
-    found = np.zeros((size, size))
-    for (a, b), value in zip(directions.entries, move[len(directions.driven) :], strict=True):
-        found[a, b] = found[b, a] = value
-    return found
-
-
-def changed_variances(problem: Problem, iterate: Iterate, directions: Directions, changes: FloatArray) -> Variances:
-    """After changes (k, unknowns) of the variances on straight lines: Q (1 + s), F (1 + S) F'."""
-    factor = np.ones((len(changes), problem.process_noise.size))
-    factor[:, list(directions.driven)] += changes[:, : len(directions.driven)]
-    root = np.linalg.cholesky(iterate.covariance)
-    turned = np.array([_symmetric(directions, change, len(root)) for change in changes])
-    noises, covariances = problem.process_noise * np.sqrt(factor), iterate.covariance + root @ turned @ root.T
-    return list(zip(noises, covariances, strict=True))
-
-
-def _at_variances(
-    problem: Problem, iterate: Iterate, variances: Variances, linear: Sequence[Parts]
-) -> Iterator[_Solved | None]:
-    """The same with each of several variances."""
-    for noise, covariance in variances:
-        yield _solved(replace(problem, process_noise=noise), replace(iterate, covariance=covariance), linear)
-
-
 @dataclass(frozen=True)
 class _Solved:
     """With the states best for the variances, the functions linear."""
 
+    problem: Problem  # with the process noise
+    iterate: Iterate  # with the measurement noise, the states where they are linear about
+    directions: Directions  # what is estimated
+    linear: Sequence[Parts]  # the linearisation
     objective: float  # half the weighted sum of squares
     log_det: float  # log det C + log det I(theta), but for a constant
     segments: tuple[Sensitivity, ...]  # the segments, states integrated out
@@ -384,8 +290,63 @@ class _Solved:
         total = self.objective + 0.5 * self.log_det
         return total if np.isfinite(total) else float("inf")
 
+    def gradient(self) -> FloatArray:
+        """Of the restricted NLLF, by differences."""
+        found = self.at(self.changed_variances(_SMALL_DIFFERENCE * np.eye(self.directions.count)))
+        return np.array([(each or self).nllf - self.nllf for each in found]) / _SMALL_DIFFERENCE
 
-def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Parts]) -> _Solved | None:
+    def information(self) -> FloatArray:
+        """The expected Hessian, from second differences."""
+        count, unit = self.directions.count, _DIFFERENCE * np.eye(self.directions.count)
+        coupled = count if count <= _COUPLED else len(self.directions.driven) + self.problem.grids[0].y.shape[0]
+        pairs = np.array([(a, b) for a in range(min(coupled, count)) for b in range(a)], dtype=int).reshape(-1, 2)
+        changes = np.concatenate([unit, -unit, unit[pairs[:, 0]] + unit[pairs[:, 1]]])
+        found = self.at(self.changed_variances(changes))
+        differences = np.array([(each or self).log_det - self.log_det for each in found])
+        up, down, both = np.split(differences, [count, 2 * count])
+        second = np.diag(up + down)
+        for (a, b), value in zip(pairs, both, strict=True):
+            second[a, b] = second[b, a] = value - up[a] - up[b]
+        return np.asarray(-0.5 * second / _DIFFERENCE**2)
+
+    def along(self, move: FloatArray) -> tuple[_Solved, FloatArray]:
+        """As far along the move as the likelihood rises, and that move: Q exp(s) and F exp(S) F'."""
+        driven, covariance = list(self.directions.driven), self.iterate.covariance
+        for _ in range(_HALVINGS):
+            noise = self.problem.process_noise.copy()
+            noise[driven] *= np.exp(0.5 * move[: len(driven)])
+            power, rotation = np.linalg.eigh(_symmetric(self.directions, move, len(covariance)))
+            root = np.linalg.cholesky(covariance) @ rotation * np.exp(0.5 * power)
+            found = next(self.at([(noise, root @ root.T if self.directions.entries else covariance)]))
+            if found is not None and found.nllf <= self.nllf + 1e-10 * abs(self.nllf):
+                return found, move
+            move = 0.5 * move
+        return self, np.zeros_like(move)
+
+    def changed_variances(self, changes: FloatArray) -> Variances:
+        """After changes (k, unknowns) of the variances on straight lines: Q (1 + s), F (1 + S) F'."""
+        process_noise, covariance = self.problem.process_noise, self.iterate.covariance
+        factor = np.ones((len(changes), process_noise.size))
+        factor[:, list(self.directions.driven)] += changes[:, : len(self.directions.driven)]
+        root = np.linalg.cholesky(covariance)
+        turned = np.array([_symmetric(self.directions, change, len(root)) for change in changes])
+        return list(zip(process_noise * np.sqrt(factor), covariance + root @ turned @ root.T, strict=True))
+
+    def at(self, variances: Variances) -> Iterator[_Solved | None]:
+        """The same with each of several variances."""
+        for noise, covariance in variances:
+            problem = replace(self.problem, process_noise=noise)
+            yield _solved(problem, replace(self.iterate, covariance=covariance), self.directions, self.linear)
+
+
+def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArray:
+    found = np.zeros((size, size))
+    for (a, b), value in zip(directions.entries, move[len(directions.driven) :], strict=True):
+        found[a, b] = found[b, a] = value
+    return found
+
+
+def _solved(problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Parts]) -> _Solved | None:
     """None where the states are not determined."""
     segments, log_det, squares = [], 0.0, 0.0
     for grid, x, parts in zip(problem.grids, iterate.x, linear, strict=True):
@@ -396,7 +357,7 @@ def _solved(problem: Problem, iterate: Iterate, linear: Sequence[Parts]) -> _Sol
         squares += float(np.sum(segments[-1].triangle[:, -1] ** 2))
         log_det += log_determinants(grid.measured, iterate.covariance) + solution.log_det
     log_det += _log_det_information(problem, iterate, segments)
-    return _Solved(objective=0.5 * squares, log_det=log_det, segments=tuple(segments))
+    return _Solved(problem, iterate, directions, linear, 0.5 * squares, log_det, tuple(segments))
 
 
 def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> float:
@@ -423,13 +384,7 @@ _POOREST = 1.0  # variance of the logarithm of a variance that is counted at mos
 
 
 def with_unknown_variances(
-    problem: Problem,
-    iterate: Iterate,
-    directions: Directions,
-    linear: Sequence[Parts],
-    segments: Sequence[Sensitivity],
-    spread: FloatArray,
-    covariance: FloatArray,
+    here: _Solved, segments: Sequence[Sensitivity], spread: FloatArray, covariance: FloatArray
 ) -> FloatArray:
     """The covariance of theta (p, p), nan where it was; `spread` (unknowns, unknowns) is that of the variances."""
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
@@ -438,9 +393,9 @@ def with_unknown_variances(
     if not known.size or not weight.size:
         return covariance
     changes = _LOG_VARIANCE_STEP * np.concatenate([np.zeros((1, axes.shape[1])), axes])
-    variances = changed_variances(problem, iterate, directions, changes)
-    gradients = _determinant_gradients(problem, iterate, segments, variances)
-    for row, solved in zip(gradients, _at_variances(problem, iterate, variances, linear), strict=True):
+    variances = here.changed_variances(changes)
+    gradients = _determinant_gradients(here.problem, here.iterate, segments, variances)
+    for row, solved in zip(gradients, here.at(variances), strict=True):
         # Of the objective, the states following: nan where these are not determined.
         triangle = np.full((1, row.size + 1), np.nan) if solved is None else information_factor(solved.segments)
         row += triangle[:, :-1].T @ triangle[:, -1]
@@ -484,15 +439,10 @@ def noise_errors(
     process, measurement = unknown.process, unknown.measurement
     if not directions.count or not np.any(problem.process_noise):
         return unknown
-    linear = linearised(problem, iterate)
-    solved = _solved(problem, iterate, linear)
+    solved = _solved(problem, iterate, directions, linearised(problem, iterate))
     if solved is None:
         return unknown
-    score = Score(
-        directions,
-        _gradient(problem, iterate, directions, linear, solved),
-        _information(problem, iterate, directions, linear, solved),
-    )
+    score = Score(solved.gradient(), solved.information())
     gone = score.vanished
     live = np.flatnonzero(~gone)
     spread = np.zeros((directions.count, directions.count))
@@ -509,7 +459,7 @@ def noise_errors(
         measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
         measurement[measurement == 0.0] = np.nan
     if segments:
-        covariance = with_unknown_variances(problem, iterate, directions, linear, segments, spread, covariance)
+        covariance = with_unknown_variances(solved, segments, spread, covariance)
     never_measured = ~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
     return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, never_measured))
 

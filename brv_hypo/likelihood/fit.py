@@ -10,12 +10,11 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.assessment import assess
 from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Function, check_shape, choose_method, parameter_scales
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
 from brv_hypo.likelihood.noise import Shape, least_variance
-from brv_hypo.likelihood.result import FitResult
+from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
 from brv_hypo.likelihood.starts import (

@@ -283,7 +283,7 @@ def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice)
 
 def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
     """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
-    triangle = eliminated.triangle()
+    triangle = eliminated.triangle.copy()
     direct = eliminated.problem.by_parameter
     void = np.sum(triangle[:, :-1] ** 2, axis=0) <= _ROUNDING**2 * np.einsum("nap,nap->p", direct, direct)
     triangle[:, :-1][:, void] = 0.0

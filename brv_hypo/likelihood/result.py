@@ -1,22 +1,46 @@
-"""What a fit returns, and its report.
+"""The result of a fit: `FitResult`, a table by parameter with a text in the manner of lmfit; `assess` works it out.
 
-`FitResult` is a table by parameter; its `report` writes it as text in the manner of lmfit.
+At the end of a search `assess` adds standard errors, likelihood, innovations and warnings. The discretisation's effect
+on the estimate is part of it. An interval's error is the difference of two quadratures of the slope, Simpson's with the
+midpoint of the collocation's cubic and Boole's on a quartic, whose points come from one Picard step from that cubic;
+what process noise adds over the interval is no error of the mesh. A change dc of the defects moves the estimate by
+-H^-1 L' dc, with L the derivatives of the multipliers by theta (see `elimination`) and H the information.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.derivatives import Method
-from brv_hypo.likelihood.noise import whitening
-from brv_hypo.likelihood.search import Iteration, Status
-from brv_hypo.likelihood.uncertainty import Identifiability, Linearised, Whiteness
+from brv_hypo.likelihood.derivatives import Method, Points, evaluate
+from brv_hypo.likelihood.elimination import SaddlePoint
+from brv_hypo.likelihood.filter_error import NoiseErrors, directions_of, kalman_innovations, noise_errors
+from brv_hypo.likelihood.gauss_newton import (
+    Iterate,
+    Problem,
+    Sensitivity,
+    SingularStatesError,
+    information_factor,
+    sensitivities,
+)
+from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood, whitening
+from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
+from brv_hypo.likelihood.segment import Grid
+from brv_hypo.likelihood.uncertainty import (
+    Identifiability,
+    Linearised,
+    Whiteness,
+    coloured_covariance,
+    covariance_from_information,
+    identifiability,
+    inflation,
+    whiteness,
+)
 from brv_hypo.results import Row, Tabular
 
 if TYPE_CHECKING:
@@ -254,3 +278,287 @@ def _warnings(result: FitResult) -> list[str]:
     if result.identifiability.near_null:
         found.append(str(result.identifiability))
     return ["[[Beware]]", *(f"    {text}" for text in found)] if found else []
+
+
+# ---- The result of a search: standard errors, likelihood, innovations, warnings ----
+
+
+_LAGS = 20  # lags of the whiteness test
+_LOOSER = 3.0  # how much more loosely an unseen initial state is tied, to see which errors depend on that
+_SAME_ERROR = 0.01  # relative change of a standard error at that which counts as none
+TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
+_NOISE_FREE = 1e-4
+"""Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
+_ROUNDING = 1e-12  # the same of rounding
+_MOST_JUDGED = 8192
+"""Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
+
+Segments = tuple[Sensitivity, ...]
+
+
+def assess(outcome: Outcome, options: Options) -> FitResult:
+    """The result of a search; errors are nan where they cannot be had."""
+    problem, iterate = outcome.problem, outcome.iterate
+    parameters = problem.parameters
+    sampled = slice(None, None, options.mesh_steps)
+    refined, nllf = _innovations(problem, iterate)
+    innovations = tuple(each[:, sampled] for each in refined)
+    together = np.concatenate(innovations, axis=1)
+    observed = np.isfinite(together)
+    samples = int(observed.sum())
+    theta = parameters.as_mapping(iterate.theta)
+    at_bound = (iterate.theta <= parameters.lower) | (iterate.theta >= parameters.upper)
+    p = len(parameters.names)
+    estimated = np.flatnonzero(~at_bound)
+    triangle = np.full((p, p), np.nan)
+    white = coloured = np.full((p, p), np.nan)
+    segments, loose = _sensitivities(outcome)
+    rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
+    if segments:
+        triangle = information_factor(segments)[:p, :p]
+        white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
+    if loose:
+        white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
+    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+    shift = mesh_shift(problem, iterate, segments, white)
+    if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
+        noise = NoiseErrors.unknown(problem, iterate, white)  # those on a finer mesh will count
+    else:
+        noise = noise_errors(problem, iterate, wanted, segments, white)
+    if np.any(problem.process_noise):
+        white = coloured = noise.covariance
+        shift = mesh_shift(problem, iterate, segments, white)
+    determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
+    hidden = outcome.status == Status.STALLED and bool(determined.near_null)
+    tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
+    measured = np.concatenate([np.where(grid.measured, grid.y, np.nan) for grid in problem.grids], axis=1)
+    return FitResult(
+        status=outcome.status,
+        message=outcome.message if not hidden else f"{outcome.message}. {determined}",
+        names=parameters.names,
+        theta=theta,
+        std_error=_by_name(parameters.names, white),
+        std_error_coloured=_by_name(parameters.names, coloured),
+        covariance=white,
+        covariance_coloured=coloured,
+        log_likelihood=-nllf,
+        innovation_covariance=estimate_covariance(together, observed, options.noise, iterate.covariance, options.floor),
+        noise_covariance=iterate.covariance,
+        process_noise=problem.process_noise,
+        noise_std_error=noise.measurement,
+        process_noise_std_error=noise.process,
+        iterations=len(outcome.history),
+        history=outcome.history,
+        identifiability=determined,
+        whiteness=tests,
+        states=tuple(x[:, sampled] for x in iterate.x),
+        innovations=innovations,
+        at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
+        derivatives=problem.model.method,
+        samples=samples,
+        linear=Linearised(tuple(each[:, :, 1:] for each in rows), triangle, 1.0 / parameters.prior_std**2, estimated)
+        if rows
+        else None,
+        mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
+        mesh_steps=options.mesh_steps,
+        remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),
+    )
+
+
+def _covariances(
+    problem: Problem,
+    rows: Sequence[FloatArray],
+    triangle: FloatArray,
+    samples: int,
+    estimated: IntArray,
+    options: Options,
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance for white residuals and corrected for coloured ones, (p, p); nan where they cannot be had.
+
+    Both make up for what the fit took out of the residuals' variance, where the noise was estimated from them.
+    """
+    parameters = problem.parameters
+    raw = covariance_from_information(triangle, parameters.prior_std, estimated)
+    unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
+    # The likelihood of states that noise drives makes up for it itself (`filter_error`).
+    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
+    known = np.flatnonzero(np.isfinite(np.diag(raw)))
+    if not rows or not known.size:
+        return white, white
+    block = np.ix_(known, known)
+    prior = 1.0 / parameters.prior_std[known] ** 2
+    sensitivity = [s[:, :, 1 + known] for s in rows]
+    left = [s[:, :, 0] for s in rows]
+    corrected = coloured_covariance(raw[block], prior, sensitivity, left)
+    if options.estimate_noise:
+        corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
+    coloured = np.full_like(raw, np.nan)
+    coloured[block] = corrected
+    return white, coloured
+
+
+def _sensitivities(outcome: Outcome) -> tuple[Segments, Segments]:
+    """The sensitivities at the end; where no output sees a state, with its start tied loosely, and then more loosely.
+
+    The second is empty where nothing had to be tied.
+    """
+    problem, iterate = outcome.problem, outcome.iterate
+    try:
+        return outcome.segments or sensitivities(problem, iterate), ()
+    except SingularStatesError:
+        pass
+    try:
+        return (
+            sensitivities(problem, iterate, anchored=True),
+            sensitivities(replace(problem, size=_LOOSER * problem.size), iterate, anchored=True),
+        )
+    except SingularStatesError:
+        return (), ()
+
+
+def _undisturbed(
+    problem: Problem, loose: Segments, estimated: IntArray, covariance: FloatArray, triangle: FloatArray
+) -> FloatArray:
+    """The covariance of the parameters that do not notice how loosely an unseen state is tied; nan for others."""
+    p = covariance.shape[0]
+    both = [
+        np.sqrt(np.diag(covariance_from_information(each, problem.parameters.prior_std, estimated)))
+        for each in (triangle, information_factor(loose)[:p, :p])
+    ]
+    lost = ~(np.abs(both[1] / both[0] - 1.0) < _SAME_ERROR)
+    found = covariance.copy()
+    found[lost] = found[:, lost] = np.nan
+    return found
+
+
+def _never_measured(y: FloatArray) -> tuple[str, ...]:
+    """Outputs (n_outputs, n) without a sample."""
+    rows = np.flatnonzero(~np.isfinite(y).any(axis=1)).tolist()
+    if not rows:
+        return ()
+    return (
+        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_covariance holds "
+        "for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of y and of "
+        "the outputs if that is meant",
+    )
+
+
+def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
+    """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
+    if not options.estimate_noise:
+        return ()
+    left, size = (
+        np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)
+    )
+    quiet = [
+        i
+        for i, test in enumerate(tests)
+        if left[i] < _NOISE_FREE * size[i] and not (test.white and left[i] > _ROUNDING * size[i])
+    ]
+    if not quiet:
+        return ()
+    return (
+        f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal, "
+        "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
+        "nothing of these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
+    )
+
+
+def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, ...], float]:
+    """Innovations by segment, and the NLLF of Eq. 3.10 (E8).
+
+    With process noise they are the filter's, else the residuals.
+    """
+    if np.any(problem.process_noise):
+        return kalman_innovations(problem, iterate)
+    found = residuals(problem, iterate)
+    together = np.concatenate(found, axis=1)
+    return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
+
+
+def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:
+    """Standard errors; nan where rounding has left no variance, of parameters that all but stand for each other."""
+    variance = np.diag(covariance)
+    return dict(zip(names, np.sqrt(np.where(variance >= 0.0, variance, np.nan)).tolist(), strict=True))
+
+
+# ---- How far the discretisation moves the estimate ----
+
+
+_NODES = np.linspace(0.0, 1.0, 5)
+_BOOLE = np.array([7.0, 32.0, 12.0, 32.0, 7.0]) / 90.0
+_PARTIAL = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1) @ np.linalg.inv(
+    np.vander(_NODES, increasing=True)
+)
+"""Integrals of the quartic through five slopes from the start to each node, (5, 5)."""
+
+
+def mesh_shift(
+    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], covariance: FloatArray
+) -> FloatArray:
+    """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
+
+    `covariance` (p, p) is that of theta, nan for parameters that the fit could not move. Known without delays, for
+    segments of at most _MOST_JUDGED samples.
+    """
+    p = len(problem.parameters.names)
+    known = np.isfinite(np.diag(covariance))
+    long = any(grid.n > _MOST_JUDGED for grid in problem.grids)
+    if problem.model.delays or long or not segments or not known.any():
+        return np.full(p, np.nan)
+    gradient = np.zeros(p)
+    for grid, x, segment in zip(problem.grids, iterate.x, segments, strict=True):
+        assert isinstance(segment.eliminated, SaddlePoint)  # only delays are condensed
+        with np.errstate(all="ignore"):
+            error = interval_errors(problem, grid, x, problem.parameters.as_mapping(iterate.theta))
+        multiplier = segment.eliminated.multiplier[1:, :, 1:]
+        gradient += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
+    block = covariance[np.ix_(known, known)]
+    shift = np.full(p, np.nan)
+    shift[known] = block @ gradient[known] / np.sqrt(np.diag(block))
+    return shift
+
+
+def interval_errors(problem: Problem, grid: Grid, x: FloatArray, theta: Mapping[str, float]) -> FloatArray:
+    """Change of state over each interval less what Simpson's rule makes of it, (n_states, n - 1)."""
+    h = grid.step
+    corner = _slopes(problem, grid, {0.0: x[:, :-1], 1.0: x[:, 1:]}, theta)
+    cubic = {s: _hermite(s, h, x, corner[0.0], corner[1.0]) for s in _NODES[1:-1].tolist()}
+    first = corner | _slopes(problem, grid, cubic, theta)
+    slopes = np.stack([first[s] for s in _NODES.tolist()])
+    simpson = (first[0.0] + 4.0 * first[0.5] + first[1.0]) / 6.0
+    # Of a state that nothing drives, what is left is how far the search is from its end.
+    noisy = (problem.process_noise > 0.0)[:, np.newaxis]
+    driven = np.where(noisy, x[:, 1:] - x[:, :-1] - h * simpson, 0.0)
+    better = x[:, :-1] + h * np.einsum("ij,jmn->imn", _PARTIAL, slopes) + _NODES[:, None, None] * driven
+    second = corner | _slopes(problem, grid, {s: better[i] for i, s in enumerate(_NODES.tolist()) if 0 < i < 4}, theta)
+    boole = sum(weight * second[s] for weight, s in zip(_BOOLE, _NODES.tolist(), strict=True))
+    return np.asarray(h * (boole - simpson))
+
+
+def _slopes(
+    problem: Problem, grid: Grid, states: Mapping[float, FloatArray], theta: Mapping[str, float]
+) -> dict[float, FloatArray]:
+    """The dynamics at states (n_states, n - 1) at fractions of every interval."""
+    found = {}
+    for s, x in states.items():
+        time_varying = tuple(replace(c, shapes=_within(grid, c.shapes, s)) for c in grid.time_varying)
+        points = Points(x, _within(grid, grid.u, s), grid.t[: grid.n - 1] + s * grid.step, time_varying=time_varying)
+        found[s] = evaluate(problem.model.dynamics, points, theta)
+    return found
+
+
+def _within(grid: Grid, signal: FloatArray, s: float) -> FloatArray:
+    """A signal at a fraction of every interval: on the parabola by its start, middle and end, before a jump there."""
+    n = grid.n
+    end = signal[:, 2 * n - 1 :] if grid.jumps else signal[:, 1:n]
+    weights = 2.0 * (s - 0.5) * (s - 1.0), 4.0 * s * (1.0 - s), 2.0 * s * (s - 0.5)
+    return np.asarray(weights[0] * signal[:, : n - 1] + weights[1] * signal[:, n : 2 * n - 1] + weights[2] * end)
+
+
+def _hermite(s: float, h: FloatArray, x: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """The cubic through states and slopes at both ends, at a fraction of every interval."""
+    low, high = x[:, :-1], x[:, 1:]
+    return np.asarray(
+        low + s**2 * (3.0 - 2.0 * s) * (high - low) + h * (s * (1.0 - s) ** 2 * before - s**2 * (1.0 - s) * after)
+    )

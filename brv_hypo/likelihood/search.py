@@ -5,18 +5,20 @@ A merit function weighs the fit against violated dynamics. `search` is the entra
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import evaluate_segment
 from brv_hypo.likelihood.filter_error import (
-    Determinant,
     Directions,
     determinant,
+    determinant_gradient,
     directions_of,
     disturbance_cost,
     scored,
@@ -40,61 +42,55 @@ from brv_hypo.progress import Report, silent
 
 
 class Status(StrEnum):
-    """The value is what is shown and compared; each knows its cause and remedy."""
+    """The value is what is shown and compared; each knows its `cause`, and its `remedy`, empty where none is needed."""
 
-    CONVERGED = "converged"
-    COARSE = "coarse mesh"
-    ITERATION_LIMIT = "iteration limit"
-    STALLED = "stalled"
-    UNDETERMINED = "undetermined"
-    STIFF = "too stiff"
-    DIVERGED = "diverged"
+    cause: str
+    remedy: str
 
-    @property
-    def cause(self) -> str:
-        """What happened."""
-        return _CAUSES[self][0]
+    def __new__(cls, value: str, cause: str, remedy: str = "") -> Status:
+        """A status by its value, which alone is its text."""
+        status = str.__new__(cls, value)
+        status._value_, status.cause, status.remedy = value, cause, remedy
+        return status
 
-    @property
-    def remedy(self) -> str:
-        """What to try; empty where nothing need be done."""
-        return _CAUSES[self][1]
+    CONVERGED = "converged", "the step is negligible against the standard errors"
+    COARSE = (
+        "coarse mesh",
+        "the search converged, but the motion is too fast for the mesh, so that estimates and errors are wrong",
+        "Sample faster, or eliminate the fastest state (let it follow the others at once)",
+    )
+    ITERATION_LIMIT = (
+        "iteration limit",
+        "the iterations were not enough",
+        "Look at the near-null directions in identifiability: parameters that the data do not separate; fix or bound "
+        "some, or raise max_iterations",
+    )
+    STALLED = (
+        "stalled",
+        "no fraction of the step improves the fit: the derivatives are wrong (a function that is not smooth, or not "
+        "vectorised over samples) or the start is too far away",
+        "Check the functions, or start nearer",
+    )
+    UNDETERMINED = (
+        "undetermined",
+        "a state neither shows in an output nor drives one that does",
+        "Measure it, leave it out of the states, or give x0_std so that its start is known",
+    )
+    STIFF = (
+        "too stiff",
+        "between two samples the fastest state settles so many times over that rounding hides the slow ones",
+        "Let that state follow the others at once (set its rate to 0 and solve for it), or sample faster",
+    )
+    DIVERGED = (
+        "diverged",
+        "the step is not finite: the functions overflowed or returned nan",
+        "Start nearer to the solution, set bounds, or check the dynamics for divisions by zero",
+    )
 
     @property
     def message(self) -> str:
         """Cause and remedy in one text."""
         return f"{self.cause}. {self.remedy}" if self.remedy else self.cause
-
-
-_CAUSES = {
-    Status.CONVERGED: ("the step is negligible against the standard errors", ""),
-    Status.COARSE: (
-        "the search converged, but the motion is too fast for the mesh, so that estimates and errors are wrong",
-        "Sample faster, or eliminate the fastest state (let it follow the others at once)",
-    ),
-    Status.ITERATION_LIMIT: (
-        "the iterations were not enough",
-        "Look at the near-null directions in identifiability: parameters that the data do not separate; fix or bound "
-        "some, or raise max_iterations",
-    ),
-    Status.STALLED: (
-        "no fraction of the step improves the fit: the derivatives are wrong (a function that is not smooth, or not "
-        "vectorised over samples) or the start is too far away",
-        "Check the functions, or start nearer",
-    ),
-    Status.UNDETERMINED: (
-        "a state neither shows in an output nor drives one that does",
-        "Measure it, leave it out of the states, or give x0_std so that its start is known",
-    ),
-    Status.STIFF: (
-        "between two samples the fastest state settles so many times over that rounding hides the slow ones",
-        "Let that state follow the others at once (set its rate to 0 and solve for it), or sample faster",
-    ),
-    Status.DIVERGED: (
-        "the step is not finite: the functions overflowed or returned nan",
-        "Start nearer to the solution, set bounds, or check the dynamics for divisions by zero",
-    ),
-}
 
 
 # ---- The search ----
@@ -117,6 +113,9 @@ _NEAR = 0.3
 _HELD = 2.5
 """Way, in tolerances, over which derivatives are held: with them the search ends where residuals are orthogonal to the
 derivatives of another place, off by less than that way."""
+_FAR = 1e-3
+"""The same, in standard errors, of the gradient of what integrating the states out adds: it turns with the logarithm of
+the information, so that the estimate is off by that way over the root of the samples."""
 _HELD_VALUES = 4_000_000  # samples times parameters up to which derivatives are kept for that
 _TOO_SHORT = 1e-2
 """Length of a step, in standard errors, below which the merit cannot judge it beside process noise: the states follow
@@ -179,9 +178,11 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         problem, iterate = _noise_first(problem, iterate, options)
     history: list[Iteration] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
-    derivatives = _HeldDerivatives(problem, _HELD * options.tolerance)
-    extrapolation = Extrapolation(problem)
-    noise, integrated = _Noise(options), Determinant()
+    # Beside process noise, whose states may follow anything, derivatives hold where they were taken.
+    noisy = bool(np.any(problem.process_noise))
+    derivatives: _Derivatives = _Nearby(0.0 if noisy else _HELD * options.tolerance)
+    turn: _Nearby[FloatArray] = _Nearby(_FAR)
+    extrapolation, noise = Extrapolation(problem), _Noise(options)
 
     def ended(status: Status, detail: str = "") -> Outcome:
         message = f"{detail}: {status.message}" if detail else status.message
@@ -191,14 +192,14 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         try:
             segments, unseen = noise.segments, None
             if not segments:
-                segments, unseen = _sensitivities(problem, iterate, derivatives.at(iterate))
+                segments, unseen = _sensitivities(problem, iterate, derivatives.here(_derivatives, problem, iterate))
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         noisy = bool(np.any(problem.process_noise))
-        gradient = integrated.gradient(problem, iterate, segments) if noisy else None
+        gradient = turn.here(determinant_gradient, problem, iterate, segments) if noisy else None
         step = gauss_newton_step(problem, iterate, segments, gradient)
         derivatives.moved(step.length)
-        integrated.moved(step.length)
+        turn.moved(step.length)
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
@@ -258,31 +259,35 @@ def _nllf(problem: Problem, iterate: Iterate) -> float:
     return fit + disturbance_cost(problem, iterate) + determinant(problem, iterate)
 
 
-class _HeldDerivatives:
-    """Derivatives of dynamics and outputs, taken anew once the search has gone `far` (standard errors) since.
+T = TypeVar("T")
 
-    Each costs as much as many evaluations. Beside process noise, whose states may follow anything, they hold where they
-    were taken.
-    """
 
-    def __init__(self, problem: Problem, far: float) -> None:
-        self._problem, self._far = problem, far
-        samples = sum(grid.n for grid in problem.grids)
-        self._holds = samples * len(problem.parameters.names) <= _HELD_VALUES
-        if np.any(problem.process_noise):
-            self._far = 0.0
-        self._known: tuple[Parts, ...] | None = None
+class _Nearby(Generic[T]):
+    """A value that costs much, found anew once the search has gone `far` (standard errors) since."""
+
+    def __init__(self, far: float) -> None:
+        self._far = far
+        self._known: T | None = None
         self._way = 0.0
 
-    def at(self, iterate: Iterate) -> tuple[Parts, ...] | None:
-        """Those that hold at the iterate; None where none are held."""
-        if self._holds and (self._known is None or not self._way <= self._far):
-            self._known, self._way = linearised(self._problem, iterate), 0.0
+    def here(self, find: Callable[..., T], *arguments: Any) -> T:
+        """The one that holds where the search is, as `find` has it."""
+        if self._known is None or not self._way <= self._far:
+            self._known, self._way = find(*arguments), 0.0
         return self._known
 
     def moved(self, length: float) -> None:
         """The search takes a step of this length, in standard errors."""
         self._way += length
+
+
+_Derivatives = _Nearby[tuple[Parts, ...] | None]
+
+
+def _derivatives(problem: Problem, iterate: Iterate) -> tuple[Parts, ...] | None:
+    """Those of dynamics and outputs, each as much as many evaluations; None where they would be too many to keep."""
+    samples = sum(grid.n for grid in problem.grids)
+    return linearised(problem, iterate) if samples * len(problem.parameters.names) <= _HELD_VALUES else None
 
 
 def _sensitivities(
@@ -302,7 +307,7 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
     """
     for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
-            held = _HeldDerivatives(problem, 0.0).at(iterate)
+            held = _derivatives(problem, iterate)
             found = scored(problem, iterate, _wanted(problem, options, estimate_noise), _NEAR_NOISE, held)
             problem, iterate = found.problem, found.iterate
             try:
@@ -331,7 +336,7 @@ class _Noise:
         """Sensitivities where the search stands, if it is known."""
 
     def updated(
-        self, problem: Problem, iterate: Iterate, derivatives: _HeldDerivatives, length: float
+        self, problem: Problem, iterate: Iterate, derivatives: _Derivatives, length: float
     ) -> tuple[Problem, Iterate, bool]:
         """Both with new variances, after a step of this length, and whether these have settled."""
         options = self._options
@@ -347,7 +352,8 @@ class _Noise:
         if not wanted.count:
             return problem, iterate, True
         enough = max(_FEW, _FRACTION * length)
-        found = scored(problem, iterate, wanted, enough, derivatives.at(iterate), self._information)
+        held = derivatives.here(_derivatives, problem, iterate)
+        found = scored(problem, iterate, wanted, enough, held, self._information)
         self.segments = found.segments
         self._information = found.information if found.first < _NEAR_NOISE else None
         return found.problem, found.iterate, found.first < _CONVERGED_MOVE

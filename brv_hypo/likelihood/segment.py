@@ -45,15 +45,9 @@ class Stencil:
         """The stencil of some of the query times."""
         return Stencil(self.index[where], self.value[where], self.rate[where])
 
-    def apply(self, signal: FloatArray) -> FloatArray:
-        """The signal, (m, n_samples), at the query times, (m, n)."""
-        return self._apply(signal, self.value)
-
-    def apply_rate(self, signal: FloatArray) -> FloatArray:
-        """The time derivative of the signal, (m, n_samples), at the query times, (m, n)."""
-        return self._apply(signal, self.rate)
-
-    def _apply(self, signal: FloatArray, weights: FloatArray) -> FloatArray:
+    def apply(self, signal: FloatArray, *, rate: bool = False) -> FloatArray:
+        """The signal, (m, n_samples), or its time derivative, at the query times, (m, n)."""
+        weights = self.rate if rate else self.value
         found = np.zeros((signal.shape[0], self.index.shape[0]), dtype=signal.dtype)
         for index, weight in zip(self.index.T, weights.T, strict=True):
             found += signal[:, index] * weight

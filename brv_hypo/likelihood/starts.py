@@ -29,7 +29,7 @@ from brv_hypo.likelihood.gauss_newton import (
     sensitivities,
 )
 from brv_hypo.likelihood.noise import least_variance, noise_from_differences
-from brv_hypo.likelihood.result import FitResult, StartingPoint
+from brv_hypo.likelihood.result import TOLERATED, FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
 
@@ -372,7 +372,6 @@ def _unsmooth(y: FloatArray) -> FloatArray:
 # ---- Finer meshes: more steps between samples ----
 
 
-TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
 MOST_STEPS = 32  # steps between samples at most
 _ORDER = 4.0  # order of the collocation: how the error falls with the step
 _NEAR = 1.0

@@ -103,16 +103,6 @@ def include(w: Work, level: int, last: int) -> None:
 
 
 @compiled_part
-def score_leaf(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
-    """Score the singles, and the pairs, of a node."""
-    S = w.A[level]
-    d = w.scratch[1]
-    for i in range(m):
-        d[i] = S[i, i]
-    score(w, S, d, w.x[level], w.ids[level], m, w.base + level, pairs, w.rss[level], limits)
-
-
-@compiled_part
 def _swap(M: Any, j: int, last: int) -> None:
     """Exchange rows and columns j and last of a symmetric matrix."""
     for k in range(last + 1):
@@ -184,7 +174,7 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
             continue
         if quota <= 2:
             if quota > 0:
-                score_leaf(w, level, m, quota == 2, limits)
+                score(w, level, m, quota == 2, limits)
             leave(w, level)
             continue
         j = 0

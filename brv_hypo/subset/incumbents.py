@@ -40,7 +40,7 @@ class Board:
         # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of infinities.
         self._ceiling = 1.01 * frame.rss_forced
         self.perfect = (100.0 * EPS) ** 2 * frame.rss_forced
-        self._rows: list[list[tuple[float, tuple[int, ...]]]] = [[] for _ in range(self.max_size + 1)]
+        self._rows: list[list[Chosen]] = [[] for _ in range(self.max_size + 1)]
         self._offered: set[tuple[int, ...]] = set()
         self.limits = np.full(self.max_size + 1, self._ceiling * (1.0 + self.margin))
         self.limits[0] = CLOSED
@@ -102,7 +102,7 @@ class Board:
         # A perfect fit cannot be beaten; searching for its equals would visit every superset.
         self.limits[size] = worst * (1.0 + self.margin) if worst > self.perfect else CLOSED
 
-    def _compare(self, a: tuple[float, tuple[int, ...]], b: tuple[float, tuple[int, ...]]) -> int:
+    def _compare(self, a: Chosen, b: Chosen) -> int:
         low = max(min(a[0], b[0]), self.perfect)
         tie = TIE + 16.0 * EPS * float(np.sqrt(self.frame.rss_forced / low)) if low > 0.0 else TIE
         if abs(a[0] - b[0]) > tie * low:

@@ -14,7 +14,7 @@ Imported only when the compiled search is wanted: importing numba costs more tha
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from llvmlite import ir
@@ -35,20 +35,13 @@ ONE: Any = np.int64(1)
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def compiled(function: Function) -> Function:
-    """Compile on first call, keep on disk, run without the interpreter lock."""
-    return _compile(function)
-
-
-def compiled_part(function: Function) -> Function:
-    """The same for what compiled functions alone call: a wrapper for Python would take as long again to compile."""
-    return _compile(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-
-
-def _compile(function: Function, **wrappers: Any) -> Function:
-    # Without references counted (nothing is made here): counting those of arrays handed on took a fifth of the time.
-    options = {"cache": True, "nogil": True, "fastmath": True, "error_model": "numpy", "_nrt": False, **wrappers}
-    return cast(Function, njit(**options)(function))
+# Without references counted (nothing is made here): counting those of arrays handed on took a fifth of the time.
+_jit: Any = njit
+_OPTIONS = {"cache": True, "nogil": True, "fastmath": True, "error_model": "numpy", "_nrt": False}
+compiled: Callable[[Function], Function] = _jit(**_OPTIONS)
+"""Compile on first call, keep on disk, run without the interpreter lock."""
+compiled_part: Callable[[Function], Function] = _jit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)
+"""The same for what compiled functions alone call: a wrapper for Python would take as long again to compile."""
 
 
 def whole_vectors(m: int) -> int:
@@ -123,14 +116,19 @@ def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int, most: int)
     t: int = min(most - size, m)
     while t > 0:
         allowance = limits[size + t] - bound
-        if allowance >= 0.0:
-            count = 0
-            for i in range(m):
-                count += 1 if rise[i] > allowance else 0
-            if count <= t:
-                return t
+        if allowance >= 0.0 and _above(rise, m, allowance) <= t:
+            return t
         t -= 1
     return 0
+
+
+@compiled_part
+def _above(rise: Any, m: int, allowance: float) -> int:
+    """How many columns have a rise above the allowance."""
+    count = 0
+    for i in range(m):
+        count += 1 if rise[i] > allowance else 0
+    return count
 
 
 @compiled_part
@@ -183,12 +181,15 @@ def record_singles(w: Work, d: Any, c: Any, ids: Any, m: int, size: int, needed:
 
 
 @compiled_part
-def score(w: Work, S: Any, d: Any, c: Any, ids: Any, m: int, size: int, pairs: Any, rss: float, limits: Any) -> None:
-    """Record every column, and every pair, whose gain reaches what its size needs, without a division.
+def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
+    """Record every column of a node, and every pair, whose gain reaches what its size needs, without a division.
 
     S is the normal matrix (its lower triangle is read), d its diagonal, c its right-hand side. A pair gains enough
     where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
     """
+    S, d, c, ids, size, rss = w.A[level], w.scratch[1], w.x[level], w.ids[level], w.base + level, w.rss[level]
+    for i in range(m):
+        d[i] = S[i, i]
     record_singles(w, d, c, ids, m, size, rss - limits[size + 1], NONE)
     if not pairs:
         return
@@ -526,13 +527,14 @@ def _sets_to_score(w: Work, level: int, m: int, rise: Any, limits: Any) -> tuple
     free_all(H, w.beta[level], p, m)
     pairs = firsts = seconds = 0
     total = 0.0
-    if _possible(rise, m, of_triples, 3):
+    # Whether single columns leave so many further ones possible (see ``quota_of``).
+    if of_triples >= 0.0 and _above(rise, m, of_triples) <= 3:
         firsts, total = grow(H, p, L, picks, m, ZERO, ZERO, 0.0, m, of_triples, ONE)
         if total <= of_triples:
             _all(first, m)
             _all(second, m)
             return m, m, m
-    if _possible(rise, m, of_pairs, 2):
+    if of_pairs >= 0.0 and _above(rise, m, of_pairs) <= 2:
         pairs, total = grow(H, p, L, picks, m, ZERO, firsts, total, m, of_pairs, ONE)
     for k in range(max(pairs, firsts)):
         first[k] = picks[k]
@@ -548,15 +550,6 @@ def _sets_to_score(w: Work, level: int, m: int, rise: Any, limits: Any) -> tuple
         _all(first, m)
         pairs, firsts = m, m if firsts > 0 else 0
     return pairs, firsts, seconds
-
-
-@compiled_part
-def _possible(rise: Any, m: int, allowance: float, count: int) -> bool:
-    """Whether single columns leave so many further ones possible (see ``quota_of``)."""
-    above = 0
-    for i in range(m):
-        above += 1 if rise[i] > allowance else 0
-    return allowance >= 0.0 and above <= count
 
 
 @compiled_part

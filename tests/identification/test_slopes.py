@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.identification import IdentificationConfig
 from brv_hypo.identification.equations import GRAVITY
-from brv_hypo.identification.problem import Problem, build_problem
+from brv_hypo.identification.identify import Problem, build_problem
 from brv_hypo.likelihood.collocation import start_points
 from brv_hypo.likelihood.derivatives import Function, PartialJacobian, Points, evaluate, jacobian
 from brv_hypo.likelihood.segment import build_grid

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from brv_hypo.likelihood.collocation import Model, linearise_segment
-from brv_hypo.likelihood.filter_error import Determinant, determinant, kalman_innovations
+from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, kalman_innovations
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, Sensitivity, sensitivities
 from brv_hypo.likelihood.segment import Hold, Segment, build_grid, build_parameters
 
@@ -77,7 +77,7 @@ def test_it_is_that_of_the_outputs_covariance(hold: Hold) -> None:
 def test_its_gradient_is_that_of_its_differences(hold: Hold, method: str) -> None:
     problem, iterate = place(hold, method)
     segments = sensitivities(problem, iterate)
-    found = Determinant().gradient(problem, iterate, segments)
+    found = determinant_gradient(problem, iterate, segments)
     expected = [_slope(problem, iterate, segments, i) for i in range(3)]
     np.testing.assert_allclose(found, expected, rtol=2e-5, atol=1e-5 * np.abs(expected).max())
 

@@ -155,7 +155,7 @@ def assert_same(found: Eliminated | None, expected: Eliminated | None) -> None:
     assert found is not None
     assert expected is not None
     (x, multiplier), (x_expected, multiplier_expected) = every(found), every(expected)
-    triangle, triangle_expected = found.triangle(), expected.triangle()
+    triangle, triangle_expected = found.triangle, expected.triangle
     for one, other, digits in (
         (x, x_expected, 1e-9),
         (multiplier, multiplier_expected, 1e-6),  # only their size matters

@@ -22,7 +22,7 @@ def test_cubics_and_their_rates_are_exact_on_an_uneven_time_base(coefficients: l
     query = np.array(where)
     stencil = Interpolator(TIMES).stencil(query)
     np.testing.assert_allclose(stencil.apply(cubic(TIMES)[None])[0], cubic(query), atol=1e-10)
-    np.testing.assert_allclose(stencil.apply_rate(cubic(TIMES)[None])[0], cubic.deriv()(query), atol=1e-9)
+    np.testing.assert_allclose(stencil.apply(cubic(TIMES)[None], rate=True)[0], cubic.deriv()(query), atol=1e-9)
 
 
 def test_value_and_rate_are_continuous_as_the_query_passes_a_sample() -> None:
@@ -31,7 +31,7 @@ def test_value_and_rate_are_continuous_as_the_query_passes_a_sample() -> None:
     inner = TIMES[1:-1]
     before, after = (interpolator.stencil(inner + side * 1e-9) for side in (-1, 1))
     np.testing.assert_allclose(before.apply(signal), after.apply(signal), atol=1e-8)
-    np.testing.assert_allclose(before.apply_rate(signal), after.apply_rate(signal), atol=1e-7)
+    np.testing.assert_allclose(before.apply(signal, rate=True), after.apply(signal, rate=True), atol=1e-7)
 
 
 def test_the_error_falls_with_the_fourth_power_of_the_step() -> None:
@@ -47,4 +47,4 @@ def test_outside_the_samples_the_end_value_is_held() -> None:
     stencil = Interpolator(TIMES).stencil(np.array([TIMES[0] - 3.0, TIMES[-1] + 3.0]))
     signal = np.cos(TIMES)[None]
     np.testing.assert_allclose(stencil.apply(signal)[0], [signal[0, 0], signal[0, -1]])
-    np.testing.assert_array_equal(stencil.apply_rate(signal), 0.0)
+    np.testing.assert_array_equal(stencil.apply(signal, rate=True), 0.0)
