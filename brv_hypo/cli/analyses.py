@@ -24,8 +24,6 @@ COMPARED, TRACED = 12.0, 40.0
 """Seconds of a processor for one flight of a thousand samples, as measured: what is said beforehand."""
 
 
-# ---- `brv-hypo compare`: competing mechanisms on one flight or several, ranked, with a verdict ----
-
 Mechanisms = Annotated[
     str | None,
     typer.Option(
@@ -92,9 +90,6 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
             "out to compare the five that come along."
         )
     return {"mechanisms": names}
-
-
-# ---- `brv-hypo trace`: the residual of a model, traced to the effect that it lacks ----
 
 
 @in_session("json", "report", "figures", "force", "plugin")
@@ -208,9 +203,6 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     return start
 
 
-# ---- `brv-hypo predict`: what a model found on other flights says of this one ----
-
-
 @in_session("json", "report", "figures", "force", "plugin")
 def predict(
     session: Session,
@@ -250,8 +242,6 @@ def predict(
     session.write_json(result)
     session.write_report(document, settings, [flight, model])
 
-
-# ---- `brv-hypo study`: how often is a planted mechanism found? ----
 
 RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
 

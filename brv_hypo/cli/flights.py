@@ -107,9 +107,6 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 
-# ---- `brv-hypo reconstruct`: wind-relative motion and moments, with their uncertainty ----
-
-
 @in_session("json", "report", "figures", "force")
 def reconstruct(
     session: Session,
@@ -146,8 +143,6 @@ def reconstruct(
     session.write_json(reconstruction_data(result))
     session.write_report(document, settings, [result.flight.path])
 
-
-# ---- `brv-hypo simulate` and `brv-hypo demo`: flights whose mechanism is known ----
 
 DEMO = "demo"
 DEFAULT_SEED = 1

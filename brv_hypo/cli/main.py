@@ -210,9 +210,6 @@ def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
     return dict(zip(KINDS + RESULTS, models, strict=True))[kind]
 
 
-# ---- `brv-hypo docs`: the manual, in the terminal or as offline pages ----
-
-
 @in_session("force")
 def docs(
     session: Session,
@@ -276,8 +273,6 @@ def _as_pages(session: Session, topic: str | None, output: Path | None, show: bo
     if show and not webbrowser.open((folder / name).resolve().as_uri()):
         session.warn(f"no browser was found: open {folder / name} yourself")
 
-
-# ---- The program: every command, and where it starts ----
 
 app = typer.Typer(
     name="brv-hypo",

@@ -45,8 +45,6 @@ def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
-# ---- The options that commands share, declared once ----
-
 FlightFile = Annotated[Path, typer.Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
 FlightFiles = Annotated[
     list[Path], typer.Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")

@@ -46,9 +46,6 @@ if TYPE_CHECKING:
     from brv_hypo.report.document import Document
     from brv_hypo.report.html import Provenance
 
-# ---- The standard streams of any shell ----
-
-
 PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
 """Characters that some encodings lack, as ASCII has them; of others, what is left without accents."""
 _closed: set[str] = set()
@@ -148,8 +145,6 @@ def _leave(code: int) -> None:
     os._exit(code)
 
 
-# ---- Exit codes: what goes wrong inside a command becomes one readable message and the contract's code ----
-
 PROGRAM_FAULT = 70
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 
@@ -201,8 +196,6 @@ def _end(message: str, code: int) -> None:
     raise typer.Exit(code) from None
 
 
-# ---- What long work shows while it lasts: a bar on a terminal, a line now and then elsewhere ----
-
 LINE_SECONDS = 2.0
 """Between lines where standard error is no terminal, at least; work of hours has fewer."""
 
@@ -239,9 +232,6 @@ def _write_lines(reached: list[str], finished: threading.Event) -> None:
         if reached[-1] != written:
             written = reached[-1]
             print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
-
-
-# ---- A session: where the results of a command go ----
 
 
 STANDARD_OUTPUT = "-"
@@ -411,8 +401,6 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
         text = json_format.dumps(content, indent=2, ensure_ascii=False).encode()
     return text.decode() + "\n"
 
-
-# ---- What makes a function a command: its `Session`, and the options that the session is made from ----
 
 _SHARED = {
     "json": options.Json,

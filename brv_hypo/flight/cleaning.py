@@ -49,9 +49,6 @@ BURST_FLANK = 8  # samples on either side, through which a polynomial goes
 BURST_ORDER = 5  # its degree
 
 
-# ---- Channels that are sampled and held ----
-
-
 def find_holds(values: FloatArray) -> IntArray | None:
     """Where a channel (n,), NaN where missing, that is held between new values has these; None of any other.
 
@@ -164,9 +161,6 @@ def _expected(lengths: IntArray, length: int, share: float, size: int) -> float:
     begins = max(share, repeated / size)
     goes_on = max(begins, (repeated - (others.size - 1) + begins) / (repeated + 1))
     return float(size * begins * goes_on ** (length - 1))
-
-
-# ---- Spikes longer than two samples: a channel leaves its course and comes back to it ----
 
 
 EDGE_OF_STEP = 1.5  # third difference, as taken here, of a step of one

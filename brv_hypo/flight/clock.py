@@ -25,9 +25,6 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels
 from brv_hypo.io.text import refusal
 
-# ---- White noise of a channel, from its differences of high order ----
-
-
 # Differences of this order pass white noise and cut a motion of 14 samples per cycle by five decades: the one estimate
 # of a channel's white noise.
 NOISE_DIFFERENCES = 8

@@ -113,9 +113,6 @@ def _beyond(altitude: FloatArray) -> str:
     return f" ({outside} samples lie beyond its range of -5 to 81 km)" if outside else ""
 
 
-# ---- A record that is sampled far more finely than its motion needs, as means of neighbouring samples ----
-
-
 def averaged(flight: Flight) -> Flight:
     """The flight with means of as many samples as its motion can spare; itself where it is short or has few to spare.
 

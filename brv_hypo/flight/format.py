@@ -493,9 +493,6 @@ def _truth_tree(truth: Mapping[str, Any]) -> Tree:
     return Tree(attributes, datasets, groups)
 
 
-# ---- What a function takes for a flight: a path, a `Flight`, a simulated flight, or a sequence of these ----
-
-
 @runtime_checkable
 class HoldsFlight(Protocol):
     """Something that has a flight, as a simulated flight has."""

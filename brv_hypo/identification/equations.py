@@ -145,9 +145,6 @@ class Shapes:
         return out
 
 
-# ---- The regression's columns at the estimated motion: moment coefficients per unit of each coefficient ----
-
-
 Values = Mapping[str, float]
 AtDelays = Mapping[str, Delayed]  # states and inputs at the delays that are parameters, by name
 RateUse = Literal["unused", "affine", "other"]

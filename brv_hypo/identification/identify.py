@@ -265,9 +265,6 @@ def _force_start(frame: RateFrame, span: tuple[float, float]) -> tuple[FloatArra
     return np.asarray(np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0)), bend
 
 
-# ---- What an identification returns ----
-
-
 OUTPUTS = ("q", "r", "ay", "az")
 
 

@@ -83,9 +83,6 @@ def attitude_of(time: FloatArray, channels: Channels, still_s: float) -> Attitud
     return Attitude(ground.inv() * first, known, lean, faults)
 
 
-# ---- Further inertial units ----
-
-
 def together(
     time: FloatArray, first: Channels, further: Sequence[Channels], stated: Instruments
 ) -> tuple[Channels, dict[str, float], list[str], list[RecordFault]]:

@@ -331,9 +331,6 @@ def _speed_like_push(table: ForeignTable) -> None:
             table.sure("altitude", length, f"it rises by the path of the speed, in {length}")
 
 
-# ---- Several files: clocks of other recorders, and tables of the vehicle over time ----
-
-
 def _add(found: _Guessed, other: ForeignTable) -> None:
     """What another file adds: properties of the vehicle; else channels that the main table lacks, on its own clock."""
     properties: dict[str, MapEntry] = {}

@@ -258,9 +258,6 @@ def _units_of_factor(factor: float, dimension: Dimension) -> str | None:
     return name if abs(np.log(factor / size)) < WITHIN else None
 
 
-# ---- A foreign table that is being guessed at: its columns, and what is known of each so far ----
-
-
 @dataclass(frozen=True)
 class MapEntry:
     """One channel of the map: `scale * column + offset`, in `units`."""

@@ -253,9 +253,6 @@ def read_map(path: str | Path) -> RecordMap:
     return mapping
 
 
-# ---- The vehicle of a foreign record, from its map or a table over time, and how well all of it is known ----
-
-
 def vehicle_of(
     mapping: RecordMap, folders: tuple[Path, ...], window: tuple[float, float], zero: np.datetime64 | None = None
 ) -> tuple[Vehicle, float, list[str]]:

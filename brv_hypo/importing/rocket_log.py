@@ -74,9 +74,6 @@ DECIMATED_KNOWN = 0.6  # share of the filter's weight that must lie on samples t
 VIBRATION = 20.0  # Hz: no rigid vehicle oscillates faster
 
 
-# ---- Two recorders, two clocks: how late one is, from what both sensed ----
-
-
 def clock_offset(
     time: FloatArray, values: FloatArray, other_time: FloatArray, other: FloatArray
 ) -> tuple[float, float]:
@@ -126,9 +123,6 @@ def _peak(score: FloatArray, best: int) -> float:
     left, middle, right = score[best - 1 : best + 2]
     bend = left - 2.0 * middle + right
     return 0.0 if bend >= 0.0 else float(0.5 * (left - right) / bend)
-
-
-# ---- Biases from the pad: what gyros and accelerometers read of a rocket at rest, nose up ----
 
 
 @dataclass(frozen=True)
@@ -193,9 +187,6 @@ def take_out_biases(
     y, z = np.minimum(across, usual).tolist()
     along = math.hypot(math.sin(lean) * math.hypot(y, z), 0.5 * GRAVITY * mounting_sigma**2)
     return changed, rest, {"accel_bias": (along, y, z)}, notes
-
-
-# ---- Speed and altitude of a climb ----
 
 
 Climb = tuple[FloatArray, FloatArray, FloatArray, list[str]]

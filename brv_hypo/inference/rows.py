@@ -290,7 +290,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         ends = np.cumsum([part.shape[1] for part in parts])
         columns = tuple(slice(int(end) - part.shape[1], int(end)) for end, part in zip(ends, parts, strict=True))
         raw, (own, _) = np.concatenate(parts, axis=1), orthonormal(counted * design[:, free])
-        block = Block(rows, raw, columns, raw, own, *_no_errors(rows.size))
+        block = Block(rows, raw, columns, raw, own, raw[:, :0], np.zeros(0), np.zeros((0, 0)), ())
         directions, sizes, right = np.linalg.svd(block.less(counted * design[:, within]), full_matrices=False)
         shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
         errors = (directions, shrunk, right.T * (sizes * shrunk), tuple(mine[j] for j in within))
@@ -312,10 +312,6 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     spread = np.concatenate([np.full(baseline.shape[1], np.inf), np.ones(allowed.shape[1])])
     shared = np.concatenate([baseline, allowed], axis=1)
     return replace(empty, y=y, shared=shared, spread=spread, coefficients=coefficients)
-
-
-def _no_errors(rows: int) -> tuple[FloatArray, FloatArray, FloatArray, tuple[int, ...]]:
-    return np.zeros((rows, 0)), np.zeros(0), np.zeros((0, 0)), ()
 
 
 def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flight: int) -> FloatArray:

@@ -220,9 +220,6 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | str) else f"<{type(value).__name__}>"
 
 
-# ---- Writing ----
-
-
 def write_tree(path: str | Path, tree: Tree, *, overwrite: bool = False) -> None:
     """Write `tree`; its root dataset `time` becomes the scale of all root datasets of its length.
 

@@ -87,9 +87,6 @@ def read_in_sandbox(library: str, reader: Callable[..., Content], path: str | Pa
     return content
 
 
-# ---- In this process: the worker, begun, asked and ended ----
-
-
 class _Worker:
     """The reading process of this process."""
 
@@ -156,9 +153,6 @@ def _how_ended(process: subprocess.Popen[bytes]) -> str:
 
 _worker = _Worker()
 atexit.register(_worker.end)
-
-
-# ---- In the worker ----
 
 
 def serve() -> None:

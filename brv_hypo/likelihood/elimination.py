@@ -149,9 +149,6 @@ class BlockRows:
         return found
 
 
-# ---- The quadratic problem of one segment, and what its answer can be asked ----
-
-
 @dataclass(frozen=True)
 class Quadratic:
     """The quadratic problem of one segment: n samples, p parameters."""
@@ -178,9 +175,6 @@ class Quadratic:
         found = np.concatenate([self.defect[part, :, None], self.defect_by_parameter[part]], axis=2)
         found[np.isinf(self.variance[part])] = 0.0
         return found
-
-
-# ---- Upper triangles of tall matrices by QR, a slab at a time ----
 
 
 _SLAB = 8  # rows of a slab over its columns: small slabs stay in cache, and below what a threaded BLAS would split

@@ -376,9 +376,6 @@ def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[
     return float(found + np.linalg.slogdet(unseen @ unseen.T)[1])
 
 
-# ---- What not knowing the variances adds to the errors of theta in filter error ----
-
-
 _LOG_VARIANCE_STEP = 1e-3  # relative change of a variance for derivatives by it
 _POOREST = 1.0  # variance of the logarithm of a variance that is counted at most: beyond, nothing is linear
 
@@ -406,9 +403,6 @@ def with_unknown_variances(
     found = covariance.copy()
     found[block] += (follow * weight) @ follow.T
     return found
-
-
-# ---- How well the variances of filter error are known, and which of them went to 0 ----
 
 
 @dataclass(frozen=True)

@@ -323,9 +323,6 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
     return np.asarray(lsq_linear(matrix, right, bounds, method="bvls").x / norm)
 
 
-# ---- How far to go along a step: the merit weighs the objective against violated dynamics ----
-
-
 _HALVINGS = 12
 _SUFFICIENT = 1e-4  # fraction of the promised decrease that must come true
 

@@ -21,9 +21,6 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 
-# ---- Local cubic interpolation of sampled signals: weights on nearby samples, and their rate of change ----
-
-
 WIDTH = 6  # samples that take part in one interpolated value
 
 _SLOPE_WIDTH = 5
@@ -105,9 +102,6 @@ def _slope_weights(t: FloatArray, nodes: IntArray, start: IntArray) -> FloatArra
     weights[rows, here] = 0.0
     weights[rows, here] = -weights.sum(axis=1)
     return np.asarray(weights)
-
-
-# ---- Quantities that vary along a record as known shapes, whose weights are parameters ----
 
 
 @dataclass(frozen=True)
@@ -350,9 +344,6 @@ def _check(t: FloatArray, u: FloatArray, y: FloatArray, x0: FloatArray, number: 
         raise UsageError(
             f"segment {number}: x0 has shape {x0.shape}; expected finite values, (n_states,) or (n_states, {t.size})"
         )
-
-
-# ---- Names, start values, bounds and priors of the unknown parameters ----
 
 
 @dataclass(frozen=True)

@@ -369,9 +369,6 @@ def _unsmooth(y: FloatArray) -> FloatArray:
     return found
 
 
-# ---- Finer meshes: more steps between samples ----
-
-
 MOST_STEPS = 32  # steps between samples at most
 _ORDER = 4.0  # order of the collocation: how the error falls with the step
 _NEAR = 1.0

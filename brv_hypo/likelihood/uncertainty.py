@@ -225,9 +225,6 @@ def _gain(coefficients: FloatArray, length: int) -> FloatArray:
     return np.asarray(response / np.sqrt(power.mean()))
 
 
-# ---- The estimate from other measurements, by the linearisation at the estimate ----
-
-
 @dataclass(frozen=True)
 class Linearised:
     """The fit's linear model at its solution, for `FitResult.change_by`."""

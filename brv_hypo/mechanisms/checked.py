@@ -276,9 +276,6 @@ def _past(past: Callable[[float], Motion], tau: float) -> Motion:
     return read_only(past(tau))
 
 
-# ---- An analysis without the plugins that broke their contract in it ----
-
-
 def without_faulty(analysis: Callable[[frozenset[str]], Result], *, most: int = 20) -> tuple[Result, tuple[str, ...]]:
     """What `analysis` gives for the names to leave out, and why each was: those that broke their contract in it.
 

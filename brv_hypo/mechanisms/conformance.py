@@ -30,8 +30,6 @@ from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates
 from brv_hypo.motion.motion import Motion
 
-# ---- The motion and the record that plugins are checked on: closed-form, so that the past is exact ----
-
 DURATION = 6.0  # seconds of the sample motion and of the sample record
 
 # Crossflow amplitudes of the two epicyclic arms; unequal, so alpha stays above zero.
@@ -543,9 +541,6 @@ EFFECT_CHECKS: tuple[Check[RecordEffect], ...] = _checks(
 """Every check of a record effect."""
 
 
-# ---- The checks of a process, beside those of a mechanism or a record effect ----
-
-
 def has_a_family_and_splines(process: Process) -> None:
     """It is of a known family, and has one spline, a constant, or at least four."""
     family, count = (getattr(process, key, None) for key in ("family", "splines"))
@@ -582,9 +577,6 @@ PROCESS_CHECKS: tuple[Check[Process], ...] = _checks(
     has_a_family_and_splines, has_an_estimated_size, multiplies_shapes_by_splines
 )
 """What a process has to pass besides."""
-
-
-# ---- The checks that apply to an item ----
 
 
 # What an analysis relies on; the other checks are for the author.

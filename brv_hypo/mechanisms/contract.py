@@ -212,9 +212,6 @@ class RecordEffect(BaseModel, ABC):
         """The record with `value` (SI) of that component added."""
 
 
-# ---- Processes: what vehicles, air and instruments do that nobody has modelled ----
-
-
 class MomentProcess(Mechanism):
     """Shapes of a moment, each times an unknown smooth history in time; every hypothesis of `compare` has all of them.
 

@@ -34,9 +34,6 @@ from brv_hypo.mechanisms.hookspecs import ENTRY_POINT_GROUP
 from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
 from brv_hypo.motion.responses import Perturbation, superposed
 
-# ---- From one plugin, a module or a file, to the mechanisms and record effects that keep their contract ----
-
-
 OWN = "brv-hypo"  # this project's distribution: its plugins pass the conformance kit before every release
 HOOKS = ("brv_hypo_mechanisms", "brv_hypo_record_effects")
 

@@ -133,9 +133,6 @@ class PitchDamping(Mechanism):
         return (pitch_damping_term(motion),)
 
 
-# ---- What the static moment bends with the angle of attack, within what bodies do ----
-
-
 Quantity = Literal["time", "mach", "speed"]
 
 
@@ -177,7 +174,6 @@ class StaticBend(Mechanism):
         return False
 
 
-# ---- A smooth change of slope and cubic part with Mach number: a Gaussian process, by its leading terms ----
 #
 # The slope's change over ln(Mach), and that of its bend with alpha, has the covariance of Matern with smoothness 5/2;
 # cosines over the range flown with the variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput.

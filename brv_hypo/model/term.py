@@ -177,9 +177,6 @@ def term_column(
     )
 
 
-# ---- The moment of a model on a motion ----
-
-
 Evaluated = dict[tuple[str, Theta], dict[str, Term]]
 """Terms by name, of mechanisms at their nonlinear parameters, on one motion."""
 

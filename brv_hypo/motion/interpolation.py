@@ -123,9 +123,6 @@ def running_integral(time: FloatArray, values: Values) -> Values:
     return grid.integrals(flat, grid.slopes(flat)).reshape(values.shape)
 
 
-# ---- Lagrange's polynomials through the nearest of many nodes, as one sparse operator ----
-
-
 NEAREST = 6  # nodes that a place lies between: degree 5
 
 

@@ -136,9 +136,6 @@ class Motion:
         return self.to_plane(np.asarray((self.q + 1j * self.r) * self.rate_factor, dtype=complex))
 
 
-# ---- A motion's angles and rates from its crossflow, and back ----
-
-
 def with_crossflow(motion: Motion, xi: ComplexArray, xi_rate: ComplexArray) -> Motion:
     """The motion with the angles of a crossflow (n,) and of its rate (n,) 1/s; the meridian in the nearest turn."""
     alpha_rate, meridian_rate = angle_rates(xi, xi_rate)

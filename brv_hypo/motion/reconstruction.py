@@ -230,9 +230,6 @@ class Reconstruction(HasCharts, Histories):
         return rms(self.phi_w_sigma[self.flight.measured()])
 
 
-# ---- A reconstruction on disk: one HDF5 file, every dataset with its units ----
-
-
 FORMAT = "brv-motion"
 FORMAT_VERSION = 1  # of the motion file; raised when what it holds changes its meaning
 

@@ -154,8 +154,6 @@ class Prediction(HasCharts, Result):
         ]
 
 
-# ---- The outcome in words ----
-
 _NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import qr
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -48,8 +48,6 @@ from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 from brv_hypo.thresholds import BOUND_COSTS
 
-# ---- The seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows ----
-
 
 def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
     """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
@@ -57,11 +55,12 @@ def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: in
     size = len(problem.baseline)
     complete = _independent(np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)]))
     null = least_squares(_independent(designs[0][:, :size]), problem.response)
+    block = block_of_whitened_row(problem, block_count)
     reference = Reference(
         rss_forced=null.rss,
         n_forced=size,
         complete=least_squares(complete, problem.response),
-        blocks=_blocks(problem, block_count),
+        blocks=np.where(block < 0, block.max(), block),  # rows of the priors belong to the last one
     )
     return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
 
@@ -72,12 +71,6 @@ def _independent(design: FloatArray) -> FloatArray:
     diagonal = np.abs(np.diag(triangle))
     kept = np.sort(order[: diagonal.size][diagonal > 1e-9 * diagonal[0]])
     return np.asarray(design[:, kept], dtype=float)
-
-
-def _blocks(problem: Problem, count: int) -> IntArray:
-    """Block of each whitened row (rows,); rows of the priors belong to the last one."""
-    block = block_of_whitened_row(problem, count)
-    return np.where(block < 0, block.max(), block)
 
 
 # ---- `compare`: from flight records to ranked mechanisms ----

@@ -52,9 +52,6 @@ def identify_credible(
     return Likelihoods(found, frozenset(left_out))
 
 
-# ---- Errors of record and vehicle that the data want larger than their tolerances let expect ----
-
-
 def tolerance_warnings(leader: str, errors: Sequence[RecordError], verdict: Verdict) -> tuple[str, ...]:
     """A sentence on those of the leader; none where it is not adequate, for what it lacks poses as errors."""
     beyond = [beyond_tolerance(each.name, each.value, each.tolerance, each.units) for each in errors]

@@ -139,8 +139,8 @@ def judge(
     reason = _undecided(verdict, leader, decision.predicts, outside)
     if confirmed < min(whole.chances[leader.name], 1.0):
         reason += (
-            f" Of {count} repetitions, each without a stretch of the record, {confirming} have {hypothesis(leader.name)} "
-            "first: that bounds its probability."
+            f" Of {count} repetitions, each without a stretch of the record, {confirming} have the same leader: that "
+            "bounds its probability."
         )
     return verdict.model_copy(update={"reason": reason})
 

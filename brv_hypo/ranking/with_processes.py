@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 
@@ -96,10 +97,6 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
         pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own)
         pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
     return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
-
-
-def _peak(shape: Shape) -> float:
-    return shape.peak
 
 
 def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
@@ -223,7 +220,7 @@ def _between(
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
         (nearer,) = regions([null], like.frame, mechanism, closer, (0,), [best.theta])
-        best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=_peak)
+        best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=attrgetter("peak"))
     columns = _acting_between(mechanism, best, frame)
     own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
     return moved(problem, fitted(problem, own, columns, null))

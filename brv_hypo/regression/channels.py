@@ -230,9 +230,6 @@ def _runs(chosen: BoolArray) -> list[Piece]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= HELD_OUT_SHORTEST]
 
 
-# ---- The normal force that a hypothesis is fitted with ----
-
-
 @dataclass(frozen=True)
 class ForceModel:
     """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).

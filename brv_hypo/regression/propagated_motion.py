@@ -105,13 +105,6 @@ class PropagatedMotion:
         offset = reconstruction.crossflow - body_crossflow(record, direction)
         return cls(reconstruction.start, np.asarray(offset * np.conj(wind_to_body(record, direction))))
 
-    def slow(self, sines: FloatArray) -> PropagatedMotion:
-        """The motion with what of its walk is a sum of `sines` (n, modes).
-
-        The faster part follows errors as they turn with the body, and those are unknowns of their own.
-        """
-        return replace(self, walk=np.asarray(sines @ self.weights(sines)))
-
     def weights(self, sines: FloatArray) -> ComplexArray:
         """Weights (modes,) of sines (n, modes) of the walk."""
         return np.asarray(np.linalg.lstsq(sines, self.walk, rcond=None)[0])
@@ -157,7 +150,9 @@ def linearisation_point(
     )
     smooth = replace(reconstruction, flight=flight, motion=read, input_errors=errors)
     if motion is None:
-        motion = PropagatedMotion.of(record, smooth).slow(walk_sines(record, walk_modes(record, smooth)))
+        own, sines = PropagatedMotion.of(record, smooth), walk_sines(record, walk_modes(record, smooth))
+        # The faster part follows errors as they turn with the body, and those are unknowns of their own.
+        motion = replace(own, walk=np.asarray(sines @ own.weights(sines)))
     return record, _moved(record, smooth, motion)
 
 

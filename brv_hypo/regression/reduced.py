@@ -131,7 +131,8 @@ class Reduced:
 
     def residual(self, batch: Batch, values: FloatArray) -> FloatArray:
         """Whitened residual (rows,)."""
-        made, out = _sum(batch, values), self.left.copy()
+        weights, out = values[:, np.newaxis], self.left.copy()
+        made = Batch(batch.rows @ weights, batch.inside @ weights)
         for stretch in self.problem.rows.basis.stretches:
             out[stretch.rows] -= self._projected(made, stretch)[:, 0]
         return out
@@ -142,8 +143,3 @@ class Reduced:
         inside = batch.inside[self.problem.rows.basis.size :]
         own = found.coefficients @ (found.basis.T @ self.problem.response - inside @ values)
         return np.concatenate([own, values])
-
-
-def _sum(batch: Batch, values: FloatArray) -> Batch:
-    weights = values[:, np.newaxis]
-    return Batch(batch.rows @ weights, batch.inside @ weights)

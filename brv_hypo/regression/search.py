@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -122,17 +123,13 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEA
             for rss, chosen in _factor(reduced, (), columns).subsets(problem.exact_terms, n_best):
                 found.setdefault(len(chosen), []).append((rss, chosen))
         for size, ranked in found.items():
-            least = sorted(ranked, key=_rss)[:n_best]
+            least = sorted(ranked, key=itemgetter(0))[:n_best]
             best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
     by_size = {
-        size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=_rss))
+        size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=itemgetter(0)))
         for size, subsets in best.items()
     }
     return OnGrid(frame, offered, by_size)
-
-
-def _rss(subset: Subset) -> float:
-    return subset[0]
 
 
 def extended(
@@ -158,7 +155,7 @@ def extended(
         )
         if subset[1]
     ]
-    return (*selected, *min(found, key=_rss)[1]) if found else None
+    return (*selected, *min(found, key=itemgetter(0))[1]) if found else None
 
 
 def _choice_size(selected: Sequence[Regressor]) -> int:

@@ -75,9 +75,6 @@ def with_others(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(fit, others=problem.others_beside(fit.frame, fit.columns, fit.values))
 
 
-# ---- What a regression says beside its coefficients ----
-
-
 @dataclass(frozen=True)
 class Regressed:
     """Errors of every flight: `applied` as corrections of its record before, `found` in all; one mapping each.

@@ -239,9 +239,6 @@ def _bits(values: FloatArray) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")}
 
 
-# ---- Where a page came from: version, settings, records by digest, and the command that makes it again ----
-
-
 @dataclass(frozen=True)
 class Provenance:
     """The command, the settings that differ from the defaults, and each record with its SHA-256."""

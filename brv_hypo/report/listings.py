@@ -163,9 +163,6 @@ def conformance_data(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
-# ---- A simulated flight in words and as data ----
-
-
 def simulation_text(flown: SimulatedFlight) -> str:
     """What was flown, what was planted, and how much of the moment that is."""
     flight = flown.flight

@@ -135,9 +135,6 @@ def mistake_table(summary: StudySummary) -> Table:
     return Table(rows, f"Mistakes ({len(rows)})", ("flight", "ranked first", "verdict"), most=MOST_MISTAKES)
 
 
-# ---- Charts ----
-
-
 def calibration_chart(calibration: Calibration) -> Chart:
     """Share right over stated probability, with its interval; the line is perfect calibration."""
     bins = [item for item in calibration.bins if item.right.total and item.mean_probability is not None]
@@ -181,9 +178,6 @@ def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
 
 def _line(outcome: Outcome) -> str:
     return f"{hypothesis(outcome.planted)}, {outcome.draw.vehicle}"
-
-
-# ---- A study as a document ----
 
 
 def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Document:

@@ -398,8 +398,6 @@ def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) ->
     return [setting.chart("air", "Mach number and dynamic pressure", panels)]
 
 
-# ---- Pitch against yaw, interval by interval: many cycles drawn over each other cannot be followed ----
-
 _CAPTION = (
     "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
     "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."

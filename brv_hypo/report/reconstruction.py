@@ -78,9 +78,6 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     ]
 
 
-# ---- A reconstruction as a document and as data ----
-
-
 def reconstruction_document(result: Reconstruction) -> Document:
     """Ranges and standard deviations of the histories, noise levels, warnings; on a page the charts."""
     flight = result.flight

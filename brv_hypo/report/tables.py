@@ -162,9 +162,6 @@ def function_table(comparison: Comparison) -> Table:
     return Table(rows, "At alpha = 0", shown="verbose")
 
 
-# ---- Terms of a model ----
-
-
 def term_table(
     heading: str,
     terms: Iterable[TermEstimate],

@@ -445,9 +445,6 @@ def _nearest_key(location: Sequence[str | int]) -> str:
     return f" ({hint}errors are written under `instruments.errors`, by effect and component)"
 
 
-# ---- The truth of a flight: every number of its configuration ----
-
-
 def numbers(config: SimulationConfig) -> dict[str, float]:
     """Every number of a configuration by its dotted path; `plantable` sets left out."""
     found: dict[str, float] = {}

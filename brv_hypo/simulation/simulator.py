@@ -28,8 +28,6 @@ from brv_hypo.simulation.instruments import Signals, drawn, recorded, true_chann
 from brv_hypo.simulation.integration import Trajectory, break_times, grid, integrate
 from brv_hypo.simulation.vehicle import RATES, AirData, System, initial_state, planted, system
 
-# ---- A simulated flight: what the instruments say, and what is true ----
-
 
 @dataclass(frozen=True)
 class Truth:
@@ -124,9 +122,6 @@ class SimulatedFlight(Histories):
         configuration = yaml.safe_dump(self.config.model_dump(mode="json"), sort_keys=False)
         truth = {**self.truth.tree(), "seed": self.seed, "configuration": configuration}
         save_flight(self.record, path, truth=truth, overwrite=overwrite)
-
-
-# ---- From a configuration to a simulated flight ----
 
 
 @takes_settings(

@@ -73,9 +73,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-# ---- The air: standard atmosphere, and the wind that record effects leave unaccounted for ----
-
-
 _SPACING = 50.0
 
 
@@ -115,9 +112,6 @@ class WindProfile:
         before = self.samples[:, left]
         change = self.samples[:, left + 1] - before
         return before + (held - left) * change, change * ((held == place) / self.spacing)
-
-
-# ---- Planted mechanisms: the installed definitions, evaluated at the running state ----
 
 
 @dataclass(frozen=True)
@@ -178,9 +172,6 @@ def planted(config: SimulationConfig, entries: Sequence[PlantedConfig]) -> tuple
         stop = np.inf if entry.stop is None else entry.stop
         found.append(Planted(mechanism, entry.theta, entry.terms, TimeBasis(entry.kind, start, stop)))
     return tuple(found)
-
-
-# ---- The equations of motion ----
 
 
 POSITION, VELOCITY, ATTITUDE, RATES = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
@@ -354,9 +345,6 @@ class System:
             if item.mechanism.wind_fixed:
                 moment = moment + item.contribution(motion)[0]
         return np.asarray(moment, dtype=float)
-
-
-# ---- From a configuration to the equations of motion and the first state ----
 
 
 def system(config: SimulationConfig) -> System:

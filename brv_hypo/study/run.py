@@ -31,9 +31,6 @@ from brv_hypo.simulation.config import config_path
 from brv_hypo.study.config import HOME, Draw, StudyConfig, StudySettings, check_names, draws
 from brv_hypo.study.trial import Outcome, fly
 
-# ---- Outcomes on disk ----
-
-
 FLIGHTS = "flights.db"
 # The lock is taken once, and held until the database is closed.
 _BEGIN = """

@@ -60,9 +60,6 @@ def _share_of(outcomes: Sequence[Outcome], counted: Callable[[Outcome], bool | N
     return share(sum(bool(counted(outcome)) for outcome in outcomes), len(outcomes))
 
 
-# ---- The confusion matrix and false alarms ----
-
-
 class ConfusionRow(Statistic):
     """Flights with one mechanism planted."""
 
@@ -102,9 +99,6 @@ def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[Conf
 def false_alarms(outcomes: Sequence[Outcome]) -> Share:
     """Share of flights with nothing planted in which a verdict names a mechanism."""
     return _share_of([o for o in outcomes if o.planted == NONE], lambda outcome: outcome.wrong)
-
-
-# ---- Calibration: do verdicts given at 0.9 turn out right nine times in ten? ----
 
 
 class CalibrationBin(Statistic):
@@ -233,9 +227,6 @@ def logistic(x: FloatArray, won: FloatArray) -> tuple[float, float]:
     return float(level - slope * centre / spread), float(slope / spread)
 
 
-# ---- Coverage: do two standard errors hold the planted parameters as often as they should? ----
-
-
 class Coverage(Statistic):
     """One parameter of one planted mechanism, over flights in which that mechanism ranks first."""
 
@@ -276,9 +267,6 @@ def coverages(outcomes: Sequence[Outcome]) -> tuple[Coverage, ...]:
         )
         found.append(coverage)
     return tuple(found)
-
-
-# ---- What faults of the record do to verdicts: named, refused, or wrong without a warning ----
 
 
 class FaultRow(Statistic):

@@ -28,9 +28,6 @@ EstimateKind = Literal["theta", "knot", "coefficient", "derived"]
 Item = TypeVar("Item", TermEstimate, DerivedEstimate)
 
 
-# ---- What is kept of one flight of a study ----
-
-
 class Estimate(BaseModel):
     """A planted value and its estimate; None where the fit holds no such parameter."""
 
@@ -105,9 +102,6 @@ class Outcome(BaseModel):
     def wrong(self) -> bool:
         """True where the verdict names a mechanism that was not planted."""
         return self.winner not in (None, NONE, self.planted)
-
-
-# ---- How much of the moment a planted mechanism is ----
 
 
 def effect_size(truth: Truth) -> tuple[float, float]:
@@ -199,9 +193,6 @@ def _nearest(entry: PlantedConfig, items: Iterable[Item]) -> Item | None:
 
     found = min(items, key=distance, default=None)
     return found if found is not None and distance(found) < reach else None
-
-
-# ---- One flight of a study: simulated, compared, noted ----
 
 
 def fly(study: StudyConfig, draw: Draw) -> Outcome:

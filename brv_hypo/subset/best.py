@@ -286,9 +286,6 @@ def _gap(board: Board, size: int, lowest: float) -> float:
     return max(0.0, 1.0 - lowest / worst) if board.full(size) and worst > 0.0 else 1.0
 
 
-# ---- The entrances ----
-
-
 def best_subsets(
     X: ArrayLike,
     y: ArrayLike,

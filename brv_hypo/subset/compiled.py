@@ -125,9 +125,6 @@ def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
         out_v[i] = v[i] - M[last, i] * shift
 
 
-# ---- The depth-first search ----
-
-
 # Nodes visited after a hit before the kernel hands it over.
 PATIENCE = 32
 
@@ -306,9 +303,6 @@ def _rules(constraints: Constraints) -> tuple[Any, Any]:
     requires = constraints.requires.astype(np.int8)
     np.fill_diagonal(requires, constraints.requires.sum(axis=1))
     return requires, constraints.excludes.astype(np.int8)
-
-
-# ---- Runs compiled searches: serially at first, on several threads once a search has proved long ----
 
 
 # Nodes between looks at the clock, the board and the other workers: some tens of milliseconds.

@@ -139,9 +139,6 @@ def make_leaf(frame: Frame, part: OpenSubtree, room: int) -> Node | None:
     return Node(included=part.included, undecided=undecided, R=columns, z=z, bound=frame.rss_full)
 
 
-# ---- The whole tree as pieces whose undecided columns are independent ----
-
-
 def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtree]:
     """Cut the whole tree into nodes whose undecided columns are independent, and parts that are leaves.
 
@@ -178,9 +175,6 @@ def _cut(node: Node, max_size: int) -> Iterator[OpenSubtree]:
     for i in range(min(len(involved), max_size - len(node.included) + 1)):
         undecided = tuple(node.undecided[places > i].tolist())
         yield OpenSubtree(node.included + involved[:i], undecided, node.bound)
-
-
-# ---- The search in plain numpy ----
 
 
 class StopSearchError(Exception):

@@ -324,9 +324,6 @@ def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArr
     return np.asarray(np.where(found > most, found - noise, 0.0), dtype=float)
 
 
-# ---- The static slope that it makes ----
-
-
 def static_slopes(data: Corrected, found: Coefficients) -> tuple[Derivative, ...]:
     """Of each flight, what its wind-fixed terms make of dC_m,in/d alpha, at no angle of attack and at that flown."""
 
@@ -365,9 +362,6 @@ def _is_static(mechanism: Mechanism) -> bool:
         term.axis == "in_plane" and not (term.turn or term.delay) and all(f.of in _FLOW for f in term.factors)
         for term in mechanism.definition
     )
-
-
-# ---- Refined by maximum likelihood on the measurements themselves ----
 
 
 def maximum_likelihood(fit: Fit) -> MaximumLikelihood:

@@ -16,8 +16,6 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.mechanisms import Mechanism, Term, hookimpl
 from brv_hypo.motion.motion import Motion
 
-# ---- Magnus moment: spin turns the crossflow's moment out of plane ----
-
 
 class Magnus(Mechanism):
     """C_Z' += C_npalpha (p d / 2V) alpha; nothing in plane."""
@@ -33,9 +31,6 @@ class Magnus(Mechanism):
         """One term: C_npalpha."""
         nothing = np.zeros_like(motion.alpha)
         return (Term("C_npalpha", nothing, motion.p * motion.rate_factor * motion.alpha, "1/rad^2"),)
-
-
-# ---- Static moment that is not linear in the angle of attack ----
 
 
 class CubicStiffness(Mechanism):

@@ -16,8 +16,6 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms import Derived, Mechanism, Term, hookimpl
 from brv_hypo.motion.motion import Motion
 
-# ---- Unequal pitch and yaw stiffness: the static moment of a body that is not rotationally symmetric ----
-
 
 class StiffnessAsymmetry(Mechanism):
     """C_m += d alpha cos(phi_w), C_n += d alpha sin(phi_w): stiffer in pitch by d, softer in yaw by as much.

@@ -77,9 +77,6 @@ def sheared(flight: Flight, channels: Sequence[str], pair: str, angle: float) ->
     return replace(flight, **{first: one + angle * other, second: other + angle * one})  # type: ignore[arg-type]
 
 
-# ---- Errors of the rate gyros ----
-
-
 _GYROS = ("p", "q", "r")
 _PAIRS = ("yz", "xz", "xy")
 
@@ -186,9 +183,6 @@ class AccelMisalignment(Triad):
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record of accelerometers that are turned by `value` rad more about that body axis."""
         return turned(flight, ("ax", "ay", "az"), component, value)
-
-
-# ---- One instrument's clock is late against the gyros' ----
 
 
 _INSTRUMENTS = {
