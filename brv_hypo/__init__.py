@@ -2,7 +2,7 @@
 
 load_flight(path)              flight record -> Flight                     brv_hypo.flight
 reconstruct(flight)            wind-relative motion and moments            brv_hypo.model
-compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.ranking
+compare(flights, config)       competing mechanisms, ranked, with verdict  brv_hypo.comparison
 trace(flight, config)          the residual, traced to its effect          brv_hypo.tracing
 predict(flight, model, refit)  a model of other flights on this one        brv_hypo.prediction
 simulate(config)               6-DOF flights with planted mechanisms       brv_hypo.simulation
@@ -22,10 +22,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from brv_hypo.comparison.compare import compare as compare
     from brv_hypo.flight import load_flight as load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstruct
     from brv_hypo.prediction.predict import predict as predict
-    from brv_hypo.ranking.compare import compare as compare
     from brv_hypo.report.write import plot_compare as plot_compare
     from brv_hypo.simulation import simulate as simulate
     from brv_hypo.study import run_study as run_study
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _HOME = {
     "load_flight": "brv_hypo.flight",
     "reconstruct": "brv_hypo.model.reconstruction",
-    "compare": "brv_hypo.ranking",
+    "compare": "brv_hypo.comparison",
     "plot_compare": "brv_hypo.report.write",
     "trace": "brv_hypo.tracing",
     "predict": "brv_hypo.prediction",

@@ -20,8 +20,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from brv_hypo.comparison import CompareConfig, Comparison, compare
+from brv_hypo.comparison.preparation import prepare
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import Flight
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms import Mechanism, MomentProcess, RecordEffect, find_installed
 from brv_hypo.mechanisms.conformance import EFFECT_CHECKS as EFFECT_CHECKS
 from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS as MECHANISM_CHECKS
@@ -33,10 +37,6 @@ from brv_hypo.mechanisms.conformance import renamed as renamed
 from brv_hypo.mechanisms.conformance import sample_flight as sample_flight
 from brv_hypo.mechanisms.conformance import sample_motion as sample_motion
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.ranking.preparation import prepare
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import SimulatedFlight, load_config, simulate
 from brv_hypo.tracing import Trace, TraceConfig, trace
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+from brv_hypo.comparison import CompareConfig, Comparison, compare
+from brv_hypo.comparison.judgement import Judged, judged
+from brv_hypo.comparison.preparation import prepare
+from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms import find
 from brv_hypo.motion import Reconstruction, reconstruct
-from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.ranking.judgement import Judged, judged
-from brv_hypo.ranking.preparation import prepare
-from brv_hypo.regression.problem import Problem
 from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, flown, nominal

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import brv_hypo
+from brv_hypo.comparison import CompareConfig, Comparison
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import flights_of, one_flight
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.likelihood import Segment, fit
-from brv_hypo.ranking import CompareConfig, Comparison
 from brv_hypo.report.write import document_of, write_figures, write_report
 from brv_hypo.simulation import SimulatedFlight
 from brv_hypo.subset import best_subsets

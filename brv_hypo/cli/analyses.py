@@ -16,8 +16,8 @@ from brv_hypo.io.mappings import YAML_ENDINGS, read_json
 from brv_hypo.io.text import one_line
 
 if TYPE_CHECKING:
+    from brv_hypo.comparison import CompareConfig, Comparison
     from brv_hypo.model.model import SavedModel
-    from brv_hypo.ranking import CompareConfig, Comparison
 
 
 COMPARED, TRACED = 12.0, 40.0
@@ -50,9 +50,9 @@ def compare(
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
     session.claim()
+    from brv_hypo.comparison import CompareConfig
+    from brv_hypo.comparison import compare as rank
     from brv_hypo.flight.format import load_flight
-    from brv_hypo.ranking import CompareConfig
-    from brv_hypo.ranking import compare as rank
     from brv_hypo.settings import read_settings
 
     accepted = {"accept_record": True} if accept_record else {}

@@ -182,7 +182,7 @@ def demo(
 ) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
     session.claim()
-    from brv_hypo.ranking import CompareConfig, compare
+    from brv_hypo.comparison import CompareConfig, compare
     from brv_hypo.report.listings import simulation_text
     from brv_hypo.settings import read_settings
 

@@ -197,10 +197,10 @@ def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
     """The model of settings or of a result; UsageError where the kind is not among those known."""
     if kind not in known:
         raise UsageError(f"'{kind}' has no settings here ({meant(kind, known, 'known are ' + ', '.join(known))})")
+    from brv_hypo.comparison import CompareConfig, Comparison
     from brv_hypo.importing.record_map import RecordMap
     from brv_hypo.motion import ReconstructionConfig
     from brv_hypo.prediction import Prediction
-    from brv_hypo.ranking import CompareConfig, Comparison
     from brv_hypo.simulation.config import SimulationConfig
     from brv_hypo.study.config import StudyConfig
     from brv_hypo.tracing import Trace, TraceConfig

@@ -68,7 +68,7 @@ class ManualText(Markdown):
 _FUNCTIONS = (
     *(f"brv_hypo.{name}" for name in __all__),
     *(f"brv_hypo.report.write.{name}" for name in ("write_report", "write_figures")),
-    *(f"brv_hypo.ranking.Comparison.{name}" for name in ("to_dataframe", "to_xarray", "plot", "to_json", "from_json")),
+    *map("brv_hypo.comparison.Comparison.{}".format, ("to_dataframe", "to_xarray", "plot", "to_json", "from_json")),
     *("brv_hypo.flight.Flight.save", "brv_hypo.subset.best_subsets", "brv_hypo.likelihood.fit"),
 )
 FIRST, REFERENCE = "start", "functions"

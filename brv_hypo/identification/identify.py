@@ -29,17 +29,17 @@ from brv_hypo.identification.parameters import (
     structure_of,
     unique,
 )
+from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.likelihood import FitResult, Segment, fit
 from brv_hypo.likelihood.derivatives import PartialJacobian
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.uncertainty import Whiteness
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.nuisance import beyond_tolerance
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.measurement import BENT
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.nuisance import beyond_tolerance
-from brv_hypo.regression.uncertainty import Regressed
 
 # ---- The estimation problem: options, node records, equations, start values, priors, bounds ----
 

@@ -21,14 +21,14 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
 from brv_hypo.identification.parameters import RecordErrors, Tolerated, input_error, noise_free_flights, record_errors
 from brv_hypo.likelihood import Segment
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.weakform import WeakSegment
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.kinematics import crossflow
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.weakform import WeakSegment
 
 IDENTIFIED_FEWEST_NODES = 12  # of a segment
 IDENTIFIED_LARGEST_BLOCK = 5  # samples from node to node

@@ -32,8 +32,10 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
+from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.likelihood import TimeVaryingParameter
 from brv_hypo.likelihood.segment import SampledParameter
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms
@@ -45,8 +47,6 @@ from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.kinematics import angle_of_attack, crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import InputError
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.uncertainty import Regressed
 
 Kind = Literal["theta", "start", "stop"]
 

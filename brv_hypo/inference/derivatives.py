@@ -17,12 +17,12 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import REPORTED_SLOPES
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.json_result import NullIsNaN
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.frame import RateFrame
 
 _RATE = 1.0  # of the transverse rate, rad/s: moments of it are linear
 _ANGLE = 1e-4  # of the angle of attack, rad: the moment of a power of it is linear over less than 1e-7 of itself

@@ -28,10 +28,10 @@ from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
-from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.nuisance import Nuisance
-from brv_hypo.regression.problem import Problem
+from brv_hypo.linearisation.nuisance import Nuisance
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
 # Logarithm of the largest amplitude, and the 1-sigma by which the prior falls beyond it.

@@ -23,15 +23,15 @@ from typing import NamedTuple
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.held_out import block_of_whitened_row
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import prediction_slopes
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.linear import orthonormal
 from brv_hypo.mechanisms.contract import MomentProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.held_out import block_of_whitened_row
-from brv_hypo.regression.linear import orthonormal
-from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.refinement import prediction_slopes
 from brv_hypo.thresholds import ALWAYS, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
 
 SETTLING = 8  # samples

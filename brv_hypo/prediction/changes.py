@@ -23,14 +23,14 @@ from scipy.linalg import orth
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
+from brv_hypo.inference.fit import solved
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.reduced import Reduced
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.prediction.result import Difference, LocalChange
-from brv_hypo.regression.fit import solved
-from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.reduced import Reduced
 
 # A change that what is fitted along takes nearly all of: what is left of it, of its own length.
 _SPENT = 1e-6

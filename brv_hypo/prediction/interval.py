@@ -18,11 +18,11 @@ from scipy.linalg import block_diag
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.constants import BAND_FREQUENCIES, BAND_LEAST_NOISE, BAND_LEVEL, BAND_SIGMAS
+from brv_hypo.inference.uncertainty import ResidualMoments
+from brv_hypo.linearisation.linear import lengths
 from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.signals import middle_weights
 from brv_hypo.prediction.result import Band
-from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.uncertainty import ResidualMoments
 from brv_hypo.tracing.final_model import pair, slopes_at
 from brv_hypo.tracing.fit import Fit
 

@@ -12,10 +12,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.comparison.summary import flight_summary, record_summary
 from brv_hypo.constants import HELD_OUT_SHORTEST, PREDICTED_BLOCKS, PREDICTED_LINEARISATIONS, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.noise import first_noise
+from brv_hypo.inference.uncertainty import ResidualMoments
+from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms, record_processes
 from brv_hypo.model.model import Model, SavedModel, read_model, restored
@@ -25,10 +29,6 @@ from brv_hypo.prediction.changes import evidence_here, find_difference, find_loc
 from brv_hypo.prediction.interval import band_of, noise_of, predictive_sigma
 from brv_hypo.prediction.result import ErrorsOfPrediction, ModelSource, Prediction, Region, reason
 from brv_hypo.progress import Progress, report_to
-from brv_hypo.ranking.summary import flight_summary, record_summary
-from brv_hypo.regression.noise import first_noise
-from brv_hypo.regression.nuisance import Errors
-from brv_hypo.regression.uncertainty import ResidualMoments
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.final_model import Coefficients

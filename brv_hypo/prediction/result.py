@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
+from brv_hypo.comparison.result import FlightSummary, RecordSummary, TermEstimate
 from brv_hypo.constants import (
     PREDICTED_DISTINCT,
     PREDICTED_GREATLY,
@@ -15,7 +16,6 @@ from brv_hypo.constants import (
     PREDICTED_SMALL,
 )
 from brv_hypo.json_result import NullIsNaN, Result
-from brv_hypo.ranking.result import FlightSummary, RecordSummary, TermEstimate
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import REFUSED
 

@@ -11,8 +11,8 @@ from itertools import chain
 
 import numpy as np
 
+from brv_hypo.comparison.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.io.text import hypothesis, probability
-from brv_hypo.ranking.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts

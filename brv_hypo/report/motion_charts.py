@@ -12,11 +12,11 @@ from scipy.signal import welch
 from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.result import RecordError, RecordFaultSummary, TermEstimate
 from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
-from brv_hypo.ranking.result import RecordError, RecordFaultSummary, TermEstimate
 from brv_hypo.report.document import (
     Band,
     Bars,

@@ -7,11 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from brv_hypo.constants import BEYOND_TOLERANCE
-from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
-from brv_hypo.model.common_time import decimals
-from brv_hypo.motion.reconstruction import angle_known
-from brv_hypo.ranking.result import (
+from brv_hypo.comparison.result import (
     Comparison,
     DerivedEstimate,
     FlightSummary,
@@ -22,6 +18,10 @@ from brv_hypo.ranking.result import (
     RecordSummary,
     TermEstimate,
 )
+from brv_hypo.constants import BEYOND_TOLERANCE
+from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
+from brv_hypo.model.common_time import decimals
+from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
 
 _PLANES = {"in-plane": "in", "out-of-plane": "out", "record": NOT_A_NUMBER}

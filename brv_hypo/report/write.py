@@ -12,12 +12,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from brv_hypo.comparison.result import Comparison
 from brv_hypo.errors import UsageError, missing_package
 from brv_hypo.flight import Flight
 from brv_hypo.io.files import check_target, make_folder, write_whole
 from brv_hypo.motion import Reconstruction
 from brv_hypo.prediction.result import Prediction
-from brv_hypo.ranking.result import Comparison
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Chart, Document
 from brv_hypo.report.html import page, provenance

@@ -12,12 +12,12 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from brv_hypo.comparison import compare
+from brv_hypo.comparison.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.errors import BrvHypoError
 from brv_hypo.flight.format import assemble
 from brv_hypo.mechanisms import find
 from brv_hypo.motion.signals import rms
-from brv_hypo.ranking import compare
-from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth, simulate
 from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.config import NONE, Draw, StudyConfig, corrupted, flight_config, planted_faults

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.comparison.intervals import intervals, within_bounds
 from brv_hypo.constants import (
     CONFOUNDED_COSINE,
     CONFOUNDED_GAIN,
@@ -24,17 +25,16 @@ from brv_hypo.constants import (
     HELD_OUT_SIGMAS,
     HELD_OUT_WORSE,
 )
+from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.held_out import jackknife_error
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import nonlinear_parameters
+from brv_hypo.inference.uncertainty import with_errors
+from brv_hypo.linearisation.channels import Part, Rows
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.linear import lengths, solve_scaled
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.term import Regressor
-from brv_hypo.ranking.intervals import intervals, within_bounds
-from brv_hypo.regression.channels import Part, Rows
-from brv_hypo.regression.fit import HypothesisFit
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.held_out import jackknife_error
-from brv_hypo.regression.linear import lengths, solve_scaled
-from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.refinement import nonlinear_parameters
-from brv_hypo.regression.uncertainty import with_errors
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.fit import Fit, MomentErrors
 from brv_hypo.tracing.result import Kind, Status

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from brv_hypo.inference.problem import GIVEN
+from brv_hypo.linearisation.channels import Part, Rows
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.model.term import Regressor
-from brv_hypo.regression.channels import Part, Rows
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.problem import GIVEN
 from brv_hypo.tracing.acceptance import Candidate, Tried, adjusted, confounded
 from brv_hypo.tracing.additions import Analysis, Choice
 from brv_hypo.tracing.families import beside_processes

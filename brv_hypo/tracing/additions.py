@@ -26,17 +26,17 @@ from brv_hypo.constants import (
     RECORD_EFFECT_CLOSER,
     RECORD_EFFECT_LARGEST,
 )
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest
+from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
+from brv_hypo.inference.problem import Problem, given_column
+from brv_hypo.linearisation.channels import Rows
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.linear import lengths
+from brv_hypo.linearisation.nuisance import on_frame
+from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect
 from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.regression.channels import Rows
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis, likeliest
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.noise import estimated_noise, first_noise, raised_noise
-from brv_hypo.regression.nuisance import on_frame
-from brv_hypo.regression.problem import Problem, given_column
-from brv_hypo.regression.response import LinearisedFlight
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.acceptance import (
     Candidate,

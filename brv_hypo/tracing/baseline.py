@@ -19,14 +19,14 @@ from brv_hypo.constants import (
 )
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.build import baseline_columns
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.model import Model, constant_moment
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.build import baseline_columns
-from brv_hypo.regression.frame import RateFrame
 from brv_hypo.tracing.fit import Corrected
 from brv_hypo.tracing.result import Baseline
 

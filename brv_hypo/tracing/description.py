@@ -30,6 +30,9 @@ from brv_hypo.constants import (
     DESCRIBED_TIMED,
     TURNING_RATES,
 )
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.unmodelled import fastest_turning
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
     Factor,
@@ -43,9 +46,6 @@ from brv_hypo.mechanisms.yaml_mechanism import (
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.regression.problem import Problem
-from brv_hypo.regression.unmodelled import fastest_turning
 from brv_hypo.tracing.acceptance import Candidate, candidate_of, solved
 
 # ---- The dictionary ----

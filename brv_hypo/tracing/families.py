@@ -20,9 +20,20 @@ from itertools import combinations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.judgement import NORMAL_95
+from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
+from brv_hypo.inference.fit import HypothesisFit, solved
+from brv_hypo.inference.held_out import jackknife_error
+from brv_hypo.inference.noise import first_noise
+from brv_hypo.inference.problem import Problem, given_column
+from brv_hypo.inference.reduced import Reduced
+from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms, rows_of
+from brv_hypo.linearisation.channels import Part
+from brv_hypo.linearisation.channels import Rows as Histories
+from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
@@ -30,17 +41,6 @@ from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.judgement import NORMAL_95
-from brv_hypo.ranking.with_processes import fitted, in_one_region, moved, plainest
-from brv_hypo.regression.channels import Part
-from brv_hypo.regression.channels import Rows as Histories
-from brv_hypo.regression.fit import HypothesisFit, solved
-from brv_hypo.regression.held_out import jackknife_error
-from brv_hypo.regression.noise import first_noise
-from brv_hypo.regression.nuisance import on_frame
-from brv_hypo.regression.problem import Problem, given_column
-from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import nonlinear_parameters
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
 from brv_hypo.tracing.fit import Fit
 from brv_hypo.tracing.result import Family, ProcessHistory

@@ -14,23 +14,23 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
+from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
+from brv_hypo.comparison.summary import flight_summary, likelihood_block
 from brv_hypo.constants import LIKELIHOOD_STEPS, MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS, SCHEDULE_TRIFLE
 from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.inference.derivatives import Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
+from brv_hypo.inference.refinement import FINAL, nonlinear_parameters, prediction_slopes
+from brv_hypo.inference.uncertainty import Regressed, ResidualMoments
+from brv_hypo.linearisation.linear import covariance_of, solve_scaled
+from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.model import TOLERATED, Model, ModelError, SavedModel
 from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking.diagnostics import collinear, record_errors, whitened
-from brv_hypo.ranking.result import MaximumLikelihood, TermEstimate
-from brv_hypo.ranking.summary import flight_summary, likelihood_block
-from brv_hypo.regression.linear import covariance_of, solve_scaled
-from brv_hypo.regression.refinement import FINAL, nonlinear_parameters, prediction_slopes
-from brv_hypo.regression.uncertainty import Regressed, ResidualMoments
-from brv_hypo.regression.whitening import effective_samples
 from brv_hypo.tracing.additions import GENERIC
 from brv_hypo.tracing.description import Discovery, as_terms, file_of
 from brv_hypo.tracing.families import beside_processes

@@ -32,6 +32,21 @@ from brv_hypo.constants import (
     WHITE_LAGS,
 )
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.build import linearised, on_rows, with_vehicle
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.inference.held_out import jackknife_error
+from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
+from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
+from brv_hypo.inference.reduced import Reduced
+from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, refine
+from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
+from brv_hypo.linearisation.channels import Noise, Part, Rows, part, split, whole
+from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels
+from brv_hypo.linearisation.linear import covariance_of, solve_scaled
+from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances
+from brv_hypo.linearisation.propagated_motion import linearisation_point
+from brv_hypo.linearisation.response import LinearisedFlight
+from brv_hypo.linearisation.whitening import difference, white
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import nuisance_effects, without
 from brv_hypo.model.model import TOLERATED, Model
@@ -43,21 +58,6 @@ from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
-from brv_hypo.regression.build import linearised, on_rows, with_vehicle
-from brv_hypo.regression.channels import Noise, Part, Rows, part, split, whole
-from brv_hypo.regression.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels
-from brv_hypo.regression.held_out import jackknife_error
-from brv_hypo.regression.linear import covariance_of, solve_scaled
-from brv_hypo.regression.noise import estimated_noise, first_noise, raised_noise
-from brv_hypo.regression.nuisance import Errors, Nuisance, nuisances
-from brv_hypo.regression.problem import GivenColumns, Problem, WhitenedRows
-from brv_hypo.regression.propagated_motion import linearisation_point
-from brv_hypo.regression.reduced import Reduced
-from brv_hypo.regression.refinement import ROUGH, Steps, nonlinear_parameters, refine
-from brv_hypo.regression.response import LinearisedFlight
-from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
-from brv_hypo.regression.whitening import difference, white
 from brv_hypo.thresholds import NOISE_EXCESS
 from brv_hypo.tracing.result import Residual, TraceConfig
 

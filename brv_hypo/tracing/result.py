@@ -7,6 +7,7 @@ from typing import Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from brv_hypo.comparison.result import FlightSummary, MaximumLikelihood, RecordError, RecordSummary, TermEstimate
 from brv_hypo.constants import TRACED_BLOCKS, TRACED_KNOTS, TRACED_SIGNIFICANCE, TRACED_STEPS, TRACED_TERMS
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.json_result import NullIsNaN, Result
@@ -14,7 +15,6 @@ from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.model import SavedModel
 from brv_hypo.motion.config import Method
-from brv_hypo.ranking.result import FlightSummary, MaximumLikelihood, RecordError, RecordSummary, TermEstimate
 from brv_hypo.results import HasCharts, Row
 
 Baseline = Literal["scheduled", "constant"]

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from brv_hypo.comparison.summary import record_summary
 from brv_hypo.constants import (
     HELD_OUT_SHORTEST,
     LOOP_REPEATED_BLOCKS,
@@ -28,6 +29,9 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.problem import Problem
+from brv_hypo.linearisation.channels import split
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.model.baseline import StaticBend
@@ -35,10 +39,6 @@ from brv_hypo.model.model import Model, restored
 from brv_hypo.model.term import TimeBasis, default_knots, term_column
 from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
-from brv_hypo.ranking.summary import record_summary
-from brv_hypo.regression.channels import split
-from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.regression.problem import Problem
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
 from brv_hypo.tracing.acceptance import Candidate, adjusted, confounded, fitted_again

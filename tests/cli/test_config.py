@@ -7,9 +7,9 @@ import json
 import pytest
 import yaml
 
+from brv_hypo.comparison import CompareConfig
 from brv_hypo.errors import UsageError
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.ranking import CompareConfig
 from brv_hypo.settings import commented, read_settings, settings_of
 from brv_hypo.simulation import load_config
 from brv_hypo.study import read_study

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import brv_hypo
+from brv_hypo.comparison.summary import flight_summary
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.tolerances import of_grade
-from brv_hypo.ranking.summary import flight_summary
 from brv_hypo.report.reconstruction import reconstruction_document
 from brv_hypo.report.tables import flight_line
 

@@ -16,8 +16,8 @@ from rich.progress import Progress
 
 import brv_hypo
 from brv_hypo import errors
+from brv_hypo.comparison import CompareConfig
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.ranking import CompareConfig
 from brv_hypo.simulation import SimulationConfig
 from brv_hypo.study import StudyConfig
 from brv_hypo.tracing import TraceConfig
@@ -25,7 +25,8 @@ from brv_hypo.tracing import TraceConfig
 NAMES = ("load_flight", "reconstruct", "compare", "simulate")
 SETTINGS = {"compare": CompareConfig, "trace": TraceConfig, "reconstruct": ReconstructionConfig}
 SETTINGS |= {"predict": TraceConfig, "simulate": SimulationConfig, "run_study": StudyConfig}
-EXAMPLES = ("brv_hypo.progress", "brv_hypo.flight.format", "brv_hypo.simulation.simulator", "brv_hypo.ranking.compare")
+EXAMPLES = ("brv_hypo.progress", "brv_hypo.flight.format", "brv_hypo.simulation.simulator")
+EXAMPLES += ("brv_hypo.comparison.compare",)
 EXAMPLES += ("brv_hypo.model.reconstruction", "brv_hypo.results", "brv_hypo.flight.record")
 EXAMPLES += ("brv_hypo.subset.best", "brv_hypo.likelihood.fit")
 SLOW_EXAMPLES = ("brv_hypo.tracing.trace", "brv_hypo.prediction.predict", "brv_hypo.study.run")

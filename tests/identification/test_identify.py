@@ -122,7 +122,7 @@ def test_a_delay_of_0_2_s_comes_back_from_a_start_0_1_s_off():
 
 @pytest.mark.slow
 def test_flights_share_coefficients_and_keep_their_own_gravity():
-    from brv_hypo.regression.frame import build_frame
+    from brv_hypo.linearisation.frame import build_frame
 
     pair = [trial(*one) for one in flights("none", 2, seed=21)]
     frame = build_frame([work.frame.reconstructions[0] for work in pair], list(pair[0].frame.mechanisms.values()))

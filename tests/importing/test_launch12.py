@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from brv_hypo.comparison import CompareConfig, compare
 from brv_hypo.importing import Imported, bring_in
-from brv_hypo.ranking import CompareConfig, compare
 from tests.shared_data import shared_file
 
 pytestmark = pytest.mark.shared

@@ -10,9 +10,9 @@ from scipy.linalg import block_diag
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.inference import Evidence, Group, Rows
+from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.rows import Block, Terms
-from brv_hypo.regression.frame import RateFrame
-from brv_hypo.regression.problem import Problem
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
 

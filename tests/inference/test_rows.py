@@ -10,8 +10,12 @@ import numpy as np
 import pytest
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.comparison import CompareConfig
+from brv_hypo.comparison.preparation import cleaned, shared_problem, with_processes
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference import Rows, rows_of
+from brv_hypo.inference.build import point_of
+from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.rows import SETTLING
 from brv_hypo.mechanisms import Mechanism, MomentProcess, Term, registry, use_plugin_files
 from brv_hypo.mechanisms.registry import moment_processes, record_processes, requested
@@ -19,10 +23,6 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import cleaned, shared_problem, with_processes
-from brv_hypo.regression.build import point_of
-from brv_hypo.regression.fit import fit_hypothesis
 from tests.chains import judged_cone
 from tests.flights import flown
 from tests.inference.small import taken_out

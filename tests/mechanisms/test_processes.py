@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from brv_hypo.comparison import compare
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight.record import CHANNELS, Flight
 from brv_hypo.mechanisms import (
@@ -32,7 +33,6 @@ from brv_hypo.mechanisms.checked import is_checked
 from brv_hypo.mechanisms.conformance import conformance, sample_flight, sample_motion, uniform_time
 from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.ranking import compare
 from brv_hypo.testing import check_mechanism
 from tests.cli.conftest import brv_hypo
 from tests.flights import nominal

@@ -11,12 +11,12 @@ from pydantic import ValidationError
 
 from brv_hypo.flight import load_flight, save_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_of
 from brv_hypo.model.model import Model, ModelError, SavedColumn, SavedModel
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.prediction import Prediction, predict
-from brv_hypo.regression.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.tracing import Trace, TraceConfig
 from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.final_model import model_error

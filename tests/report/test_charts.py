@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.docs import text
 from brv_hypo.io.text import hypothesis
-from brv_hypo.ranking import CompareConfig, Comparison, compare
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import (
     MOST_POINTS,

@@ -10,11 +10,11 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from brv_hypo import plot_compare
+from brv_hypo.comparison import Comparison
+from brv_hypo.comparison.result import Explained, MaximumLikelihood, MechanismLimit, ProcessEstimate, RecordError
 from brv_hypo.docs import text
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.ranking import Comparison
-from brv_hypo.ranking.result import Explained, MaximumLikelihood, MechanismLimit, ProcessEstimate, RecordError
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
 from brv_hypo.report.html import Provenance, page

@@ -11,7 +11,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from brv_hypo.ranking.result import RecordFaultSummary, RecordSummary
+from brv_hypo.comparison.result import RecordFaultSummary, RecordSummary
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import (
     Band,

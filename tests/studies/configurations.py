@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from brv_hypo.comparison import CompareConfig, compare
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.ranking import CompareConfig, compare
 from brv_hypo.simulation import config_names, load_config, simulate
 
 COMPARED = CompareConfig(mechanisms=("damping", "inplane", "bodyfixed", "lag", "sticking"), maximum_likelihood="quick")

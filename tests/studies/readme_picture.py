@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console, RenderableType
 
-from brv_hypo.ranking import compare
+from brv_hypo.comparison import compare
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.listings import simulation_text
 from brv_hypo.report.terminal import terminal_view

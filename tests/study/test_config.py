@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from brv_hypo.comparison import CompareConfig
 from brv_hypo.errors import UsageError
-from brv_hypo.ranking import CompareConfig
 from brv_hypo.study import StudyConfig, read_study
 from brv_hypo.study.config import InstrumentDraws, check_names, draws, flight_config
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.ranking.result import DerivedEstimate, RankedHypothesis, TermEstimate
+from brv_hypo.comparison.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth
 from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.trial import effect_size, estimates

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms.conformance import sample_motion
 from brv_hypo.mechanisms.yaml_mechanism import Factor, Turn, YamlMechanism, YamlTerm, mechanism_of
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.regression.problem import Problem
 from brv_hypo.tracing.description import Discovery, discover, entries
 from tests.chains import prepared
 

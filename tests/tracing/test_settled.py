@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
-from brv_hypo.regression.linear import covariance_of
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
 from brv_hypo.tracing.final_model import WholeRecord
 from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about
 from tests.chains import TRIM, traced_trim
+from tests.comparison.pulse import fitted, pulse
 from tests.flights import nominal
-from tests.ranking.pulse import fitted, pulse
 from tests.studies.independent.effects import sized
 
 CONFIG = TraceConfig(maximum_likelihood=False, discover=False)

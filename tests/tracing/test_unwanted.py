@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import pytest
 
+from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.mechanisms import find
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.regression.fit import fit_hypothesis
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.additions import generic_name
 from brv_hypo.tracing.baseline import start_model, starting_columns
 from brv_hypo.tracing.fit import Fit, converged, correct
 from brv_hypo.tracing.result import Errors, Residual, Step, lasting_steps
 from brv_hypo.tracing.trace import unwanted
-from tests.ranking.pulse import fitted, pulse
+from tests.comparison.pulse import fitted, pulse
 
 CONFIG = TraceConfig(maximum_likelihood=False)
 

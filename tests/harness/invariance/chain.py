@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from brv_hypo.comparison import CompareConfig, Comparison, compare
+from brv_hypo.comparison.result import RankedHypothesis
 from brv_hypo.flight.record import Flight
-from brv_hypo.ranking import CompareConfig, Comparison, compare
-from brv_hypo.ranking.result import RankedHypothesis
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 
 # Probability from which a hypothesis stands.

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
+from brv_hypo.comparison import CompareConfig, Comparison
+from brv_hypo.comparison.result import TermEstimate
 from brv_hypo.mechanisms import Mechanism, Term, find
 from brv_hypo.motion.motion import Motion
-from brv_hypo.ranking import CompareConfig, Comparison
-from brv_hypo.ranking.result import TermEstimate
 from tests.flight.records import ACCEPTED, UNITS
 from tests.harness.invariance.chain import Case, Change, Distance, compared, distance, flight, original
 from tests.harness.invariance.changes import NAMES, SI_UNITS, mirrored, rolled, shifted, with_isotropic_errors, written
@@ -115,7 +115,7 @@ class Told(Mechanism):
 @cache
 def _told(mechanism: Told, case: Case) -> Comparison:
     """The comparison in which `damping` is this mechanism."""
-    module = importlib.import_module("brv_hypo.ranking.compare")
+    module = importlib.import_module("brv_hypo.comparison.compare")
     known = module.parse_hypothesis
 
     def parse(name: str, options: object = None) -> tuple[Mechanism, ...]:

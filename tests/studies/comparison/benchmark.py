@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from brv_hypo.comparison.compare import compare
+from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.ranking.compare import compare
-from brv_hypo.ranking.config import CompareConfig
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import InstrumentsConfig
 

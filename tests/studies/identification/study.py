@@ -19,12 +19,12 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.identify import Estimate, Identification, identify
 from brv_hypo.identification.parameters import tolerated_mechanisms
+from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels, whiten
+from brv_hypo.linearisation.whitening import difference, fit_noise
 from brv_hypo.mechanisms import find, record_effects
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, delays_among
-from brv_hypo.regression.frame import RateFrame, build_frame, remove_levels, whiten
-from brv_hypo.regression.whitening import difference, fit_noise
 from brv_hypo.simulation import SimulatedFlight, SimulationConfig, load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig
 from tests.varied import varied

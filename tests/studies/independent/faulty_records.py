@@ -19,12 +19,12 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from brv_hypo import compare
+from brv_hypo.comparison import CompareConfig
 from brv_hypo.errors import FlightRecordError, UnanswerableError
 from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.format import assemble, unassemble
 from brv_hypo.flight.record import Record, RecordFault, validated
 from brv_hypo.motion import try_record
-from brv_hypo.ranking import CompareConfig
 from brv_hypo.study.config import planted_faults
 from tests.studies.independent.flights import draw_flight
 from tests.studies.independent.instruments import GRADES

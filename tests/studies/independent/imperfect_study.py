@@ -21,7 +21,7 @@ from joblib import delayed
 from scipy.stats import beta
 
 from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig, Comparison
+from brv_hypo.comparison import CompareConfig, Comparison
 from tests.studies.identification.study import NORMAL_95
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfections import KINDS

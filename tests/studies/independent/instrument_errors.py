@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.comparison import CompareConfig
 from tests.studies.identification.study import NORMAL_95
 from tests.studies.independent.flights import Made
 from tests.studies.independent.instruments import Errors

@@ -20,7 +20,7 @@ import numpy as np
 from joblib import delayed
 
 from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.comparison import CompareConfig
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.mechanisms import LISTED, Planted
 from tests.studies.independent.reporting import fly_and_report

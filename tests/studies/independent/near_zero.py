@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.comparison import CompareConfig
 from tests.studies.independent.dynamics import flown, stack
 from tests.studies.independent.flights import Made, make_flight, stream
 from tests.studies.independent.instruments import no_errors

@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.problem import Problem, given_column
+from brv_hypo.linearisation.linear import lengths
+from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.mechanisms import Mechanism, RecordEffect, Term
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.nuisance import on_frame
-from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
 from brv_hypo.tracing.fit import Fit, converged, correct

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from brv_hypo import compare, reconstruct
+from brv_hypo.comparison import CompareConfig
+from brv_hypo.comparison.preparation import prepare
+from brv_hypo.linearisation.propagated_motion import linearisation_point, walk_modes
 from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct as reconstruction_of
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.kinematics import body_from_plane
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import prepare
-from brv_hypo.regression.propagated_motion import linearisation_point, walk_modes
 from tests.studies.independent.drawn_vehicles import FEWEST_CYCLES, LONGEST, draw_craft
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.mechanisms import LISTED

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo import compare, reconstruct
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.comparison import CompareConfig
 from tests.studies.independent.mechanisms import LISTED
 from tests.studies.independent.study import MIXED, drawn_flight
 

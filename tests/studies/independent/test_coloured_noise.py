@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo import compare, reconstruct
-from brv_hypo.ranking import CompareConfig
+from brv_hypo.comparison import CompareConfig
 from tests.studies.independent.drawn_vehicles import draw_craft
 from tests.studies.independent.flights import Made, draw_flight
 from tests.studies.independent.instruments import Noise

@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from brv_hypo import compare
+from brv_hypo.comparison import CompareConfig
+from brv_hypo.comparison.preparation import shared_time, sharing_warnings
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.preparation import shared_time, sharing_warnings
-from tests.ranking.pulse import problem
+from tests.comparison.pulse import problem
 from tests.studies.independent.joint import fly_several, machs
 from tests.studies.independent.mechanisms import LISTED
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from brv_hypo import compare
+from brv_hypo.comparison import CompareConfig
+from brv_hypo.comparison.result import Verdict
 from brv_hypo.motion import try_record
-from brv_hypo.ranking import CompareConfig
-from brv_hypo.ranking.result import Verdict
 from tests.studies.independent.flights import Made, draw_flight
 from tests.studies.independent.instruments import Noise
 from tests.studies.independent.mechanisms import LISTED

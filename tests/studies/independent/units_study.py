@@ -16,7 +16,7 @@ import numpy as np
 from joblib import delayed
 
 from brv_hypo import compare
-from brv_hypo.ranking import CompareConfig, Comparison
+from brv_hypo.comparison import CompareConfig, Comparison
 from tests.studies.identification.study import NORMAL_95
 from tests.studies.independent.imperfect_study import command_line, count, drawn_flight
 from tests.studies.independent.mechanisms import LISTED

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.regression.linear import lengths
-from brv_hypo.regression.problem import Problem
+from brv_hypo.inference.problem import Problem
+from brv_hypo.linearisation.linear import lengths
 from brv_hypo.simulation.config import SimulationConfig
 
 # A coefficient is detected at this many of its standard errors in the whole regression.

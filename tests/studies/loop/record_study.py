@@ -21,13 +21,13 @@ from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find, find_installed
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, read_structure, restored
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.regression.fit import fit_hypothesis
-from brv_hypo.regression.problem import Problem, given_column
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.additions import Analysis, analyse_step
 from brv_hypo.tracing.baseline import is_bend

@@ -1,0 +1,228 @@
+"""`compare`: from flight records to ranked mechanisms.
+
+Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+from scipy.linalg import qr
+from threadpoolctl import threadpool_limits
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.adequacy import outside
+from brv_hypo.comparison.config import CompareConfig, CompareSettings
+from brv_hypo.comparison.diagnostics import best_by_size, diagnostics
+from brv_hypo.comparison.intervals import out_of_bounds
+from brv_hypo.comparison.judgement import Hypotheses, Judged, Say, acting_in, explained, judged, processes, weighed
+from brv_hypo.comparison.limits import limits
+from brv_hypo.comparison.maximum_likelihood import identify_credible, tolerance_warnings
+from brv_hypo.comparison.preparation import sharing_warnings, short_warnings
+from brv_hypo.comparison.result import Comparison, Seconds, Verdict
+from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
+from brv_hypo.comparison.verdict import Candidate, Fit, judge
+from brv_hypo.errors import MechanismError
+from brv_hypo.flight import FlightSource, flights_of
+from brv_hypo.flight.derived import averaged
+from brv_hypo.flight.record import Flight
+from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.held_out import block_of_whitened_row, held_out
+from brv_hypo.inference.problem import Problem
+from brv_hypo.io.text import hypothesis
+from brv_hypo.linearisation.linear import lengths
+from brv_hypo.mechanisms.checked import checked, without_faulty
+from brv_hypo.mechanisms.contract import Mechanism, Process
+from brv_hypo.mechanisms.registry import compared, installed, parse_hypothesis, requested
+from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.term import theta_grid
+from brv_hypo.motion import ReconstructionConfig, try_record
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.progress import Progress, report_to, stages
+from brv_hypo.settings import settings_of, takes_settings
+from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
+from brv_hypo.thresholds import BOUND_COSTS
+
+
+def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
+    """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
+    designs = [problem.design(fit.frame, fit.columns) for fit in fits]
+    size = len(problem.baseline)
+    complete = _independent(np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)]))
+    null = least_squares(_independent(designs[0][:, :size]), problem.response)
+    block = block_of_whitened_row(problem, block_count)
+    reference = Reference(
+        rss_forced=null.rss,
+        n_forced=size,
+        complete=least_squares(complete, problem.response),
+        blocks=np.where(block < 0, block.max(), block),  # rows of the priors belong to the last one
+    )
+    return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
+
+
+def _independent(design: FloatArray) -> FloatArray:
+    """The columns without those that depend on the ones before, by pivoted QR."""
+    triangle, order = qr(design / lengths(design), mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    kept = np.sort(order[: diagonal.size][diagonal > 1e-9 * diagonal[0]])
+    return np.asarray(design[:, kept], dtype=float)
+
+
+# ---- `compare`: from flight records to ranked mechanisms ----
+
+
+LATER_STAGES = {"linearising": 0.6, "predicting held-out": 0.75, "maximum likelihood": 0.8}
+"""Fraction of a comparison that is done before each."""
+
+
+@takes_settings(CompareConfig)
+def compare(
+    flights: FlightSource | Sequence[FlightSource],
+    config: CompareConfig | Mapping[str, Any] | str | Path | None = None,
+    *,
+    progress: Progress | None = None,
+    **settings: Unpack[CompareSettings],
+) -> Comparison:
+    """Rank competing mechanisms on one or several flights of a vehicle.
+
+    A record that contradicts itself is not compared unless `accept_record` is set: the verdict says why.
+
+    Returns
+    -------
+    Comparison
+        The hypotheses by rank, and the verdict.
+
+    Examples
+    --------
+    >>> import brv_hypo
+    >>> flown = brv_hypo.simulate("research_cone", seed=1, plant=["sticking"])
+    >>> result = brv_hypo.compare(flown, mechanisms=["sticking"], maximum_likelihood="none")
+    >>> result.verdict.winner
+    'sticking'
+    """
+    config = settings_of(CompareConfig, config, settings)
+    wanted = _hypotheses(config)  # an unknown name is refused whatever the record is like
+    fits = {f"fitting {hypothesis(name)}": 0.1 + 0.5 * k / len(wanted) for k, name in enumerate(wanted)}
+    say = stages(report_to(progress), {"reconstructing": 0.02, **fits, **LATER_STAGES})
+    say("checking the record")
+    trials = [try_record(flight) for flight in flights_of(flights)]
+    record = record_summary([trial for _, trial in trials])
+    tried = [flight for flight, _ in trials]
+    if not (record.sound or config.accept_record):
+        return refused(tried, [trial for _, trial in trials], config.method)
+    analysed = [averaged(flight) for flight in tried]
+    with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
+        found, reasons = without_faulty(partial(_compare_without, analysed, config, say))
+    about_record = {
+        "record": record,
+        "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
+        "warnings": (*found.warnings, *reasons),
+    }
+    return found.model_copy(update=about_record)
+
+
+def _compare_without(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
+    """The comparison with those nuisances of other distributions that it names."""
+    names = {mechanism.name for mechanisms in _hypotheses(config).values() for mechanism in mechanisms}
+    with requested({*names, *(config.mechanisms or ())}, faulty):
+        return _compare(flights, config, say, faulty)
+
+
+def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty: frozenset[str]) -> Comparison:
+    """The comparison without the mechanisms and effects that broke their contract."""
+    hypotheses = {
+        name: mechanisms
+        for name, mechanisms in _hypotheses(config).items()
+        if faulty.isdisjoint(mechanism.name for mechanism in mechanisms)
+    }
+    begun = clock.perf_counter()
+    say("reconstructing the motion")
+    reconstructions = [reconstruct(flight, ReconstructionConfig(method=config.method)) for flight in flights]
+    reconstructed = clock.perf_counter()
+    answered, warnings = answerable(reconstructions, hypotheses)
+    warnings = (*warnings, *sharing_warnings(reconstructions), *short_warnings(reconstructions))
+    beside = judged(reconstructions, config, answered, say)
+    problem, fits = beside.problem, beside.fits
+    criteria = criteria_of(problem, fits, config.held_out_blocks)
+    say("predicting held-out blocks")
+    errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
+    verdict = _verdict(beside, answered, config.other_prior)
+    selected = clock.perf_counter()
+    likelihoods = identify_credible(problem, fits, verdict, config, say)
+    finished = clock.perf_counter()
+    seconds = Seconds(
+        reconstruct=reconstructed - begun,
+        select=selected - reconstructed,
+        ml=finished - selected,
+        total=finished - begun,
+    )
+    comparison = summarise(problem, fits, errors, criteria, seconds, likelihoods, verdict)
+    # What the first reconstruction warns of is of the record, whatever the motion that the leader is linear about.
+    said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
+    about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
+    known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
+    warnings = (*warnings, *tolerance_warnings(fits[beside.leader].name, known["record_errors"], verdict))
+    sized = best_by_size(problem, fits, criteria[beside.null])
+    return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})
+
+
+def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:
+    """The verdict on hypotheses beside processes, with limits where anything is adequate."""
+    null, weight = beside.evidences[beside.null], beside.weight
+    listed = [
+        Candidate(fit.name, -0.5 * fit.information, weight * own.held_out, _impossible(fit, own.level - null.level))
+        for fit, own in zip(beside.fits, beside.evidences, strict=True)
+        if not fit.mechanisms or (fit.selected and not _has_idle_part(fit, beside.fits))  # of others nothing is known
+    ]
+    instead = [
+        Candidate(fit.name, weighed(fit, own.level - null.level, weight), weight * own.held_out, words=words)
+        for words, fit, own in outside(beside, hypotheses)
+    ]
+    leader, share = beside.evidences[beside.leader], explained(beside)
+    squares = share.share * beside.squares * beside.rows.noise_ratio**2
+    fit = Fit(beside.misfit, beside.rows.size, squares, share.interval_95[0] > 0.0)
+    verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
+    found = limits(beside.fits[beside.leader], leader, hypotheses, weight)
+    if verdict.outcome == "none adequate":
+        found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)
+    return verdict.model_copy(update={"limits": found})
+
+
+def _has_idle_part(fit: HypothesisFit, fits: Sequence[HypothesisFit]) -> bool:
+    """Whether a joined hypothesis is one of the others: the same mechanisms act, and it has more."""
+    return any(len(e.mechanisms) < len(fit.mechanisms) and acting_in(e) == acting_in(fit) for e in fits)
+
+
+def _impossible(fit: HypothesisFit, gain: float) -> str | None:
+    """The value that no body has, in words, where without it most of the log evidence that the fit gains is lost."""
+    excess = out_of_bounds(fit)
+    return None if excess is None or 0.5 * excess.sigmas**2 <= BOUND_COSTS * max(gain, 0.0) else excess.words
+
+
+def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses) -> tuple[Hypotheses, tuple[str, ...]]:
+    """The hypotheses whose terms exist on these flights, and why the others are left out."""
+    kept: dict[str, tuple[Mechanism, ...]] = {}
+    warnings = []
+    for name, mechanisms in hypotheses.items():
+        try:
+            for mechanism in mechanisms:
+                for reconstruction in reconstructions:
+                    for theta in theta_grid(mechanism):
+                        checked(mechanism).terms(reconstruction.motion, dict(theta))
+            kept[name] = mechanisms
+        except MechanismError as error:
+            warnings.append(f"{name} is left out: {error}")
+    return kept, tuple(warnings)
+
+
+def _hypotheses(config: CompareConfig) -> Hypotheses:
+    """By name; that of a nuisance effect asks for it in every hypothesis, and makes none of its own."""
+    items = {name: entry.item for name, entry in installed().items()}
+    beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
+    names = [name for name in config.mechanisms or () if name not in beside]
+    return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}

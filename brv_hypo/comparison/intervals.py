@@ -1,0 +1,166 @@
+"""What a mechanism comes to in each interval between its knots: net values, in time order."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import SEARCH_SAME_THETA, SECOND_ORDER_VALUES
+from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.mechanisms.contract import Derived
+from brv_hypo.model.common_time import CommonTime, at
+from brv_hypo.model.term import Regressor, Theta
+
+
+@dataclass(frozen=True)
+class NetValue:
+    """The net coefficient of one term of one theta over an interval."""
+
+    mechanism: str
+    term: str
+    theta: Theta
+    delay: float | None
+    units: str
+    value: float
+    std_error: float
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A stretch between two knots with the net values there, and what mechanisms derive from them.
+
+    `start`, `stop` s, in the time that courses are told in.
+    """
+
+    start: float
+    stop: float
+    values: tuple[NetValue, ...]
+    derived: tuple[tuple[str, Derived], ...]
+
+
+def intervals(fit: HypothesisFit) -> tuple[Interval, ...]:
+    """Net values of a fit's selected columns, interval by interval; ramps at the middle of theirs."""
+    if not fit.selected:
+        return ()
+    time = fit.frame.coefficient_time
+    begin, end = float(time.min()), float(time.max())
+    inner = {float(edge) for c in fit.selected for edge in (c.time_basis.start, c.time_basis.stop)}
+    edges = [begin, *sorted(edge for edge in inner if begin < edge < end), end]
+    return tuple(_interval(fit, first, last) for first, last in itertools.pairwise(edges))
+
+
+def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
+    middle = np.array([0.5 * (start + stop)])
+    weights = np.array([float(column.time_basis(middle)[0]) for column in fit.selected])
+    groups: dict[tuple[str, Theta, str], list[int]] = {}
+    for j, column in enumerate(fit.selected):
+        if weights[j] != 0.0:
+            groups.setdefault((column.mechanism, _first_like(fit.selected, column), column.term), []).append(j)
+    rows = np.zeros((len(groups), len(fit.selected)))
+    for i, members in enumerate(groups.values()):
+        rows[i, members] = weights[members]
+    first = fit.baseline_size
+    values = rows @ fit.values[first:]
+    covariance = rows @ fit.covariance[first:, first:] @ rows.T
+    found = tuple(
+        NetValue(
+            mechanism=key[0],
+            term=key[2],
+            theta=key[1],
+            delay=fit.selected[members[0]].delay,
+            units=_units(fit.selected[members[0]]),
+            value=float(values[i]),
+            std_error=float(np.sqrt(max(covariance[i, i], 0.0))),
+        )
+        for i, (key, members) in enumerate(groups.items())
+    )
+    return Interval(start, stop, found, _derived(fit, list(groups), values, covariance))
+
+
+def _first_like(columns: Sequence[Regressor], column: Regressor) -> Theta:
+    """The theta of the first of the mechanism's columns that this one's is the same as."""
+    return next(
+        other.theta
+        for other in columns
+        if other.mechanism == column.mechanism
+        and [name for name, _ in other.theta] == [name for name, _ in column.theta]
+        and all(
+            abs(a - b) <= SEARCH_SAME_THETA * max(abs(a), abs(b))
+            for (_, a), (_, b) in zip(other.theta, column.theta, strict=True)
+        )
+    )
+
+
+def _units(column: Regressor) -> str:
+    """Units of the coefficient itself: a ramp's value at an instant has no `per second`."""
+    return column.units.removesuffix("/s") if column.time_basis.kind == "ramp" else column.units
+
+
+def _derived(
+    fit: HypothesisFit, keys: Sequence[tuple[str, Theta, str]], values: FloatArray, covariance: FloatArray
+) -> tuple[tuple[str, Derived], ...]:
+    """What mechanisms whose terms are one vector derive from its net components."""
+    found = []
+    for mechanism in fit.mechanisms:
+        theta = next((column.theta for column in fit.selected if column.mechanism == mechanism.name), None)
+        if theta is None:  # of a joined hypothesis that needs none of its terms
+            continue
+        names = [term.name for term in mechanism.terms(fit.frame.motions[0], dict(theta))]
+        for theta in dict.fromkeys(key[1] for key in keys if key[0] == mechanism.name):
+            place = [i for i, key in enumerate(keys) if key[:2] == (mechanism.name, theta)]
+            if [keys[i][2] for i in place] != names or not mechanism.terms_enter_together:
+                continue
+            net = {keys[i][2]: float(values[i]) for i in place}
+            found += [(mechanism.name, d) for d in mechanism.derived(net, covariance[np.ix_(place, place)])]
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Excess:
+    """The net value farthest outside its mechanism's bounds, in words, and by how many standard errors."""
+
+    sigmas: float
+    words: str
+
+
+def out_of_bounds(fit: HypothesisFit) -> Excess | None:
+    """The net value farthest outside its mechanism's bounds; None where all lie within them."""
+    bounds = {m.name: m.bounds for m in fit.mechanisms}
+    found: list[Excess] = []
+    every = [(interval, net) for interval in intervals(fit) for net in interval.values]
+    for interval, net in every:
+        low, high = bounds[net.mechanism].get(net.term, (-np.inf, np.inf))
+        similar = [o.value for _, o in every if (o.mechanism, o.term) == (net.mechanism, net.term)]
+        largest = float(np.max(np.abs(np.clip(similar, low, high))))
+        found.append(_excess(net, low, high, largest, _between(fit.frame.common, interval)))
+    worst = max(found, key=lambda excess: excess.sigmas, default=None)
+    return worst if worst is not None and worst.sigmas > 0.0 else None
+
+
+def _between(common: CommonTime | None, interval: Interval) -> str:
+    """The ends of an interval in words."""
+    begin = f"{interval.start:.2f}" if common is None else at(common, interval.start)
+    return f"from {begin} to {at(common, interval.stop)}"
+
+
+def _excess(net: NetValue, low: float, high: float, largest: float, where: str) -> Excess:
+    """`largest`: the largest possible value of the term over all intervals, for errors of second order."""
+    beyond = max(low - net.value, net.value - high, 0.0)
+    error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
+    return Excess(
+        float(beyond / max(error, 1e-300)),
+        f"{net.term} = {net.value:.3g} {where}, where {low:g} to {high:g} is possible",
+    )
+
+
+def within_bounds(fit: HypothesisFit) -> HypothesisFit:
+    """The fit with what its likelihood loses where values that no body has are held at their bounds.
+
+    The square of the excess in standard errors: the fall of 2 ln L for one linear coefficient.
+    """
+    excess = out_of_bounds(fit)
+    return fit if excess is None else replace(fit, bound_cost=excess.sigmas**2)

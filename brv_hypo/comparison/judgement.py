@@ -1,0 +1,273 @@
+"""Every hypothesis beside processes: fits with the errors of one evidence, and what the leader explains.
+
+The search knows no processes. About its leader the record is linearised once more with all of them, and every
+hypothesis, and what may be there instead, gets its evidence there (`inference`). Entrance: `judged`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import BoolArray, FloatArray
+from brv_hypo.comparison.config import CompareConfig
+from brv_hypo.comparison.intervals import within_bounds
+from brv_hypo.comparison.limits import scale_variance
+from brv_hypo.comparison.preparation import cleaned, shared_problem, with_processes, without_processes
+from brv_hypo.comparison.result import Explained, ProcessEstimate
+from brv_hypo.comparison.with_processes import (
+    Pair,
+    along_delays,
+    in_one_region,
+    level,
+    moved,
+    plainest,
+    scanned,
+    widened,
+)
+from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
+from brv_hypo.inference.build import point_of
+from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
+from brv_hypo.inference.fit import (
+    HypothesisFit,
+    fit_hypothesis,
+    follows_static_moment,
+    likeliest,
+    renewed,
+    self_consistent,
+)
+from brv_hypo.inference.held_out import jackknife_error
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.refinement import FINAL, ROUGH, Steps
+from brv_hypo.inference.rows import Rows
+from brv_hypo.inference.uncertainty import with_others
+from brv_hypo.io.text import hypothesis
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.thresholds import MECHANISM_ACTS
+
+OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
+WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
+NORMAL_95 = 1.96  # standard deviations on either side that hold 95 %
+LEAST_SHARE = 1e-6  # of squares that terms make: keeps errors finite where they make nothing
+
+
+Say = Callable[[str], None]
+Hypotheses = Mapping[str, tuple[Mechanism, ...]]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Fits whose criterion, coefficients and errors are those of the evidence, and the evidence of each."""
+
+    problem: Problem
+    """Linear about the leader, without processes."""
+    rows: Rows
+    """Linear about the same point, with processes."""
+    fits: tuple[HypothesisFit, ...]
+    evidences: tuple[Evidence, ...]
+    weight: float
+    """What a nat counts: the share of the likeliest mechanism in the squares that it and processes make of the record,
+    times that of its rows that are independent.
+
+    A likelihood that knows noise as white and processes as smooth alone is sharper than these are, and may describe
+    them by a mechanism (Gruenwald and van Ommen, Bayesian Analysis 12, 2017; Miller and Dunson, J. Am. Stat. Assoc.
+    114, 2019).
+    """
+
+    @property
+    def leader(self) -> int:
+        """The place of the most probable hypothesis."""
+        return min(range(len(self.fits)), key=lambda k: (self.fits[k].information, len(self.fits[k].mechanisms)))
+
+    @property
+    def misfit(self) -> float:
+        """What the leader and processes leave of the record, rms over the stated noise's."""
+        return self.evidences[self.leader].noise * self.rows.noise_ratio
+
+    @cached_property
+    def squares(self) -> float:
+        """The sum of squares of the baseline's residual without processes."""
+        return float(np.sum(self.baseline_residual**2))
+
+    @cached_property
+    def baseline_residual(self) -> FloatArray:
+        """What the baseline without processes does not explain (rows,)."""
+        return self.rows.beside_baseline(self.rows.y)
+
+    @property
+    def null(self) -> int:
+        """The place of the baseline only."""
+        return next(k for k, fit in enumerate(self.fits) if not fit.mechanisms)
+
+
+def judged(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, hypotheses: Hypotheses, say: Say
+) -> Judged:
+    """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
+
+    Where another has the larger evidence there, the record is linearised about that one once more. The later of the
+    two linearisations is kept, unless its leader's residual is larger by more than noise scatters.
+    """
+    problem, settings = shared_problem(reconstructions, config)
+    fits, about = _searched(problem, hypotheses, say), set[str]()
+    found: Judged | None = None
+    while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
+        about.add(leader.name)
+        say(f"linearising about {hypothesis(leader.name)}")
+        fit = self_consistent(problem, replace(leader, log_evidence=None))
+        point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+        records = cleaned(problem, point, settings)
+        if records is None:  # without the leader's errors no motion remains: the record is linearised as it reads
+            point = replace(point, errors=tuple({} for _ in point.errors))
+            records = cleaned(problem, point, settings)
+        assert records is not None
+        whole = with_processes(point, records, settings, config)
+        problem = without_processes(whole, point)
+        fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
+        rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == fit.name))
+        null, at = maximised(rows, rows.terms(None), start), rows.frame_of(fit)
+        first = [maximised(rows, rows.terms(each), start) if each.selected else null for each in fits]
+        offered = [
+            in_one_region(problem, (each, own), null, at) if each.selected else [(each, own)]
+            for each, own in zip(fits, first, strict=True)
+        ]
+        likely = [max(some, key=level) for some in offered]
+        least = max(map(level, likely)) - OUT_OF_REACH
+        pairs = [
+            plainest(problem, some, null) if best[0].selected and level(best) > least else best
+            for some, best in zip(offered, likely, strict=True)
+        ]
+        high = max(map(level, pairs)) - WIDENED
+        pairs = [widened(problem, each) if level(each) > high else each for each in pairs]
+        place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
+        pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
+        pairs = [_without_idle_part(each, pairs) for each in pairs]
+        evidences = [own for _, own in pairs]
+        scale, independent = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
+        shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
+        weight = independent * shares[place]
+        each = [(pair, weighed(pair[0], level(pair) - null.level, weight)) for pair in pairs]
+        stated = [_estimated(*pair, own, independent * s, scale) for (pair, own), s in zip(each, shares, strict=True)]
+        stated[place] = _less_linear(stated[place], along_delays(problem, pairs[place], weight))
+        fits = [with_others(problem, fit) for fit in stated]
+        there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
+        if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
+            found = there
+    assert found is not None
+    return found
+
+
+def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:
+    """The fits in a problem linearised about the leader: knots and delays come from where they lie.
+
+    Those that stay out of reach keep theirs.
+    """
+    there = [
+        renewed(problem, replace(fit, frame=problem.frame.with_mechanisms(fit.mechanisms)), Steps(0, 0.0))
+        for fit in fits
+    ]
+    first = likeliest(there)
+    worst = first.information + SEARCH_OUT_OF_REACH
+    return [renewed(problem, e, FINAL if e is first else ROUGH) if e.information <= worst else e for e in there]
+
+
+def _searched(problem: Problem, hypotheses: Hypotheses, say: Say) -> list[HypothesisFit]:
+    """Every hypothesis searched on the grid of knots and delays, and refined."""
+    fits: list[HypothesisFit] = []
+    for name, mechanisms in hypotheses.items():
+        say(f"fitting {hypothesis(name)}")
+        rival = min((fit.information for fit in fits), default=math.inf)
+        fits.append(fit_hypothesis(problem, name, mechanisms, rival))
+    return fits
+
+
+def _without_idle_part(pair: Pair, pairs: Sequence[Pair]) -> Pair:
+    """A joined hypothesis of which a part does not act has the fit of the one without that part."""
+    like, own = min((e for e in pairs if acting_in(e[0]) == acting_in(pair[0])), key=lambda e: len(e[0].mechanisms))
+    return replace(like, name=pair[0].name, mechanisms=pair[0].mechanisms), own
+
+
+def weighed(fit: HypothesisFit, gain: float, weight: float) -> float:
+    """The log evidence over the baseline's as it counts: every mechanism that acts has its price."""
+    return weight * gain - len(acting_in(fit)) * MECHANISM_ACTS
+
+
+def acting_in(fit: HypothesisFit) -> set[str]:
+    """The mechanisms of a hypothesis that act."""
+    return {column.mechanism for column in fit.selected}
+
+
+def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
+    """The fit as its evidence has it: a nat counts as `weight` in errors; `level` is weighed; see `scale_variance`."""
+    count, covariance = len(fit.columns), own.covariance / weight
+    values = own.values[:count] if fit.selected else own.values
+    if fit.selected and not follows_static_moment(fit.mechanisms):
+        terms = np.arange(fit.baseline_size, count)
+        covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])
+    knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
+    step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
+    covariance[knots, knots] += step**2 / 12.0
+    found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance)
+    return within_bounds(replace(found, bound_cost=0.0))
+
+
+def _less_linear(fit: HypothesisFit, more: FloatArray) -> HypothesisFit:
+    """The fit with more covariance of coefficients, knots and delays."""
+    return within_bounds(replace(fit, joint_covariance=fit.joint_covariance + more)) if np.any(more) else fit
+
+
+def explained(judged: Judged) -> Explained:
+    """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual.
+
+    The rest is left to processes and noise. The interval is that of the jackknife over stretches of time (Efron and
+    Stein, Ann. Statist. 9, 1981): it knows of what a model lacks, as errors of coefficients do not.
+    """
+    leader, residual, stretches = judged.evidences[judged.leader], judged.baseline_residual, judged.rows.time_blocks
+    count = int(np.sum(leader.terms.scaled))
+    if not count:
+        noise = _noise_share(judged)
+        return Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0), processes=1.0 - noise, noise=noise)
+    made = judged.rows.beside_baseline(leader.terms.x[:, :count])
+
+    def share_of(use: BoolArray) -> float:
+        coefficients = np.linalg.lstsq(made[use], residual[use], rcond=None)[0]
+        return 1.0 - float(np.sum((residual[use] - made[use] @ coefficients) ** 2) / np.sum(residual[use] ** 2))
+
+    share = share_of(np.ones(residual.size, dtype=bool))
+    without = np.array([share_of(stretches != k) for k in np.unique(stretches)])
+    error = jackknife_error(without)
+    low, high = np.clip([share - NORMAL_95 * error, share + NORMAL_95 * error], 0.0, 1.0).tolist()
+    noise = min(_noise_share(judged), 1.0 - share)
+    rest = {"unexplained": 1.0 - share, "processes": 1.0 - share - noise, "noise": noise}
+    return Explained(share=share, interval_95=(low, high), **rest)
+
+
+def _noise_share(judged: Judged) -> float:
+    """Of the mean square that the baseline's fit has as residual, that of the noise beside all processes."""
+    own = judged.evidences[judged.leader]
+    return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
+
+
+def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
+    """Every process beside the leader, the one that makes most of the record first."""
+    own, rows = judged.evidences[judged.leader], judged.rows
+    found = []
+    for k, group in enumerate(rows.groups):
+        size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
+        found.append(
+            ProcessEstimate(
+                name=group.name,
+                family=group.family,
+                size=size,
+                std_error=error,
+                units=group.units,
+                share_of_moment=float(np.linalg.norm(own.made_by(k))) / rows.static,
+                tolerance=float(np.exp(group.prior[0])) * group.size,
+            )
+        )
+    return tuple(sorted(found, key=lambda each: -each.share_of_moment))

@@ -1,0 +1,230 @@
+"""How large each mechanism may still be beside leader and processes, over its regions, delays and directions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import eigh
+
+from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.comparison.result import MechanismLimit
+from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_LARGEST, LIMIT_QUANTILE
+from brv_hypo.flight.record import Flight
+from brv_hypo.inference.evidence import Evidence
+from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.problem import Problem
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.registry import nuisance_effects
+from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
+
+# Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
+SPENT = 1e-8
+_DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
+# Condition number of a region's scaled information above which its terms cannot be distinguished.
+_WORST_CONDITION = 1e10
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One region and theta: `peak` 2 ln L that it gains, `estimate` (terms,), its information and moments' Gram."""
+
+    peak: float
+    estimate: FloatArray
+    information: FloatArray
+    gram: FloatArray
+    theta: Theta
+    region: tuple[float, float]
+    """From where to where it acts, s."""
+    width: float = 0.0
+    """s over which it comes on, about the first of these."""
+
+    def largest(self, allowed: float) -> float:
+        """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate."""
+        size = math.sqrt(max(float(self.estimate @ self.gram @ self.estimate), 0.0))
+        spread = float(np.asarray(eigh(self.gram, self.information, eigvals_only=True))[-1])
+        return size + math.sqrt(max(allowed * spread, 0.0))
+
+
+def limits(
+    leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
+) -> tuple[MechanismLimit, ...]:
+    """The share of the moment's rms that each hypothesis may have at 95 %; a joined one has that of its largest.
+
+    One of the leader: as fitted, with its margin; another: beside the leader. A nat counts as `weight`. Of one that may
+    be far larger than the moment, the record says nothing: the limit is withheld (NaN).
+    """
+    rows = evidence.rows
+    frame, moment = rows.frame_of(leader), rows.moment
+    own = {mechanism.name for mechanism in leader.mechanisms}
+    known: dict[str, float] = {}
+    for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
+        if mechanism.name in own:
+            known[mechanism.name] = min(_fitted(leader, frame, scale_variance(rows.problem)) / moment, 1.0)
+        else:
+            known[mechanism.name] = _limit(evidence, frame, mechanism, LIMIT_FALL / weight) / moment
+    shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
+    return tuple(
+        MechanismLimit(mechanism=name, share_of_moment_95=share if share <= LIMIT_LARGEST else float("nan"))
+        for name, share in shares.items()
+    )
+
+
+def _fitted(fit: HypothesisFit, frame: RateFrame, scale: float) -> float:
+    """The rms moment that what was fitted has at most.
+
+    Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
+    lag do, the moment is known better than they are. `scale`: its relative variance by pressure and inertia.
+    """
+    first, values = fit.baseline_size, fit.values[fit.baseline_size :]
+    columns = [frame.moments(fit.selected)]
+    for parameter, error in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
+        low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds).tolist()
+        ends = [frame.moments(parameter.moved(fit.columns, end)[first:]) @ values for end in (low, high)]
+        columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
+    at_mode = np.append(values, np.zeros(len(fit.nonlinear)))
+    covariance = fit.joint_covariance[first:, first:]
+    rng = np.random.default_rng(_SEED)
+    drawn = rng.multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
+    sizes = np.sqrt(np.mean(np.abs(np.concatenate(columns, axis=1) @ drawn.T) ** 2, axis=0))
+    return float(np.quantile(sizes * (1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)), LIMIT_QUANTILE))
+
+
+def scale_variance(problem: Problem) -> float:
+    """Relative variance of any moment coefficient by what tolerances allow of dynamic pressure and inertia.
+
+    The rows have no part of it: what is tested keeps both (`MomentModel.usual`), lest either pose as a share of it.
+    """
+    effects = {effect.name: effect for effect in nuisance_effects()}
+    flights = [record.flight for record in problem.records]
+    found = 0.0
+    for item in problem.rows.nuisances.items:
+        if item.name in effects and np.isfinite(item.present):
+            acting = flights if item.flight is None else [flights[item.flight]]
+            moved = (effects[item.name].perturb(flight, item.component, item.size) for flight in acting)
+            changes = [
+                _moment_per_rate(there) / _moment_per_rate(own) - 1.0 for there, own in zip(moved, acting, strict=True)
+            ]
+            found += (sum(changes) / len(flights)) ** 2
+    return found
+
+
+def _moment_per_rate(flight: Flight) -> float:
+    """Mean of inertia over dynamic pressure."""
+    return float(np.mean(flight.vehicle.iyy / flight.dynamic_pressure))
+
+
+def _limit(evidence: Evidence, frame: RateFrame, mechanism: Mechanism, fall: float) -> float:
+    """The largest rms moment of one mechanism over the record within a `fall` of 2 ln L."""
+    (shapes,) = regions([evidence], frame, mechanism, even_edges(frame, LIMIT_EDGES))
+    if not shapes:
+        return float("inf")
+    best = max(shape.peak for shape in shapes)
+    allowed = [(shape, fall - (best - shape.peak)) for shape in shapes]
+    return max(shape.largest(room) for shape, room in allowed if room > 0.0)
+
+
+def even_edges(frame: RateFrame, count: int) -> FloatArray:
+    """So many times over the record (count,), s."""
+    return np.linspace(frame.coefficient_time.min(), frame.coefficient_time.max(), count)
+
+
+def regions(
+    evidences: Sequence[Evidence],
+    frame: RateFrame,
+    mechanism: Mechanism,
+    edges: FloatArray,
+    widths: Sequence[int] = (0,),
+    thetas: Sequence[Theta] = (),
+    most: int | None = None,
+) -> list[list[Shape]]:
+    """Of each of some evidences of the same rows every region between two edges, at every theta of a dense grid, or of
+    those given; `most` of each that gain most.
+
+    `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
+    """
+    acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
+    found = [_shapes(evidences, acting, mechanism, theta, edges, tuple(widths), most) for theta in grid]
+    return [[shape for each in found for shape in each[k]] for k in range(len(evidences))]
+
+
+@lru_cache(maxsize=8)
+def _every_region(count: int, widths: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
+    """First and last edge and width (regions, 3) of every region of so many parts, how much of each it holds
+    (regions, count).
+    """
+    ends = np.array(
+        [
+            (first, last, width)
+            for width in widths
+            for first in range(width // 2, count)
+            for last in range(first + max(width // 2, 1), count + 1)
+        ]
+    )
+    first, last, width = ends.T[:, :, np.newaxis]
+    place = np.arange(count) + 0.5
+    rise = np.where(width > 0, np.clip((place - first) / np.maximum(width, 1) + 0.5, 0.0, 1.0), place > first)
+    return ends, rise * (place < last)
+
+
+def _shapes(
+    evidences: Sequence[Evidence],
+    frame: RateFrame,
+    mechanism: Mechanism,
+    theta: Theta,
+    edges: FloatArray,
+    widths: tuple[int, ...],
+    most: int | None,
+) -> list[list[Shape]]:
+    """Of each evidence every region between two edges, made of the parts between neighbouring ones."""
+    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
+    parts = [
+        Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
+        for start, stop in zip(
+            edges[:-1], np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf), strict=True
+        )
+        for name, units in names
+    ]
+    rows, moments = evidences[0].rows.of_moments(frame, parts), frame.moments(parts)
+    count, terms = edges.size - 1, len(names)
+    ends, every = _every_region(count, widths)
+    part = float(np.min(np.diff(edges)))
+    # Squares of the parts: of rounding the size is enough.
+    before = every**2 @ np.sum(rows**2, axis=0).reshape(count, terms)
+    gram_of_parts = np.real(np.conj(moments).T @ moments) / moments.shape[0]
+
+    def over_regions(products: FloatArray, inside: FloatArray) -> FloatArray:
+        """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
+        first = (inside @ products.reshape(count, -1)).reshape(-1, terms, count, terms)
+        return np.asarray(np.sum(first * inside[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
+
+    def of(evidence: Evidence) -> list[Shape]:
+        products, against_y = evidence.projected_products(rows)
+        information, right = over_regions(products, every), every @ against_y.reshape(count, terms)
+        scale = np.diagonal(information, axis1=1, axis2=2)
+        kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
+        kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]
+        estimate = np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0]
+        peak = np.einsum("ra,rab,rb->r", estimate, information[kept], estimate)
+        if most is not None:
+            first = np.argsort(-peak, kind="stable")[:most]
+            kept, estimate, peak = kept[first], estimate[first], peak[first]
+        gram = over_regions(gram_of_parts, every[kept])
+        return [
+            Shape(
+                float(peak[k]),
+                estimate[k],
+                information[j],
+                gram[k],
+                theta,
+                (float(edges[ends[j, 0]]), float(edges[ends[j, 1]])),
+                float(ends[j, 2]) * part,
+            )
+            for k, j in enumerate(kept.tolist())
+        ]
+
+    return [of(evidence) for evidence in evidences]

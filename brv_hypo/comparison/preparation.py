@@ -1,0 +1,283 @@
+"""From reconstructed flights to the problem that all hypotheses share, linearised where the data say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.config import CompareConfig
+from brv_hypo.constants import COLOURED, COMPARED_SMALLEST, OFFSET_DEGREE, SLOPE_DEGREE, WAVERING_SPEED
+from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight.record import Flight
+from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build_problem, carrying
+from brv_hypo.inference.noise import estimated_noise
+from brv_hypo.inference.problem import Problem
+from brv_hypo.linearisation.frame import build_frame
+from brv_hypo.linearisation.propagated_motion import PropagatedMotion, cycles, linearisation_point
+from brv_hypo.mechanisms.contract import RecordEffect
+from brv_hypo.mechanisms.registry import nuisance_effects, nuisance_mechanisms, record_processes, without
+from brv_hypo.model.baseline import PitchDamping, Quantity, StaticBend, StaticMoment, wavering_speeds
+from brv_hypo.model.common_time import CommonTime, common_time
+from brv_hypo.model.reconstruction import reconstruct
+from brv_hypo.model.term import default_knots
+from brv_hypo.motion import ReconstructionConfig
+from brv_hypo.motion.pipeline import require_answerable
+from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.signals import ColouredNoise
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What goes from one linearisation to the next: how each flight is reconstructed, and the static moment.
+
+    `known` are the flights reconstructed so, `common` is the time that they share, if they do. `static`, `bend`: None
+    where they are still to be chosen.
+    """
+
+    reconstruction: tuple[ReconstructionConfig, ...]
+    known: tuple[Reconstruction, ...]
+    common: CommonTime | None = None
+    static: StaticMoment | None = None
+    bend: StaticBend | None = None
+
+
+def shared_problem(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> tuple[Problem, Settings]:
+    """What the hypotheses share, linear about the baseline's first fit, and how the flights are to be reconstructed.
+
+    How loud the instruments' noise is at the frequencies of the motion is known once the motion is taken out.
+    """
+    samples = sum(reconstruction.flight.samples for reconstruction in reconstructions)
+    if samples < COMPARED_SMALLEST:
+        raise UnanswerableError(
+            f"the window holds {samples} samples, expected at least {COMPARED_SMALLEST}: too few to "
+            "distinguish mechanisms. Widen --start and --stop."
+        )
+    settings = Settings(
+        tuple(ReconstructionConfig(method=config.method) for _ in reconstructions),
+        tuple(reconstructions),
+        shared_time(reconstructions),
+    )
+    problem = _problem(reconstructions, settings, config)
+    bend = _bend_of(problem)
+    settings = replace(settings, static=_static_of(problem), bend=bend)
+    problem = carrying(_under_estimated_noise(problem), bend)
+    return problem, _with_motion_noise(problem, settings)
+
+
+def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
+    """The first problem that the hypotheses share."""
+    return shared_problem(reconstructions, config)[0]
+
+
+def _under_estimated_noise(problem: Problem) -> Problem:
+    """The problem under the noise that the record shows in it."""
+    return problem.under(estimated_noise(problem))
+
+
+def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
+    """The settings with the noise that instruments have at the motion's frequencies, where that is far more.
+
+    A motion that the fit knows needs no other, but another noise may want another normal force. Where no motion is
+    found under that noise, it stays.
+    """
+    records, lasting = problem.records, problem.rows.noise.lasting
+    if lasting is None:
+        return settings
+    stated = float(np.median([record.gyro_sigma for record in records]))
+    rates = float(lasting.rates.sigma_at(lasting.motion)) / stated
+    loudness = np.median([np.median(record.force_sigma) for record in records])
+    force = float(lasting.force.sigma_at(lasting.motion) / loudness)
+    out = []
+    for record, setting in zip(records, settings.reconstruction, strict=True):
+        raised: dict[str, float | ColouredNoise] = {}
+        if rates > COLOURED:
+            raised["gyro_sigma"] = rates * record.gyro_sigma
+            raised["gyro_walk"] = lasting.rates.times(record.gyro_sigma / stated)
+        if force > COLOURED:
+            raised["accel_sigma"] = force * record.accel_sigma
+        out.append(setting.model_copy(update=raised))
+    if tuple(out) == settings.reconstruction:
+        return settings
+    try:
+        known = tuple(reconstruct(rec.flight, setting) for rec, setting in zip(settings.known, out, strict=True))
+    except UnanswerableError:
+        return settings
+    return replace(settings, reconstruction=tuple(out), known=known)
+
+
+def _static_of(problem: Problem) -> StaticMoment:
+    static = problem.frame.mechanisms[StaticMoment.name]
+    assert isinstance(static, StaticMoment)
+    return static
+
+
+def _bend_of(problem: Problem) -> StaticBend:
+    """The bend that a body with this slope may have; it drifts with the speed where the slope does."""
+    values, _ = problem.solution(problem.frame, problem.baseline)
+    by_term = {column.term: float(value) for column, value in zip(problem.baseline, values, strict=True)}
+    static = _static_of(problem)
+    slopes = [static.mean_slope(motion, by_term) for motion in problem.frame.motions]
+    drift: tuple[Quantity, float, float] = (static.by, static.start, static.stop)
+    return StaticBend(slope=float(np.mean(slopes)), drift=drift if static.speeds is None else ("speed", *static.speeds))
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """A record without the errors of a linearisation point, and the motion that goes with them."""
+
+    reconstruction: Reconstruction
+    motion: PropagatedMotion
+
+
+def cleaned(problem: Problem, point: LinearisationPoint, settings: Settings) -> list[Cleaned] | None:
+    """The records without the errors of a point that a problem's fit led to; None where a record has no motion left."""
+    before = zip(problem.records, problem.frame.reconstructions, point.errors, strict=True)
+    motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
+    try:
+        found = [
+            _anew(known, without(known.flight, errors))
+            for known, errors in zip(settings.known, point.errors, strict=True)
+        ]
+    except UnanswerableError:
+        return None
+    return [Cleaned(*each) for each in zip(found, motions, strict=True)]
+
+
+def _anew(reconstruction: Reconstruction, flight: Flight) -> Reconstruction:
+    """That of the flight without errors, whose motion is known."""
+    require_answerable(flight)
+    return replace(reconstruction, flight=flight)
+
+
+def _beside(problem: Problem, point: LinearisationPoint) -> Problem:
+    """The problem under the noise beside a model; of several flights beside the baseline."""
+    if len(problem.records) > 1:
+        return _under_estimated_noise(problem)
+    frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
+    return problem.under(estimated_noise(replace(problem, frame=frame, baseline=point.columns)))
+
+
+def with_processes(
+    point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig
+) -> Problem:
+    """The problem of records at a linearisation point with the processes of record and air, under white noise."""
+    motions = [each.motion for each in records]
+    return _problem([each.reconstruction for each in records], settings, config, point, motions, record_processes())
+
+
+def without_processes(whole: Problem, point: LinearisationPoint) -> Problem:
+    """The problem without processes, under the noise beside the model that it is linear about."""
+    names = frozenset(each.name for each in record_processes())
+    problem = replace(whole, rows=replace(whole.rows, nuisances=whole.rows.nuisances.without(names)))
+    return _beside(problem, point)
+
+
+def _problem(
+    reconstructions: Sequence[Reconstruction],
+    settings: Settings,
+    config: CompareConfig,
+    point: LinearisationPoint | None = None,
+    motions: Sequence[PropagatedMotion | None] | None = None,
+    processes: Sequence[RecordEffect] = (),
+) -> Problem:
+    """The problem of the flights, linearised about `motions`, or where the reconstruction's errors are taken out."""
+    where = motions or [None] * len(reconstructions)
+    points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, where, strict=True)]
+    records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
+    static = settings.static or _static(smooth, config, settings.common)
+    bend = () if settings.bend is None else (settings.bend,)
+    frame = build_frame(smooth, [static, PitchDamping(), *bend], settings.common)
+    span = frame.coefficient_time
+    knots = _knots(float(span.min()), float(span.max()), config)
+    return build_problem(
+        frame,
+        records,
+        baseline_columns(frame),
+        (*nuisance_effects(), *processes),
+        (*nuisance_mechanisms(reconstructions[0].flight), *bend),
+        knots,
+        config.max_terms,
+        config.exact_terms,
+        config.refine,
+        point,
+    )
+
+
+def _knots(start: float, stop: float, config: CompareConfig) -> FloatArray:
+    """Times at which coefficients may change, in order; UsageError for one that is not within the record."""
+    if config.knots is None:
+        return default_knots(start, stop, config.knot_count)
+    outside = [knot for knot in config.knots if not start < knot < stop]
+    if outside:
+        raise UsageError(
+            f"knots at {', '.join(f'{knot:g}' for knot in outside)} s, expected times between {start:g} and {stop:g} "
+            "s: outside what is analysed nothing can change. Leave them out, or widen --start and --stop."
+        )
+    return np.unique(config.knots)
+
+
+def shared_time(reconstructions: Sequence[Reconstruction]) -> CommonTime | None:
+    """The time that flights share by their Mach numbers; None for one flight, and where these do not tell it."""
+    found = _by_mach(reconstructions)
+    return found if isinstance(found, CommonTime) else None
+
+
+def sharing_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
+    """Why several flights do not share terms by Mach number, or which of them shares none; empty for one flight."""
+    found = _by_mach(reconstructions)
+    if isinstance(found, str):
+        return (f"terms begin and end at the same time on every flight, not at the same Mach number: {found}",)
+    return tuple(
+        f"flight {number + 1} shares no Mach number with another: changes there are determined by it alone"
+        for number in (() if found is None else found.apart())
+    )
+
+
+def short_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
+    """Which flights hold less than a cycle of their motion."""
+    held = [(rec.flight.path or "the window", cycles(rec.motion)) for rec in reconstructions]
+    return tuple(
+        f"{name} holds {count:.2g} cycles of the transverse motion, expected one at least, better ten: what acts "
+        "throughout can hardly be distinguished from the baseline. Widen --start and --stop."
+        for name, count in held
+        if count < 1.0
+    )
+
+
+def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | None:
+    if len(reconstructions) < 2:
+        return None
+    return common_time([(rec.flight.time, rec.flight.mach) for rec in reconstructions])
+
+
+def _static(
+    reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime | None
+) -> StaticMoment:
+    """The static moment with its drift: in time, or, where flights share their Mach numbers, with those."""
+    times = [rec.flight.time for rec in reconstructions]
+    span = (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if common is None else common.mach_span
+    slope = SLOPE_DEGREE if config.slope_degree is None else config.slope_degree
+    return StaticMoment(
+        start=span[0],
+        stop=span[1],
+        offset_degree=OFFSET_DEGREE if config.offset_degree is None else config.offset_degree,
+        slope_degree=slope,
+        by="time" if common is None else "mach",
+        speeds=wavering_speeds(_alongs(reconstructions, common), slope, WAVERING_SPEED),
+    )
+
+
+def _alongs(
+    reconstructions: Sequence[Reconstruction], common: CommonTime | None
+) -> list[tuple[FloatArray, FloatArray]]:
+    """What the drift of C_malpha is of, and the speed (m/s), of each curve that it has to follow.
+
+    Flights have one curve together where they share it: at one Mach number the air is warmer on one than on another.
+    """
+    if common is None:
+        return [(rec.flight.time, rec.motion.velocity) for rec in reconstructions]
+    mach = np.concatenate([own.mach for own in common.flights])
+    return [(mach, np.concatenate([rec.motion.velocity for rec in reconstructions]))]

@@ -1,0 +1,367 @@
+"""The result of a comparison, gathered: rows of the ranking, terms with errors, sentences where criteria disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray
+from brv_hypo.comparison.intervals import intervals
+from brv_hypo.comparison.maximum_likelihood import Likelihoods
+from brv_hypo.comparison.result import (
+    BaselineSummary,
+    Comparison,
+    DerivedEstimate,
+    FlightSummary,
+    Knot,
+    MaximumLikelihood,
+    NetInterval,
+    RankedHypothesis,
+    ReconstructionSummary,
+    RecordFaultSummary,
+    RecordSummary,
+    Seconds,
+    Series,
+    TermEstimate,
+    Verdict,
+)
+from brv_hypo.flight.record import Flight, RecordTrial
+from brv_hypo.identification import Identification
+from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.uncertainty import residual_moments
+from brv_hypo.io.text import hypothesis
+from brv_hypo.model.term import BASELINE, Regressor, Vector
+from brv_hypo.motion.kinematics import plane_from_body
+from brv_hypo.subset.criteria import Criteria
+
+NONE = "none"
+MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
+
+
+def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
+    """A sentence on which hypothesis each criterion puts first, where these are not all one; else nothing.
+
+    The F-ratio is none of `none`: it is against it. No probability comes first where none is left for the list.
+    """
+    if len(ranking) < 2:
+        return ()
+    tested = [row for row in ranking if row.f_ratio is not None]
+    named = [row for row in ranking if probability.get(row.mechanism, 0.0) > 0.0]
+    first = {"C_p": min(ranking, key=lambda row: row.cp).mechanism}
+    first["prediction error"] = min(ranking, key=lambda row: row.prediction_error).mechanism
+    if tested:
+        first = {"F-ratio": max(tested, key=lambda row: row.f_ratio or 0.0).mechanism, **first}
+    if named:
+        first["probability"] = max(named, key=lambda row: probability[row.mechanism]).mechanism
+    if len(set(first.values())) == 1:
+        return ()
+    leaders = "; ".join(
+        f"{_joined([name for name, leader in first.items() if leader == each])}: {hypothesis(each)}"
+        for each in dict.fromkeys(first.values())
+    )
+    return (f"the criteria put different hypotheses first: {leaders}",)
+
+
+def _joined(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+# ---- Turns fits into the result of the contract ----
+
+
+def summarise(
+    problem: Problem,
+    fits: Sequence[HypothesisFit],
+    errors: Sequence[float],
+    criteria: Sequence[Criteria],
+    seconds: Seconds,
+    likelihoods: Likelihoods,
+    verdict: Verdict,
+) -> Comparison:
+    """Rank the fits, and gather all that the result holds.
+
+    The baseline is told as the likeliest has it: without what moved the vehicle, its terms and the errors of the record
+    make up for that.
+    """
+    null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)
+    order = sorted(range(len(fits)), key=lambda i: (fits[i].information, len(fits[i].mechanisms)))
+    ranking = tuple(
+        _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
+            update={
+                "ml": _likelihood(fits[i], likelihoods.found.get(fits[i].name)),
+                "notes": _notes(fits[i], likelihoods),
+            }
+        )
+        for rank, i in enumerate(order, start=1)
+    )
+    reconstructions = problem.frame.reconstructions
+    return Comparison(
+        flights=tuple(flight_summary(r.flight) for r in reconstructions),
+        reference_flight=None if problem.frame.common is None else problem.frame.common.reference + 1,
+        reconstruction=ReconstructionSummary(
+            method=reconstructions[0].method,
+            alpha_rms_sigma_rad=float(np.sqrt(np.mean([r.alpha_rms_sigma**2 for r in reconstructions]))),
+            phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
+            warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
+        ),
+        baseline=BaselineSummary(terms=_terms(fits[order[0]], range(fits[order[0]].baseline_size))),
+        ranking=ranking,
+        verdict=verdict,
+        seconds=seconds,
+        series=_series(problem, fits),
+        disagreements=criteria_disagree(ranking, verdict.probability),
+    )
+
+
+def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSummary:
+    """The part of a record that was compared, and what was done to it before it was `analysed`."""
+    return FlightSummary(
+        path=flight.path,
+        samples=flight.samples,
+        start_s=float(flight.time[0]),
+        stop_s=float(flight.time[-1]),
+        sample_rate_hz=flight.sample_rate,
+        title=flight.title,
+        instruments=flight.instruments.described,
+        notes=(analysed or flight).notes,
+    )
+
+
+def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
+    """What the trials of all flights found."""
+    return RecordSummary(
+        sound=all(trial.sound for trial in trials),
+        faults=tuple(
+            RecordFaultSummary.model_validate(fault, from_attributes=True)
+            for fault in sorted((f for trial in trials for f in trial.faults), key=lambda fault: not fault.decisive)
+        ),
+    )
+
+
+def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> Comparison:
+    """The result for a record that contradicts itself: no ranking, and a verdict that says where."""
+    record = record_summary(trials)
+    worst = record.faults[0]
+    unsound = next(flight for flight, trial in zip(flights, trials, strict=True) if not trial.sound)
+    which = f" of {unsound.path or unsound.title}" if len(flights) > 1 else ""
+    return Comparison(
+        flights=tuple(flight_summary(flight) for flight in flights),
+        reconstruction=ReconstructionSummary(method=method, alpha_rms_sigma_rad=None, phi_w_rms_sigma_rad=None),
+        baseline=BaselineSummary(terms=()),
+        record=record,
+        ranking=(),
+        verdict=Verdict(
+            winner=None,
+            outcome="record fault",
+            equivalent=(),
+            probability={},
+            reason=f"The record{which} contradicts itself ({worst.fault}: {worst.channel}; {worst.start_s:.2f} to "
+            f"{worst.stop_s:.2f} s): {worst.action}. `compare --accept-record` compares it nevertheless.",
+        ),
+        seconds=Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
+    )
+
+
+def _ranked(
+    rank: int, fit: HypothesisFit, error: float, criteria: Criteria, null_error: float, problem: Problem
+) -> RankedHypothesis:
+    total = float(problem.response @ problem.response)
+    variance = fit.rss / fit.samples
+    return RankedHypothesis(
+        rank=rank,
+        mechanism=fit.name,
+        f_ratio=criteria.f_ratio if fit.selected else None,
+        cp=criteria.cp,
+        prediction_error=error,
+        prediction_ratio=error / null_error,
+        r2=1.0 - fit.rss / total,
+        bic=fit.bic,
+        log_evidence=float("nan") if fit.log_evidence is None else fit.log_evidence - 0.5 * fit.bound_cost,
+        log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * variance) + 1.0),
+        n_terms=len(fit.selected),
+        n_effective=fit.effective,
+        terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
+        intervals=_intervals(fit),
+        derived=_derived(fit),
+        knots=_knots(fit),
+        criteria=asdict(criteria),
+        status="term limit" if len(fit.selected) >= problem.max_terms else "ok",
+    )
+
+
+def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ...]:
+    found = []
+    for j in indices:
+        column, value = fit.columns[j], float(fit.values[j])
+        sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
+        mechanism = BASELINE if j < fit.baseline_size else column.mechanism
+        where = {"channel": _channel(fit, column), "region_s": _region(fit, column), "delay_s": column.delay}
+        found.append(_term(column.label, mechanism, value, sigma, column.units, **where))
+    return tuple(found)
+
+
+def _term(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
+    """An estimate; `where`: its channel, region and delay."""
+    f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
+    known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
+    return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
+
+
+def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
+    """Where the column acts, in the time that courses are told in (s); None where it does everywhere."""
+    if column.time_basis.kind == "constant":
+        return None
+    time = fit.frame.coefficient_time
+    return max(column.time_basis.start, float(time.min())), min(column.time_basis.stop, float(time.max()))
+
+
+def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
+    """The ends of its columns' regions by Mach number, in time order; none where flights have their own times."""
+    common = fit.frame.common
+    if common is None:
+        return ()
+    edges = {edge for column in fit.selected for edge in _region(fit, column) or ()}
+    return tuple(
+        Knot(
+            time_s=edge,
+            mach=common.mach(edge),
+            flights_s=tuple(own.own_at(edge) if own.flies(edge) else None for own in common.flights),
+        )
+        for edge in sorted(edges)
+    )
+
+
+def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
+    """Net values in time order, with what mechanisms derive from them."""
+    found = []
+    for each in intervals(fit):
+        where = {"channel": "both", "region_s": (each.start, each.stop)}
+        net = [_term(n.term, n.mechanism, n.value, n.std_error, n.units, delay_s=n.delay, **where) for n in each.values]
+        net += [_term(d.name, name, d.value, d.std_error, d.units, **where) for name, d in each.derived]
+        found.append(NetInterval(start_s=each.start, stop_s=each.stop, values=tuple(net)))
+    return tuple(found)
+
+
+def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
+    if fit.name in likelihoods.left_out:
+        return ("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too",)
+    return ()
+
+
+def _likelihood(fit: HypothesisFit, identification: Identification | None) -> MaximumLikelihood | None:
+    """The contract's block; None where the hypothesis was out of reach."""
+    if identification is None:
+        return None
+    refined = replace(
+        fit,
+        columns=identification.columns,
+        values=identification.values,
+        nonlinear=(),
+        joint_covariance=identification.covariance,
+    )
+    block = likelihood_block(identification, _terms(refined, range(fit.baseline_size, len(fit.columns))))
+    return block.model_copy(update={"knots": _knots(refined)})
+
+
+def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> MaximumLikelihood:
+    """What the contract tells of a likelihood, with `terms` as they are told."""
+    return MaximumLikelihood(
+        status=found.status,
+        message=found.message,
+        iterations=found.iterations,
+        log_likelihood=found.log_likelihood,
+        terms=terms,
+        derived=tuple(
+            DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units) for e in found.nonlinear
+        ),
+        instrument=tuple(
+            _term(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
+        ),
+        seconds=found.seconds,
+    )
+
+
+def _channel(fit: HypothesisFit, column: Regressor) -> str:
+    """In which plane the column acts."""
+    motion = fit.frame.motions[0]
+    terms = fit.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
+    term = next(term for term in terms if term.name == column.term)
+    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
+    return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
+
+
+def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
+    found = []
+    end = float(fit.frame.coefficient_time.max())
+    for parameter, sigma in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
+        name = f"{parameter.mechanism} {parameter.name}"
+        found.append(DerivedEstimate(name=name, value=parameter.value, std_error=sigma, units=parameter.units))
+    vectors: dict[Vector, list[int]] = {}
+    for j, column in enumerate(fit.columns):
+        if column.grouped:
+            vectors.setdefault(column.vector, []).append(j)
+    for (name, _, _, time_basis), members in vectors.items():
+        values = {fit.columns[j].term: float(fit.values[j]) for j in members}
+        covariance = fit.covariance[np.ix_(members, members)]
+        region = None if time_basis.kind == "constant" else (time_basis.start, end)
+        found.extend(
+            DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)
+            for d in fit.frame.mechanisms[name].derived(values, covariance)
+        )
+    return tuple(found)
+
+
+def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
+    """Moments (frame rows,) that a hypothesis with errors of record and vehicle does not explain.
+
+    Processes are not fitted here: what they explain is to be seen.
+    """
+    values, others = problem.solution(fit.frame, fit.columns)
+    rest = problem.left(fit.frame, fit.columns, values, others)
+    return residual_moments(fit.frame, problem.records, rest.rates).body
+
+
+def drawn(samples: int) -> slice:
+    """Which of so many samples of a stretch of time are drawn: all of them, or every so many-th."""
+    return slice(None, None, max(1, -(-samples // MOST_DRAWN)))
+
+
+def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
+    """Histories for pictures: measured moments in and out of plane, and each hypothesis's fit of them."""
+    frame = problem.frame
+    known = residual_moments(frame, problem.records, frame.observed)
+    measured = np.where(known.usable, known.body, np.nan)
+    fitted = {fit.name: measured - _residual(problem, fit) for fit in fits}
+    found = []
+    for index, motion in enumerate(frame.motions):
+        pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]
+        rows = np.concatenate([np.arange(a, b)[drawn(b - a)] for _, (a, b) in pieces])
+        kept = np.concatenate([np.arange(s.rows.start, s.rows.stop)[drawn(b - a)] for s, (a, b) in pieces])
+        phi_w = motion.windward_meridian[kept]
+
+        def plane(
+            body: np.ndarray, phi_w: np.ndarray = phi_w, rows: np.ndarray = rows
+        ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+            both = plane_from_body(body[rows], phi_w)
+            return tuple(both.real.tolist()), tuple(both.imag.tolist())
+
+        found.append(
+            Series(
+                time_s=tuple(motion.time[kept].tolist()),
+                alpha_rad=tuple(motion.alpha[kept].tolist()),
+                windward_meridian_rad=tuple(phi_w.tolist()),
+                measured=plane(measured),
+                sigma=tuple(known.noise[rows].tolist()),
+                fitted={name: plane(body) for name, body in fitted.items()},
+                alpha_sigma_rad=tuple(frame.reconstructions[index].alpha_sigma[kept].tolist()),
+                windward_meridian_sigma_rad=tuple(frame.reconstructions[index].phi_w_sigma[kept].tolist()),
+                roll_rate_rad_s=tuple(motion.p[kept].tolist()),
+                windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[kept].tolist()),
+                mach=tuple(motion.mach[kept].tolist()),
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,241 @@
+"""The verdict: probabilities of the hypotheses, the credible set, and the sentence that says so. Entrance: `judge`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict
+from brv_hypo.constants import CREDIBLE_PROBABILITY, OTHER_PRIOR, WINNING_PROBABILITY
+from brv_hypo.io.text import hypothesis
+from brv_hypo.thresholds import NOISE_LEVEL
+
+OTHER = "other"
+NONE = "none"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis, or something outside the list, as the verdict knows it."""
+
+    name: str
+    level: float
+    """Log evidence, but for a constant."""
+    held_out: FloatArray
+    """Log predictive density of each stretch of the record given the others (stretches,)."""
+    impossible: str | None = None
+    """Which value no body can have, if any."""
+    words: str | None = None
+    """What it is, of something outside the list."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How the leader fits: `noise` over what the record states, of so many `rows`; squares that it `explains` of the
+    residual of the baseline, and whether the interval of their share excludes none.
+    """
+
+    noise: float
+    rows: int
+    explains: float
+    significant: bool = True
+
+    @property
+    def p_value(self) -> float:
+        """Probability of noise so loud, or louder, where the record states it well."""
+        spread = np.hypot(NOISE_LEVEL[1], 1.0 / np.sqrt(2.0 * self.rows))
+        return float(norm.sf(np.log(self.noise) / spread))
+
+    @property
+    def lack(self) -> float:
+        """Squares of the residual beyond what the record's noise makes, over that noise."""
+        return max(self.noise**2 - 1.0, 0.0) * self.rows
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the residual beyond noise and processes is less than what the leader explains, or than the noise."""
+        return self.lack <= max(self.explains, float(self.rows))
+
+
+def probabilities(
+    levels: Mapping[str, float], others: Sequence[float] = (), other_prior: float = OTHER_PRIOR
+) -> dict[str, float]:
+    """Posterior probabilities of hypotheses with these log evidences (Kass and Raftery 1995).
+
+    Half of the prior that `others`, which share `other_prior`, do not have is the baseline's, so that a longer list
+    takes nothing from it; the other half is shared by the mechanisms.
+    """
+    rivals = sum(name != NONE for name in levels)
+    half = 0.5 if NONE in levels and rivals else 1.0
+    scores = {name: level + np.log(half if name == NONE else half / rivals) for name, level in levels.items()}
+    if others:
+        scores[OTHER] = float(logsumexp(others)) + np.log(other_prior / (1.0 - other_prior) / len(others))
+    most = max(scores.values())
+    weights = {name: float(np.exp(score - most)) for name, score in scores.items()}
+    return {name: weight / sum(weights.values()) for name, weight in weights.items()}
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the rules make of evidences: who leads, how probable all are, whether it is adequate and predicts better."""
+
+    leader: Candidate
+    chances: Mapping[str, float]
+    adequate: bool
+    predicts: bool
+
+    @property
+    def outcome(self) -> Literal["named", "undecided", "none adequate"]:
+        """That nothing listed is adequate has to be as probable as a name."""
+        if not self.adequate:
+            return "none adequate"
+        return "named" if self.chances[self.leader.name] >= WINNING_PROBABILITY and self.predicts else "undecided"
+
+    @property
+    def winner(self) -> str | None:
+        """What is named."""
+        return self.leader.name if self.outcome == "named" else None
+
+
+def judge(
+    listed: Sequence[Candidate],
+    outside: Sequence[Candidate],
+    fit: Fit,
+    explained: Explained | None = None,
+    processes: Sequence[ProcessEstimate] = (),
+    other_prior: float = OTHER_PRIOR,
+) -> Verdict:
+    """Name a hypothesis that leads beside processes, explains and predicts something, and has possible values."""
+    whole = decide(listed, outside, fit, other_prior)
+    count = whole.leader.held_out.size
+    repeated = [_without(listed, outside, fit, other_prior, k) for k in range(count)]
+    same = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
+    confirming = sum(each.leader.name == whole.leader.name for each in repeated)
+    confirmed = 1.0 if confirming == count else (confirming + 1.0) / (count + 2.0)  # Laplace's rule of succession
+    decision = decide(listed, outside, fit, other_prior, confirmed)
+    leader, chances = decision.leader, decision.chances
+    credible = [c.name for c in listed if c is not leader and chances[c.name] >= CREDIBLE_PROBABILITY]
+    verdict = Verdict(
+        winner=decision.winner,
+        outcome=decision.outcome,
+        equivalent=tuple(dict.fromkeys([leader.name, *credible, *([] if decision.predicts else [NONE])])),
+        probability=dict(chances),
+        adequacy=Adequacy(ratio=fit.noise, p_value=fit.p_value, adequate=decision.adequate),
+        explained=explained,
+        processes=tuple(processes),
+        stability=float(np.mean(same)) if count else 1.0,
+        reason="",
+    )
+    if decision.outcome == "none adequate":
+        return verdict.model_copy(update={"equivalent": (), "reason": _inadequate(leader, fit, chances, outside)})
+    if decision.outcome == "named":
+        return verdict.model_copy(update={"equivalent": (leader.name,), "reason": _named(verdict, leader)})
+    reason = _undecided(verdict, leader, decision.predicts, outside)
+    if confirmed < min(whole.chances[leader.name], 1.0):
+        reason += (
+            f" Of {count} repetitions, each without a stretch of the record, {confirming} have the same leader: that "
+            "bounds its probability."
+        )
+    return verdict.model_copy(update={"reason": reason})
+
+
+def decide(
+    listed: Sequence[Candidate],
+    outside: Sequence[Candidate],
+    fit: Fit,
+    other_prior: float = OTHER_PRIOR,
+    confirmed: float = 1.0,
+) -> Decision:
+    """The rules; `confirmed` is the share of repetitions that have the same leader.
+
+    What a leader that cannot be explains, something outside the list does.
+    """
+    leader = max(listed, key=lambda candidate: candidate.level)
+    levels = {candidate.name: candidate.level for candidate in listed}
+    chances = probabilities(levels, [candidate.level for candidate in outside], other_prior)
+    chances = _discounted({OTHER: 0.0, **chances}, leader.name, confirmed)
+    if leader.impossible is not None:
+        chances = {**chances, leader.name: 0.0, OTHER: chances[OTHER] + chances[leader.name]}
+    null = next((candidate for candidate in listed if candidate.name == NONE), leader)
+    explains = fit.explains > 0.0 and fit.significant
+    predicts = null is leader or bool(explains and np.sum(leader.held_out) > np.sum(null.held_out))
+    adequate = fit.adequate and chances[OTHER] < WINNING_PROBABILITY and leader.impossible is None
+    return Decision(leader, chances, adequate, predicts)
+
+
+def _without(
+    listed: Sequence[Candidate], outside: Sequence[Candidate], fit: Fit, other_prior: float, stretch: int
+) -> Decision:
+    """The decision without one stretch of the record."""
+    rest = [
+        [replace(c, level=c.level - float(c.held_out[stretch])) for c in candidates] for candidates in (listed, outside)
+    ]
+    return decide(rest[0], rest[1], fit, other_prior)
+
+
+def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
+    """Probabilities with the leader's lowered to that at which repetitions confirm it.
+
+    The rest lead its rivals on the list, to whom that goes by their probabilities; it says nothing of `other`.
+    """
+    lost = chances[leader] - max(stability, CREDIBLE_PROBABILITY)
+    rivals = {name: chance for name, chance in chances.items() if name not in (leader, OTHER)}
+    if lost <= 0.0 or not rivals:
+        return dict(chances)
+    total = sum(rivals.values())
+    gains = {name: lost * (chance / total if total > 0.0 else 1.0 / len(rivals)) for name, chance in rivals.items()}
+    return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
+
+
+def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
+    name, remedy = hypothesis(leader.name), "`brv-hypo trace` looks for what it is."
+    if leader.impossible is not None:
+        return f"None of the hypotheses is adequate: {name} fits best, but with {leader.impossible}. {remedy}"
+    if not fit.adequate:
+        return (
+            f"None of the hypotheses is adequate: {name} fits best, but beside all processes its residual is "
+            f"{fit.noise:.2f} times the record's noise, more than {name} explains. Check the noise that the record "
+            f"states (--instruments). {remedy}"
+        )
+    best = max(outside, key=lambda candidate: candidate.level)
+    return (
+        f"None of the hypotheses is adequate: {name} fits best of them, but {best.words} fits better (probability of "
+        f"something else {_share(chances[OTHER])}). {remedy}"
+    )
+
+
+def _named(verdict: Verdict, leader: Candidate) -> str:
+    chance = _share(verdict.probability[leader.name])
+    if leader.name == NONE:
+        return f"No mechanism is needed: baseline and processes explain the moments (probability {chance})."
+    part = f"{100.0 * verdict.explained.share:.3g} %" if verdict.explained is not None else "part"
+    return (
+        f"{leader.name} explains the moments best (probability {chance}): {part} of the mean square that the baseline "
+        "does not."
+    )
+
+
+def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:
+    if not predicts:
+        return (
+            f"The data do not name one hypothesis: {leader.name} has the largest evidence, but explains nothing "
+            "significant that baseline and processes do not, or predicts stretches of the record from the others no "
+            "better than these."
+        )
+    names = (*verdict.equivalent, *([OTHER] if verdict.probability[OTHER] >= CREDIBLE_PROBABILITY else []))
+    best = max(outside, key=lambda candidate: candidate.level, default=None)
+    other = "something else" if best is None else f"something else, such as {best.words},"
+    shares = ", ".join(
+        f"{other if name == OTHER else hypothesis(name)} {_share(verdict.probability[name])}" for name in names
+    )
+    return f"The data do not distinguish these: {shares}."
+
+
+def _share(chance: float) -> str:
+    return "above 0.99" if chance > 0.99 else f"{chance:.2f}"

@@ -1,0 +1,393 @@
+"""A hypothesis beside processes: fitted, acting between two times, without what is not wanted there.
+
+The search, which knows no processes, describes with many knots what they explain. Entrances: `in_one_region` and
+`plainest`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from operator import attrgetter
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.limits import SPENT, Shape, even_edges, regions
+from brv_hypo.constants import SCANNED
+from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
+from brv_hypo.inference.fit import HypothesisFit, solved
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.reduced import Reduced
+from brv_hypo.inference.refinement import KNOT_MARGIN, middle, nonlinear_parameters
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column, theta_grid
+from brv_hypo.thresholds import FURTHER_REGION, ONSET_TAKES_TIME
+
+_LINEAR = 3.0  # nats by which the evidence without a change may be wrong before knots and delays move
+_INFORMED = 1.0  # nats by which the data have to narrow what remains: that which explains nothing is no description
+KNOT_STEPS, CLOSE_STEPS = 4, 12  # of knots and delays beside processes, at most: of a rival, of the leader
+CLOSE_ROUNDS = 3  # of such steps and the amplitudes after them, of the leader
+STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, of the leader
+_GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
+FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
+_WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
+PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which all mechanisms and delays, and the best of them, are tried
+TRIED_FINELY = 3  # of those, at most
+AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # standard errors of a delay at which the evidence is found
+NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket one
+FURTHER = 2  # regions beside the first in which one mechanism acts, at most
+ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
+WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
+
+Pair = tuple[HypothesisFit, Evidence]
+
+
+def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame) -> list[Pair]:
+    """The hypothesis as it is and, of one mechanism, acting between two times of a grid alone.
+
+    Beside processes as large as without it, and beside ordinary ones where those are larger: the evidence has a maximum
+    at each, and large processes may have made up for it.
+    """
+    fit = pair[0]
+    if len(fit.mechanisms) != 1:
+        return [pair]
+    like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
+    beside = (null, null.ordinary) if null.has_large_processes else (null,)
+    return [pair, *_bracketed(problem, pair), *acting(problem, like, fit.mechanisms, beside)]
+
+
+def _bracketed(problem: Problem, pair: Pair) -> list[Pair]:
+    """With two changes of like direction at neighbouring knots of the grid joined to one between them, one such pair
+    after another: with a change between two knots, both are likelier than either.
+    """
+    found: list[Pair] = []
+    apart = NEIGHBOURS * float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
+    while True:
+        fit, own = found[-1] if found else pair
+        values, jumps = own.values[fit.baseline_size :], sorted({c.time_basis for c in fit.selected}, key=middle)
+        sized = [
+            (basis, {(c.term, c.theta): v for c, v in zip(fit.selected, values, strict=False) if c.time_basis == basis})
+            for basis in jumps
+            if basis.kind == "jump"
+        ]
+        for (early, first), (late, second) in pairwise(sized):
+            size, other = (float(np.linalg.norm(list(each.values()))) for each in (first, second))
+            like = first.keys() == second.keys() and sum(first[key] * second[key] for key in first) > 0.0
+            if like and late.start - early.start < apart:
+                between = replace(early, start=(size * early.start + other * late.start) / (size + other))
+                at = {early: between, late: between}
+                columns = [c.at(c.theta, at.get(c.time_basis, c.time_basis)) for c in fit.selected]
+                found.append(moved(problem, fitted(problem, fit, tuple(dict.fromkeys(columns)), own)))
+                break
+        else:
+            return found
+
+
+def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
+    """The likeliest beside processes of a hypothesis as it is, in one region, between its own knots and grown from
+    there; then without the changes that are not wanted, its knots and delays where they are likeliest.
+    """
+    (fit, _), pairs = offered[0], list(offered)
+    if len(fit.mechanisms) == 1:
+        time = fit.frame.coefficient_time
+        own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
+        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own)
+        pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
+    return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
+
+
+def _fine(frame: RateFrame, onsets: Sequence[float] = ONSETS) -> tuple[FloatArray, tuple[int, ...]]:
+    """Times between which a mechanism is tried acting, and over how many parts between them it may come on."""
+    return even_edges(frame, FINE_EDGES), tuple(round(share * (FINE_EDGES - 1)) for share in onsets)
+
+
+def level(pair: Pair) -> float:
+    """The log evidence."""
+    return pair[1].level
+
+
+def _grown(problem: Problem, pair: Pair) -> Pair:
+    """With onsets that take time, and further times between which the one mechanism acts, where the evidence clearly
+    wants them.
+    """
+    for _ in range(FURTHER if len(pair[0].mechanisms) == 1 else 0):
+        fit, own = pair = widened(problem, pair)
+        (mechanism,), frame = fit.mechanisms, own.rows.frame_of(fit)
+        (found,) = regions([own], frame, mechanism, *_fine(frame), [fit.selected[0].theta], most=1)
+        if not found or 0.5 * found[0].peak < FURTHER_REGION:
+            break
+        further = _acting_between(mechanism, found[0], frame)
+        there = moved(problem, fitted(problem, fit, (*fit.selected, *further), own))
+        if there[1].level < own.level + FURTHER_REGION:
+            break
+        pair = there
+    return pair
+
+
+def _acting_between(mechanism: Mechanism, shape: Shape, frame: RateFrame) -> list[Regressor]:
+    """The changes with which a mechanism acts in a region alone."""
+    always, time = "constant" in mechanism.time_variation, frame.coefficient_time
+    first, last = shape.region
+    half, bases = 0.5 * shape.width, [TimeBasis("jump", last)] if last < time.max() else []
+    if half > 0.0:
+        bases.insert(0, TimeBasis("ramp", first - half, first + half))
+    elif first > time.min() or always:
+        bases.insert(0, TimeBasis("jump", first) if first > time.min() else TimeBasis("constant"))
+    terms = mechanism.terms(frame.motions[0], dict(shape.theta))
+    return [term_column(mechanism, term, shape.theta, basis) for basis in bases for term in terms]
+
+
+def widened(problem: Problem, pair: Pair) -> Pair:
+    """With changes coming on over a time instead of at once, where the evidence clearly wants that."""
+    sharp = pair
+    while True:
+        fit, own = pair
+        jumps = {column.time_basis for column in fit.selected if column.time_basis.kind == "jump"}
+        found = [(*_best_width(fit, own, jump), jump) for jump in sorted(jumps, key=middle)]
+        wide, gain, jump = max(found, key=lambda each: each[1], default=(None, 0.0, None))
+        if wide is None or gain < ONSET_TAKES_TIME:
+            break
+        over = [replace(c, time_basis=wide, units=wide.units(c.units)) for c in fit.selected]
+        columns = [new if old.time_basis == jump else old for old, new in zip(fit.selected, over, strict=True)]
+        there = moved(problem, fitted(problem, fit, columns, own))
+        if there[1].level < own.level + ONSET_TAKES_TIME:
+            break
+        pair = there
+    return pair if pair is sharp else _without_unwanted(problem, pair)
+
+
+def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[TimeBasis, float]:
+    """The ramp in the place of a jump that gains most with the coefficients as they are, and by how many nats."""
+    frame = own.rows.frame_of(fit)
+    mine = [k for k, column in enumerate(fit.selected) if column.time_basis == jump]
+    values = own.values[fit.baseline_size :][mine]
+    time, shifts = frame.coefficient_time, np.linspace(-1.0, 1.0, 5)
+    halves = np.repeat(0.5 * np.ptp(time) * np.array(WIDTHS), shifts.size)
+    middles = jump.start + halves * np.tile(shifts, len(WIDTHS))
+    inside = (middles - halves > time.min()) & (middles + halves < time.max())
+    halves, middles = halves[inside], middles[inside]
+    ramps = [
+        TimeBasis("ramp", at - half, at + half) for at, half in zip(middles.tolist(), halves.tolist(), strict=True)
+    ]
+    if not ramps:
+        return jump, 0.0
+    tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
+    rows = own.rows.of_moments(frame, tried).reshape(-1, len(ramps), len(mine)) @ values / (2.0 * halves)
+    more = rows - (own.rows.of_moments(frame, [fit.selected[k] for k in mine]) @ values)[:, np.newaxis]
+    information, right = own.projected_products(more)
+    known = np.diag(information)
+    gains = 0.5 * np.divide(right**2, known, out=np.zeros_like(known), where=known > SPENT * np.sum(more**2, axis=0))
+    best = int(np.argmax(gains))
+    return ramps[best], float(gains[best])
+
+
+def acting(
+    problem: Problem,
+    like: HypothesisFit,
+    mechanisms: Sequence[Mechanism],
+    nulls: Sequence[Evidence],
+    edges: FloatArray | None = None,
+    onsets: Sequence[float] = ONSETS,
+) -> list[Pair]:
+    """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
+    hypothesis like another; without those beside which none is determined.
+
+    The times are those given, or of a grid and then, for the likeliest, of a fine one; then it may come on over these
+    shares of it.
+    """
+    every = [(mechanism, theta) for mechanism in mechanisms for theta in theta_grid(mechanism, dense=True)]
+    grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(like.frame, PLAIN_EDGES), (0,), TRIED_FINELY)]
+    grids = [*grids[len(every) <= TRIED_FINELY :], (*_fine(like.frame, onsets), 1)]
+    for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
+        tried = [(m, regions(nulls, like.frame, m, times, parts, [theta], most=1)) for m, theta in every]
+        found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
+        likely = [sorted(each, key=lambda one: -one[1].peak)[:count] for each in found]
+        every = list(dict.fromkeys((mechanism, shape.theta) for each in likely for mechanism, shape in each))
+    return [_between(problem, like, *each[0], null, times) for each, null in zip(likely, nulls, strict=True) if each]
+
+
+def _between(
+    problem: Problem, like: HypothesisFit, mechanism: Mechanism, best: Shape, null: Evidence, times: FloatArray
+) -> Pair:
+    """A mechanism acting in a region between some times, its ends placed between those and moved."""
+    frame = like.frame.with_mechanisms([mechanism])
+    time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
+    shortest = KNOT_MARGIN * np.ptp(time) / (PLAIN_EDGES - 1)
+    if times.size > 2 and best.width == 0.0:
+        near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
+        closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))
+        (nearer,) = regions([null], like.frame, mechanism, closer, (0,), [best.theta])
+        best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=attrgetter("peak"))
+    columns = _acting_between(mechanism, best, frame)
+    own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
+    return moved(problem, fitted(problem, own, columns, null))
+
+
+def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], start: Evidence) -> Pair:
+    """The hypothesis of a fit with other columns, beside processes."""
+    fit = _with_columns(problem, like, selected)
+    return fit, maximised(start.rows, start.rows.terms(fit), start.at)
+
+
+def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor]) -> HypothesisFit:
+    """The hypothesis of a fit with other columns, without processes."""
+    columns = (*problem.baseline, *selected)
+    fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
+    return replace(fit, nonlinear=nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots))
+
+
+def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
+    """With knots and delays moved to where they are likeliest, while that gains; `closely`: until they stay.
+
+    A step is judged by the evidence with them fixed there: that of the linear model extrapolates to where they are not.
+    Amplitudes follow when the steps are done.
+    """
+    for _ in range(CLOSE_ROUNDS if closely else 1):
+        there = _stepped(problem, pair, closely)
+        if there is pair:
+            break
+        pair = there[0], maximised(there[1].rows, there[1].terms, there[1].at)
+    return pair
+
+
+def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
+    """Where steps of knots and delays lead at the amplitudes of a pair."""
+    share, steps = 1.0, CLOSE_STEPS if closely else KNOT_STEPS
+    for _ in range(steps if pair[0].nonlinear else 0):
+        fit, own = pair
+        columns, count = fit.columns, len(fit.columns)
+        shifts, errors = own.values[count:], np.sqrt(np.diag(own.covariance)[count:])
+        if np.all(np.abs(shifts) <= STAYS[closely] * errors):
+            break
+        for parameter, shift in zip(fit.nonlinear, (share * shifts).tolist(), strict=True):
+            columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
+        there = _with_columns(problem, fit, columns[fit.baseline_size :])
+        found = there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
+        gain = _level_fixed(found) - _level_fixed(pair)
+        if gain > (-_ROUNDING if closely else _GAIN):
+            pair = found
+        elif closely:
+            share *= 0.5
+        else:
+            break
+    return pair
+
+
+def _level_fixed(pair: Pair) -> float:
+    """The log evidence with knots and delays where they are."""
+    terms = len(pair[0].selected)
+    return pair[1].level_without(range(terms, terms + len(pair[0].nonlinear)))
+
+
+def scanned(problem: Problem, pair: Pair) -> Pair:
+    """With delays, and what goes with them, where they are likeliest of a scan about where steps of them ended: what is
+    multiplied by a delay makes up for it along a curve, which steps on a straight line leave.
+    """
+    for k in range(len(pair[0].nonlinear)):
+        fit, own = pair
+        parameter, place = fit.nonlinear[k], len(fit.selected) + k
+        found = [pair]
+        for value in parameter.others(SCANNED) if parameter.kind == "theta" else ():
+            there = _with_columns(problem, fit, parameter.moved(fit.columns, value)[fit.baseline_size :])
+            found.append((there, with_amplitudes(own.rows, own.rows.terms(there), own.at)))
+        best = max(found, key=lambda each: each[1].level_without([place]))
+        if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
+            found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
+            pair = max(*found, moved(problem, found[1], closely=True), key=level)
+    return pair
+
+
+def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
+    """What is to be added to the covariance of coefficients, knots and delays for how delays differ from linear.
+
+    A delay and what is multiplied by it make up for one another along a curve, and a delay may be at its bound: its
+    error is where the evidence, a nat of which counts as `weight`, has fallen by a half (a likelihood interval:
+    Meeker and Escobar, Am. Stat. 49, 1995), and the others go with it to where they are there.
+    """
+    (fit, own), count = pair, len(pair[0].columns)
+    at_mode = np.append(own.values[:count], [parameter.value for parameter in fit.nonlinear])
+    out = np.zeros((at_mode.size, at_mode.size))
+    for k, parameter in enumerate(fit.nonlinear):
+        if parameter.kind != "theta":
+            continue
+        known = float(np.sqrt(own.covariance[count + k, count + k] / weight))
+        level, ends = own.level_without([len(fit.selected) + k]), []
+        for sign in (1.0, -1.0):
+            for times in AFTER_ERRORS:
+                value = float(np.clip(parameter.value + sign * times * known, *parameter.bounds))
+                there = _with_columns(problem, fit, parameter.moved(fit.columns, value)[fit.baseline_size :])
+                other = with_amplitudes(own.rows, own.rows.terms(there), own.at)
+                fall = weight * (level - other.level_without([len(fit.selected) + k]))
+                moved_by = np.append(other.values[:count], [each.value for each in there.nonlinear]) - at_mode
+                if fall > 0.5 or value in parameter.bounds:
+                    break
+            ends.append(moved_by / np.sqrt(max(2.0 * fall, 1.0)))
+        far = max(ends, key=lambda each: abs(each[count + k]))
+        size = abs(far[count + k])
+        if size > known:
+            out += (1.0 - (known / size) ** 2) * np.outer(far, far)
+    return out
+
+
+def _completed(problem: Problem, pair: Pair) -> Pair:
+    """With all terms of a mechanism where some jump, unless that is far less likely: a term that a process explains as
+    well is uncertain, not absent.
+    """
+    fit, own = pair
+    if len(fit.mechanisms) != 1 or any(column.time_basis.kind == "ramp" for column in fit.selected):
+        return pair
+    (mechanism,), motion = fit.mechanisms, fit.frame.motions[0]
+    bases = dict.fromkeys((column.time_basis, column.theta) for column in fit.selected)
+    whole = [
+        term_column(mechanism, term, theta, basis)
+        for basis, theta in bases
+        if basis.kind == "jump" or "constant" in mechanism.time_variation
+        for term in mechanism.terms(motion, dict(theta))
+    ]
+    if len(whole) == len(fit.selected):
+        return pair
+    there = moved(problem, fitted(problem, fit, whole, own))
+    columns = there[1].terms.x[:, : len(whole)]
+    if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > _WORST_CONDITION:
+        return pair
+    return there if there[1].level > own.level - _LINEAR else pair
+
+
+def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
+    """Without changes at knots that lower the evidence, the least wanted first; two knots within a sample are one."""
+    step = max(record.flight.step for record in problem.records)
+    while True:
+        fit, own = pair
+        bases = sorted({(column.time_basis, column.theta) for column in fit.selected}, key=lambda each: each[0].start)
+        close = [
+            (a, b[0].start)
+            for a, b in pairwise(bases)
+            if b[1] == a[1] and a[0].kind == b[0].kind == "jump" and 0.0 < b[0].start - a[0].start < step
+        ]
+        if close:
+            (early, theta), start = close[0]
+            joined = replace(early, start=start)
+            there = [c.at(theta, joined) if (c.time_basis, c.theta) == (early, theta) else c for c in fit.selected]
+            pair = moved(problem, fitted(problem, fit, tuple(dict.fromkeys(there)), own))
+            continue
+        if len(bases) < 2:
+            return pair
+        levels = {basis: _level_without(fit, own, basis) for basis in bases}
+        least = max(bases, key=levels.__getitem__)
+        if levels[least] < own.level - _LINEAR:
+            return pair
+        rest = [column for column in fit.selected if (column.time_basis, column.theta) != least]
+        fewer = moved(problem, fitted(problem, fit, rest, own))
+        if fewer[1].informed < _INFORMED or fewer[1].level < own.level:
+            return pair
+        pair = fewer
+
+
+def _level_without(fit: HypothesisFit, own: Evidence, basis: tuple[TimeBasis, Theta]) -> float:
+    """The log evidence without what changes with a time basis, and without a knot or delay that moves nothing else."""
+    mine = [k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis]
+    alone = [k for k, p in enumerate(fit.nonlinear) if {j - fit.baseline_size for j in p.columns} <= set(mine)]
+    return own.level_without([*mine, *(len(fit.selected) + k for k in alone)])

@@ -1,0 +1,186 @@
+"""From reconstructed flights to the least-squares problem: the entrance of this package."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
+from brv_hypo.constants import ERRORS_REACH, FORCE_SPIKE, FORCE_SPIKE_ROUNDS
+from brv_hypo.inference.noise import first_noise
+from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
+from brv_hypo.linearisation.channels import ForceModel, whole
+from brv_hypo.linearisation.frame import RateFrame, whiten
+from brv_hypo.linearisation.linear import solve_scaled
+from brv_hypo.linearisation.nuisance import Errors, nuisances, with_shared
+from brv_hypo.linearisation.response import LinearisedFlight
+from brv_hypo.linearisation.whitening import difference
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.model.baseline import PitchDamping, StaticMoment
+from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kinematics import crossflow
+from brv_hypo.motion.reconstruction import Reconstruction
+
+
+def baseline_columns(frame: RateFrame) -> tuple[Regressor, ...]:
+    """The columns of the static moment and of pitch damping that the frame knows."""
+    always = TimeBasis("constant")
+    return tuple(
+        Regressor(name, term.name, (), always, term.units)
+        for name in (StaticMoment.name, PitchDamping.name)
+        for term in frame.mechanisms[name].terms(frame.motions[0], {})
+    )
+
+
+@dataclass(frozen=True)
+class LinearisationPoint:
+    """A moment model with its `values` (columns,) to linearise about, and every flight's `errors` (SI) beside it, which
+    were taken out of the records.
+    """
+
+    mechanisms: tuple[Mechanism, ...]
+    columns: tuple[Regressor, ...]
+    values: FloatArray
+    errors: tuple[Errors, ...]
+
+
+def build_problem(
+    frame: RateFrame,
+    records: Sequence[InertialRecord],
+    baseline: tuple[Regressor, ...],
+    effects: Sequence[RecordEffect],
+    vehicle: Sequence[Mechanism],
+    knots: FloatArray,
+    max_terms: int,
+    exact_terms: int,
+    refine: bool = True,
+    point: LinearisationPoint | None = None,
+) -> Problem:
+    """The problem of reconstructed flights, linearised about a moment model, under the white noise of the records.
+
+    `records` are the flights' inertial records; `effects` and `vehicle` are carried in every hypothesis. Without a
+    `point` the model is the baseline's first fit, and nothing was taken out of the records.
+    """
+    if point is None:
+        nothing: tuple[Errors, ...] = tuple({} for _ in records)
+        point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing)
+    frame = _with_design(frame, vehicle, point.errors[0])
+    known = frame.with_mechanisms(point.mechanisms)
+    if point.mechanisms:
+        known = known.with_in_plane_moment(point.columns, point.values)
+    flights = [
+        linearised(record, reconstruction, *with_vehicle(known, point.columns, point.values, vehicle, acting))
+        for record, reconstruction, acting in zip(records, known.reconstructions, point.errors, strict=True)
+    ]
+    force, valid = on_rows(frame, flights)
+    carried = nuisances(frame, flights, effects, vehicle, corrections=point.errors)
+    rows = WhitenedRows(whole(frame, valid), first_noise(flights), carried)
+    given = frame.with_mechanisms([GivenColumns()])
+    return Problem(given, tuple(records), force, rows, baseline, knots, max_terms, exact_terms, refine)
+
+
+def carrying(problem: Problem, mechanism: Mechanism) -> Problem:
+    """The problem that carries one more mechanism of which all flights have the same, linearised as it was."""
+    frame = problem.frame.with_mechanisms([mechanism])
+    nuisances = with_shared(problem.rows.nuisances, frame, mechanism)
+    return replace(problem, frame=frame, rows=replace(problem.rows, nuisances=nuisances))
+
+
+def point_of(
+    problem: Problem, frame: RateFrame, columns: tuple[Regressor, ...], mechanisms: tuple[Mechanism, ...] = ()
+) -> LinearisationPoint:
+    """The point at a model's fit and the errors that go with it."""
+    values, others = problem.solution(frame, columns)
+    errors = _within_reach(problem, others)
+    return LinearisationPoint(mechanisms, columns, values, errors)
+
+
+def _within_reach(problem: Problem, others: FloatArray) -> tuple[Errors, ...]:
+    """Fitted errors (unknowns,) in SI, one mapping a flight; scaled down to where their tolerances make them probable.
+
+    A moment that is not in the model yet poses as errors of many tolerances; the record without them is another flight.
+    """
+    nuisances = problem.rows.nuisances
+    shift = nuisances.present - others[nuisances.bounded]
+    farthest = float(stats.chi2.isf(ERRORS_REACH, shift.size)) if shift.size else 0.0
+    scale = min(1.0, float(np.sqrt(farthest / max(float(shift @ shift), 1e-300))))
+    errors = nuisances.values(others, len(problem.records))
+    return tuple({key: scale * value for key, value in own.items()} for own in errors)
+
+
+def with_vehicle(
+    frame: RateFrame, baseline: tuple[Regressor, ...], values: FloatArray, vehicle: Sequence[Mechanism], known: Errors
+) -> tuple[RateFrame, tuple[Regressor, ...], FloatArray]:
+    """Frame, columns and coefficients with the moments of the vehicle's own errors, where they are known.
+
+    An error of the inertia or of the dynamic pressure shows in the moment of a c.g. off the axis too.
+    """
+    always = TimeBasis("constant")
+    own = {
+        Regressor(mechanism.name, term.name, (), always, term.units): known[mechanism.name, term.name]
+        for mechanism in vehicle
+        for term in mechanism.terms(frame.motions[0], {})
+        if (mechanism.name, term.name) in known
+    }
+    return frame.with_mechanisms(vehicle), (*baseline, *own), np.append(values, list(own.values()))
+
+
+def _with_design(frame: RateFrame, vehicle: Sequence[Mechanism], known: Errors) -> RateFrame:
+    """The frame whose C_mw holds what the design of the vehicle makes, which is the same on all flights."""
+    shared = [mechanism for mechanism in vehicle if mechanism.wind_fixed]
+    nothing: FloatArray = np.zeros(0)
+    return replace(frame, design=RateFrame.with_design(*with_vehicle(frame, (), nothing, shared, known)).design)
+
+
+def first_values(frame: RateFrame, columns: tuple[Regressor, ...]) -> FloatArray:
+    """Coefficients (columns,) by plain least squares of the rates' differences."""
+    return plain_values(frame, columns, frame.observed)
+
+
+def plain_values(frame: RateFrame, columns: tuple[Regressor, ...], rates: ComplexArray) -> FloatArray:
+    """The same of other derolled rates (rows,), such as those that errors which are known leave."""
+    design = whiten(frame.columns(columns), frame.pieces, difference())
+    return solve_scaled(design, whiten(rates[:, None], frame.pieces, difference())[:, 0])
+
+
+def linearised(
+    record: InertialRecord,
+    reconstruction: Reconstruction,
+    frame: RateFrame,
+    columns: tuple[Regressor, ...],
+    values: FloatArray,
+) -> LinearisedFlight:
+    """A flight with its moment model and the normal force that fits it, spikes left out."""
+    motion = reconstruction.motion
+    force = ForceModel(normal_force_slope(reconstruction), reconstruction.normal_force_bend)
+    found = force.columns(record, crossflow(motion.alpha, motion.windward_meridian))
+    valid = record.measured
+    for _ in range(FORCE_SPIKE_ROUNDS):
+        force_values = _force_fit(found[valid], record.transverse_force[valid])
+        size = np.abs(record.transverse_force - found @ force_values)
+        valid = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
+    return LinearisedFlight(
+        record, reconstruction, reconstruction.start, frame.mechanisms, columns, values, force, force_values, valid
+    )
+
+
+def normal_force_slope(reconstruction: Reconstruction) -> FloatArray:
+    """The reconstruction's normal-force slope (n,), 1/rad; 1 where it has none."""
+    slope = reconstruction.normal_force_slope
+    return np.where(np.isfinite(slope), slope, 1.0)
+
+
+def _force_fit(columns: ComplexArray, force: ComplexArray) -> FloatArray:
+    stacked = np.concatenate([columns.real, columns.imag])
+    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([force.real, force.imag]), rcond=None)[0], dtype=float)
+
+
+def on_rows(frame: RateFrame, flights: Sequence[LinearisedFlight]) -> tuple[ComplexArray, BoolArray]:
+    """Transverse force and where it may be used, on the rows of the frame (rows,)."""
+    force = [flights[s.flight].record.transverse_force[s.rows] for s in frame.segments]
+    valid = [flights[s.flight].force_valid[s.rows] for s in frame.segments]
+    return np.concatenate(force), np.concatenate(valid)

@@ -1,0 +1,222 @@
+"""Fits one hypothesis: the best subset of its columns, then delays and knots as continuous parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.constants import (
+    CONSISTENT_ROUNDS,
+    SEARCH_EQUAL,
+    SEARCH_GAIN,
+    SEARCH_OUT_OF_REACH,
+    SEARCH_PATIENCE,
+    SEARCH_SIZES_TRIED,
+    SEARCH_STARTS,
+)
+from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.reduced import Reduced
+from brv_hypo.inference.refinement import FINAL, ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
+from brv_hypo.inference.search import extended, on_grid
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import Regressor, Theta
+
+
+@dataclass(frozen=True)
+class HypothesisFit:
+    """A fitted hypothesis in the whitened frame.
+
+    `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
+    `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
+    `joint_covariance`, of values and then those, and `others`, all nuisances, are empty until `with_errors`.
+    `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds.
+    """
+
+    name: str
+    mechanisms: tuple[Mechanism, ...]
+    frame: RateFrame
+    columns: tuple[Regressor, ...]
+    baseline_size: int
+    values: FloatArray
+    residual: FloatArray
+    samples: int
+    efficiency: float
+    searched: int
+    nonlinear: tuple[Nonlinear, ...] = ()
+    joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    bound_cost: float = 0.0
+    others: FloatArray = field(default_factory=lambda: np.zeros(0))
+    log_evidence: float | None = None
+    """Beside processes, over that of the baseline only, as it counts; None before they are known."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the coefficients, delays and knots free (columns, columns)."""
+        return self.joint_covariance[: self.values.size, : self.values.size]
+
+    @property
+    def nonlinear_errors(self) -> tuple[float, ...]:
+        """Standard errors of delays and knots, s."""
+        variances = np.diag(self.joint_covariance)[self.values.size :]
+        return tuple(np.sqrt(np.maximum(variances, 0.0)).tolist())
+
+    @property
+    def rss(self) -> float:
+        """Residual sum of squares of the whitened rows."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def selected(self) -> tuple[Regressor, ...]:
+        """The mechanism's columns."""
+        return self.columns[self.baseline_size :]
+
+    @property
+    def parameters(self) -> int:
+        """Linear coefficients and delays that were fitted."""
+        return len(self.columns) + sum(parameter.kind == "theta" for parameter in self.nonlinear)
+
+    @property
+    def effective(self) -> float:
+        """Effective number of samples."""
+        return self.samples * self.efficiency
+
+    @property
+    def information(self) -> float:
+        """What hypotheses are ranked by, the less the better: -2 log evidence where it is known, else the BIC."""
+        return self.bic if self.log_evidence is None else self.bound_cost - 2.0 * self.log_evidence
+
+    @property
+    def bic(self) -> float:
+        """Extended BIC at the effective sample size (Chen and Chen 2008): what was searched is paid for."""
+        chosen = len({column.choice for column in self.selected})
+        return self.bound_cost + extended_bic(
+            self.rss, self.samples, self.effective, self.parameters, self.searched, chosen
+        )
+
+
+def extended_bic(rss: float, samples: int, effective: float, parameters: int, searched: int, selected: int) -> float:
+    """n_e ln(RSS / n) + k ln n_e + 2 ln C(searched, selected)."""
+    choices = math.lgamma(searched + 1) - math.lgamma(selected + 1) - math.lgamma(max(searched - selected, 0) + 1)
+    return effective * math.log(max(rss, 1e-300) / samples) + parameters * math.log(effective) + 2.0 * choices
+
+
+def fit_hypothesis(
+    problem: Problem, name: str, mechanisms: tuple[Mechanism, ...], best_rival: float = math.inf
+) -> HypothesisFit:
+    """Search, refine and fit one hypothesis; the empty tuple of mechanisms is the null hypothesis.
+
+    The best subset of each size on the grid of knots and delays is refined, and so is the best model so far with the
+    best further term; the least extended BIC after refinement decides. A hypothesis keeps at least one term, unless the
+    data determine none. Its search ends early where it stays far behind `best_rival`, the least criterion of the others
+    so far.
+    """
+    if not mechanisms:
+        return solved(Reduced(problem, problem.frame), name, (), problem.baseline, 0)
+    grid = on_grid(problem, mechanisms)
+    offered, start = grid.offered, Reduced(problem, grid.frame)
+    empty = solved(start, name, mechanisms, problem.baseline, offered.count)
+
+    def settle(chosen: tuple[Regressor, ...], known: tuple[Regressor, ...] = ()) -> HypothesisFit:
+        return refined_fit(problem, empty, (*problem.baseline, *chosen), known, reduced=start)
+
+    best: HypothesisFit | None = None
+    worse = 0
+    for size in range(1, problem.max_terms + 1):
+        starts = [settle(chosen) for _, chosen in grid.best.get(size, ())[:SEARCH_STARTS]]
+        if best is not None:
+            further = extended(problem, best.frame, best.columns, mechanisms, offered.joint or offered.single)
+            starts.extend([settle(further, best.selected)] if further else [])
+        if not starts:
+            continue
+        challenger = likeliest(starts)
+        if best is None or gains(challenger, best):
+            best, worse = challenger, 0
+        else:
+            worse += 1
+        behind = size >= SEARCH_SIZES_TRIED and best.information > best_rival + SEARCH_OUT_OF_REACH
+        if worse == SEARCH_PATIENCE or behind:
+            break
+    return best or empty
+
+
+def renewed(problem: Problem, fit: HypothesisFit, steps: Steps = ROUGH) -> HypothesisFit:
+    """The same columns, in time order, fitted under the problem's noise model."""
+    return refined_fit(problem, fit, _in_order(problem, fit), fit.selected, steps)
+
+
+def self_consistent(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The same refitted until what lags or sticks follows the static moment C_mw that the fit itself finds."""
+    for _ in range(CONSISTENT_ROUNDS if follows_static_moment(fit.mechanisms) else 1):
+        fit = renewed(problem, fit, FINAL)
+    return fit
+
+
+def follows_static_moment(mechanisms: Sequence[Mechanism]) -> bool:
+    """Whether a mechanism may be made of C_mw: those with parameters of their own."""
+    return any(mechanism.parameters() for mechanism in mechanisms)
+
+
+def _in_order(problem: Problem, fit: HypothesisFit) -> tuple[Regressor, ...]:
+    """The baseline's columns and then the fit's in time order: what is scanned first, not what was found first."""
+    return (*problem.baseline, *sorted(fit.selected, key=_place))
+
+
+def _place(column: Regressor) -> tuple[bool, float, str, Theta]:
+    """What always acts comes first; then what begins first."""
+    return column.time_basis.kind != "constant", column.time_basis.start, column.mechanism, column.theta
+
+
+def refined_fit(
+    problem: Problem,
+    fit: HypothesisFit,
+    columns: tuple[Regressor, ...],
+    known: tuple[Regressor, ...],
+    steps: Steps = ROUGH,
+    reduced: Reduced | None = None,
+) -> HypothesisFit:
+    """The hypothesis of a fit with other columns, the baseline's first, refined; those `known` are not scanned.
+
+    C_mw is brought up to date where the mechanism uses it. `reduced`: the problem in the fit's frame, if known.
+    """
+    reduced = Reduced(problem, fit.frame) if reduced is None else reduced
+    if follows_static_moment(fit.mechanisms):
+        values = solved(reduced, fit.name, fit.mechanisms, columns, fit.searched).values
+        reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
+    if not problem.refine:
+        return solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
+    size = len(problem.baseline)
+    parameters = nonlinear_parameters(columns, size, reduced.frame, problem.knots)
+    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
+    refined = refine(columns, parameters, fresh, reduced, steps)
+    own = (fit.name, fit.mechanisms, reduced.frame, refined.columns, size, refined.values, refined.residual)
+    return HypothesisFit(*own, problem.samples, problem.efficiency, fit.searched, refined.nonlinear)
+
+
+def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
+    """The fit of the least criterion; of those that are tied the first."""
+    found = [fit.information for fit in fits]
+    least = min(found)
+    return next(fit for fit, own in zip(fits, found, strict=True) if not own > least + SEARCH_EQUAL)
+
+
+def gains(fit: HypothesisFit, present: HypothesisFit) -> bool:
+    """Whether a fit is the likelier by more than what steps leave of a criterion."""
+    return fit.information < present.information - SEARCH_GAIN
+
+
+def solved(
+    reduced: Reduced, name: str, mechanisms: tuple[Mechanism, ...], columns: tuple[Regressor, ...], searched: int
+) -> HypothesisFit:
+    """The hypothesis with just these columns, the baseline's first, least squares alone."""
+    problem = reduced.problem
+    size = len(problem.baseline)
+    batch = reduced.batch(columns[size:])
+    values = reduced.fit(batch).values
+    fitted = (reduced.with_baseline(batch, values), reduced.residual(batch, values))
+    own = (name, mechanisms, reduced.frame, columns, size, *fitted)
+    return HypothesisFit(*own, problem.samples, problem.efficiency, searched)

@@ -1,0 +1,294 @@
+"""Delays and knots as continuous parameters: Gauss-Newton on the whitened problem.
+
+In the weak form a jump's column is a continuous function of the time of the jump, so that knots have
+derivatives and standard errors like any other parameter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.constants import (
+    REFINED_GAIN,
+    REFINED_HALVINGS,
+    REFINED_STEPS,
+    REFINED_WIDTH,
+    REFIT_GAIN,
+    REFIT_STEPS,
+    SCANNED,
+    SCANNED_FACTOR,
+)
+from brv_hypo.inference.reduced import Batch, Fitted, Reduced
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.linear import solve_normal
+from brv_hypo.model.term import Regressor, TimeBasis
+
+# Values of a parameter that differ relatively by less are one.
+_SAME = 1e-12
+NARROWEST = 0.05  # of the knots' spacing: the least width of an onset
+KNOT_MARGIN = 0.25  # of the knots' spacing, by which one stays away from the ends of the record
+
+
+class Steps(NamedTuple):
+    """How Gauss-Newton goes: at most so many steps, to one that gains less than `gain` in twice the log-likelihood."""
+
+    most: int
+    gain: float
+
+
+ROUGH = Steps(REFINED_STEPS, REFINED_GAIN)  # of models that are compared
+FINAL = Steps(REFIT_STEPS, REFIT_GAIN)  # of one that is reported, or linearised about
+
+
+@dataclass(frozen=True)
+class Nonlinear:
+    """One continuous parameter, in `units`, and the columns that it moves: a theta of a mechanism, a knot, or the width
+    of an onset that a ramp with an end describes; its knot is the middle.
+    """
+
+    kind: Literal["theta", "knot", "width"]
+    name: str
+    mechanism: str
+    value: float
+    bounds: tuple[float, float]
+    columns: tuple[int, ...]
+    units: str = "s"
+
+    def around(self, points: int) -> FloatArray:
+        """Values to try: over the bounds of a knot; for a theta, within a factor of `SCANNED_FACTOR`."""
+        low, high = self.bounds
+        if self.kind == "theta" and self.value > 0.0:
+            return np.geomspace(max(low, self.value / SCANNED_FACTOR), min(high, self.value * SCANNED_FACTOR), points)
+        return np.linspace(low, high, points)
+
+    def others(self, points: int) -> list[float]:
+        """The values of `around` that are not its own."""
+        return [float(value) for value in self.around(points) if not math.isclose(value, self.value, rel_tol=_SAME)]
+
+    def moved(self, columns: Sequence[Regressor], value: float) -> tuple[Regressor, ...]:
+        """The columns with this parameter at `value`."""
+        return tuple(self._moved(column, value) if j in self.columns else column for j, column in enumerate(columns))
+
+    def _moved(self, column: Regressor, value: float) -> Regressor:
+        if self.kind != "theta":
+            return column.at(column.theta, _with_edge(column.time_basis, self.kind, value))
+        theta = tuple((key, value if key == self.name else old) for key, old in column.theta)
+        return column.at(theta, column.time_basis)
+
+
+def middle(basis: TimeBasis) -> float:
+    """When a change happens, s: of a ramp with an end the middle."""
+    return 0.5 * (basis.start + basis.stop) if has_width(basis) else basis.start
+
+
+def has_width(basis: TimeBasis) -> bool:
+    """Whether it is an onset that takes time: a ramp with an end."""
+    return basis.kind == "ramp" and math.isfinite(basis.stop)
+
+
+def _with_edge(basis: TimeBasis, kind: str, value: float) -> TimeBasis:
+    """With another knot, or another width about it (s)."""
+    if not has_width(basis):
+        return TimeBasis(basis.kind, value, basis.stop)
+    at, width = (value, basis.stop - basis.start) if kind == "knot" else (middle(basis), value)
+    return TimeBasis("ramp", at - 0.5 * width, at + 0.5 * width)
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Columns with refined delays and knots, and the fit at them; `residual` (rows,) is whitened."""
+
+    columns: tuple[Regressor, ...]
+    values: FloatArray
+    residual: FloatArray
+    nonlinear: tuple[Nonlinear, ...]
+
+
+def refine(
+    columns: tuple[Regressor, ...],
+    nonlinear: tuple[Nonlinear, ...],
+    fresh: frozenset[int],
+    reduced: Reduced,
+    steps: Steps = ROUGH,
+) -> Refined:
+    """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
+
+    `columns` are the baseline's and then the chosen ones. Parameters that move a column of `fresh` are scanned over
+    their bounds first.
+    """
+    size = len(reduced.problem.baseline)
+    own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
+    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh))
+    if nonlinear:
+        state = _stepped(reduced, state, steps)
+    return Refined(
+        (*reduced.problem.baseline, *state.columns),
+        reduced.with_baseline(state.batch, state.fitted.values),
+        reduced.residual(state.batch, state.fitted.values),
+        tuple(replace(p, columns=tuple(j + size for j in p.columns)) for p in state.nonlinear),
+    )
+
+
+@dataclass(frozen=True)
+class _State:
+    """Chosen columns (those of the baseline left out), the parameters that move them, and the fit at them."""
+
+    nonlinear: tuple[Nonlinear, ...]
+    columns: tuple[Regressor, ...]
+    batch: Batch
+    fitted: Fitted
+
+
+def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
+    """Where the steps lead."""
+    for _ in range(steps.most):
+        improved = _line_search(reduced, state, _step(reduced, state))
+        if improved is None:
+            break
+        gained = state.fitted.rss - improved.fitted.rss
+        state = improved
+        if reduced.problem.samples * gained < steps.gain * state.fitted.rss:
+            break
+    return state
+
+
+def nonlinear_parameters(
+    columns: Sequence[Regressor], baseline_size: int, frame: RateFrame, knots: FloatArray
+) -> tuple[Nonlinear, ...]:
+    """The delays and knots of a model: knots may move by their spacing, delays within their bounds.
+
+    A knot stays within the record, away from its ends: beyond them nothing depends on where it is, and next to them it
+    is hardly another motion at the beginning.
+    """
+    reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
+    start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())
+    found: dict[tuple[Literal["theta", "knot", "width"], str, float, str, TimeBasis | int | None], list[int]] = {}
+    for j, column in enumerate(columns[baseline_size:], start=baseline_size):
+        for name, value in column.theta:
+            found.setdefault(("theta", column.mechanism, value, name, None), []).append(j)
+        basis = column.time_basis
+        if basis.kind != "constant" and reach > 0.0:
+            found.setdefault(("knot", column.mechanism, middle(basis), "knot", column.flight), []).append(j)
+            if has_width(basis):
+                place = (column.mechanism, basis.stop - basis.start, "onset width", basis)
+                found.setdefault(("width", *place), []).append(j)
+    out = []
+    for (kind, mechanism, value, name, _), members in found.items():
+        if kind == "knot":
+            inside = (min(start + KNOT_MARGIN * reach, value), max(stop - KNOT_MARGIN * reach, value))
+            bounds, units = (max(value - reach, inside[0]), min(value + reach, inside[1])), "s"
+        elif kind == "width":
+            at = middle(columns[members[0]].time_basis)
+            bounds, units = (min(NARROWEST * reach, value), max(2.0 * min(at - start, stop - at), value)), "s"
+        else:
+            parameter = next(p for p in frame.mechanisms[mechanism].parameters() if p.name == name)
+            bounds, units = parameter.bounds, parameter.units
+        out.append(Nonlinear(kind, name, mechanism, value, bounds, tuple(members), units))
+    return tuple(out)
+
+
+def _scanned(
+    reduced: Reduced, nonlinear: tuple[Nonlinear, ...], columns: tuple[Regressor, ...], fresh: frozenset[int]
+) -> _State:
+    """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
+    batch = reduced.batch(columns)
+    placed = []
+    for parameter in nonlinear:
+        if not fresh.isdisjoint(parameter.columns):
+            values = (parameter.value, *parameter.others(SCANNED))
+            best, moved = _best_of(reduced, batch, columns, parameter, values)
+            columns = parameter.moved(columns, values[best])
+            batch = batch.with_columns(parameter.columns, moved)
+            parameter = replace(parameter, value=values[best])
+        placed.append(parameter)
+    return _State(tuple(placed), columns, batch, reduced.fit(batch))
+
+
+def _best_of(
+    reduced: Reduced, batch: Batch, columns: Sequence[Regressor], parameter: Nonlinear, values: Sequence[float]
+) -> tuple[int, Batch]:
+    """Which value fits best, the other columns held, and the moved columns at it: one stack of normal equations."""
+    count, size = len(values), len(parameter.columns)
+    others = batch.of([j for j in range(len(columns)) if j not in parameter.columns])
+    rest = others.rows.shape[1]
+    trials = [parameter.moved(columns, value) for value in values]
+    moved = reduced.batch([trial[j] for trial in trials for j in parameter.columns])
+    products = np.empty((count, rest + size, rest + size))
+    products[:, :rest, :rest] = others.products(others)
+    across = others.products(moved).reshape(rest, count, size).transpose(1, 0, 2)
+    products[:, :rest, rest:], products[:, rest:, :rest] = across, across.transpose(0, 2, 1)
+    own = moved.products(moved).reshape(count, size, count, size)
+    products[:, rest:, rest:] = own[np.arange(count), :, np.arange(count)]
+    right = _after(reduced.right(others), reduced.right(moved), count)
+    found = solve_normal(products, right, _after(others.squares, moved.squares, count))
+    best = int(np.argmax(np.sum(right * found, axis=1)))
+    return best, moved.of(slice(best * size, (best + 1) * size))
+
+
+def _after(shared: FloatArray, own: FloatArray, count: int) -> FloatArray:
+    """`shared` (a,) before each of `count` parts of `own` (count * b,): (count, a + b)."""
+    return np.concatenate([np.tile(shared, (count, 1)), own.reshape(count, -1)], axis=1)
+
+
+def prediction_slopes(
+    nonlinear: Sequence[Nonlinear], columns: Sequence[Regressor], values: FloatArray, frame: RateFrame
+) -> ComplexArray:
+    """Derivative of the predicted rates with respect to each nonlinear parameter (frame rows, parameters).
+
+    By central differences over `REFINED_WIDTH` of its bounds to either side, all in one batch: where a knot lies at a
+    sample, the derivatives on its two sides differ, and their mean is wanted.
+    """
+    moved: list[Regressor] = []
+    weights: list[tuple[int, float]] = []
+    for p, parameter in enumerate(nonlinear):
+        width = REFINED_WIDTH * (parameter.bounds[1] - parameter.bounds[0])
+        for sign in (1.0, -1.0):
+            there = parameter.moved(columns, parameter.value + sign * width)
+            moved += [there[j] for j in parameter.columns]
+            weights += [(p, sign * float(values[j]) / (2.0 * width)) for j in parameter.columns]
+    mixed = np.zeros((len(moved), len(nonlinear)))
+    for row, (p, weight) in enumerate(weights):
+        mixed[row, p] = weight
+    return np.asarray(frame.columns(moved) @ mixed, dtype=complex)
+
+
+def _step(reduced: Reduced, state: _State) -> FloatArray:
+    """Gauss-Newton step of the nonlinear parameters, the coefficients free."""
+    values = state.fitted.values
+    rates = prediction_slopes(state.nonlinear, state.columns, values, reduced.frame)
+    slopes = reduced.batch_of_rates(rates)
+    across = state.batch.products(slopes)
+    inside, count = state.fitted.products, values.size
+    products = np.empty((count + len(state.nonlinear),) * 2)
+    products[:count, :count], products[count:, count:] = inside, slopes.products(slopes)
+    products[:count, count:], products[count:, :count] = across, across.T
+    right = np.concatenate([state.fitted.right - inside @ values, reduced.right(slopes) - across.T @ values])
+    return solve_normal(products, right, np.concatenate([state.batch.squares, slopes.squares]))[count:]
+
+
+def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = REFINED_HALVINGS) -> _State | None:
+    for halving in range(halvings):
+        trial = _moved(reduced, state, 0.5**halving * step)
+        if trial.fitted.rss < state.fitted.rss:
+            return trial
+    return None
+
+
+def _moved(reduced: Reduced, state: _State, step: FloatArray) -> _State:
+    """The fit where a step (parameters,) leads, within their bounds."""
+    places = sorted({j for parameter in state.nonlinear for j in parameter.columns})
+    columns = state.columns
+    moved = []
+    for parameter, change in zip(state.nonlinear, step.tolist(), strict=True):
+        low, high = parameter.bounds
+        value = min(max(parameter.value + change, low), high)
+        columns = parameter.moved(columns, value)
+        moved.append(replace(parameter, value=value))
+    batch = state.batch.with_columns(places, reduced.batch([columns[j] for j in places]))
+    return _State(tuple(moved), columns, batch, reduced.fit(batch))

@@ -1,0 +1,262 @@
+"""The two channels that a residual has: the rates of Eq. 2.3, and the specific force across the axis.
+
+Moments show in the rates. Instruments and wind show in both, so both are regressed together; each is
+divided by its noise. `ForceModel` is the normal force that a hypothesis is fitted with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.constants import HELD_OUT_BLOCK, HELD_OUT_OF, HELD_OUT_SHORTEST
+from brv_hypo.linearisation.frame import Piece, RateFrame
+from brv_hypo.linearisation.whitening import NoiseModel, applied
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.kinematics import effective
+from brv_hypo.motion.signals import ColouredNoise
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """Noise of rates and force as it is beyond the motion, and the motion's frequency, rad a sample."""
+
+    rates: ColouredNoise
+    force: ColouredNoise
+    motion: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise models of the two channels: rates (rad/s) and force (m/s^2).
+
+    `thinning`: whitened rows that are averaged into one, for the columns are slow and the noise is white. `lasting` is
+    None where the noise was not measured.
+    """
+
+    rates: NoiseModel
+    force: NoiseModel
+    thinning: int = 1
+    lasting: Lasting | None = None
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force m/s^2."""
+
+    rates: ComplexArray
+    force: ComplexArray
+
+    def __sub__(self, other: Rows) -> Rows:
+        return Rows(self.rates - other.rates, self.force - other.force)
+
+    def times(self, factor: float) -> Rows:
+        """The history `factor` times as large."""
+        return Rows(factor * self.rates, factor * self.force)
+
+    def at(self, samples: IntArray | slice) -> Rows:
+        """The rows of these samples."""
+        return Rows(self.rates[samples], self.force[samples])
+
+    def of(self, chosen: IntArray | BoolArray | slice) -> Rows:
+        """Some of the columns."""
+        return Rows(self.rates[:, chosen], self.force[:, chosen])
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some stretches of the flights of a frame.
+
+    `rows` are indices into the frame's rows, `samples` into the arrays of their flight, `valid` where the force may
+    be used (all of one length). `pieces` are the ranges that are contiguous in time, and `flights` which flight each
+    is of; `levels` the ranges that share one constant of integration.
+    """
+
+    rows: IntArray
+    samples: IntArray
+    valid: BoolArray
+    pieces: tuple[Piece, ...]
+    levels: tuple[Piece, ...]
+    flights: tuple[int, ...]
+
+    def of_flight(self, flight: int) -> Part:
+        """What of it is of one flight."""
+        own = [piece for piece, number in zip(self.pieces, self.flights, strict=True) if number == flight]
+        first, last = (own[0][0], own[-1][1]) if own else (0, 0)
+        pieces, levels = (
+            tuple((a - first, b - first) for a, b in each if first <= a and b <= last) for each in (own, self.levels)
+        )
+        mine = slice(first, last)
+        return Part(self.rows[mine], self.samples[mine], self.valid[mine], pieces, levels, (flight,) * len(pieces))
+
+    def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
+        """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
+        return Whitening(self, noise).rates(rates)
+
+    def whitened(self, rows: Rows, noise: Noise) -> FloatArray:
+        """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
+        return Whitening(self, noise).both(rows)
+
+    def constants(self) -> ComplexArray:
+        """The constants of integration as histories of the rates (rows, 2 levels)."""
+        out = np.zeros((self.rows.size, 2 * len(self.levels)), dtype=complex)
+        for k, (a, b) in enumerate(self.levels):
+            out[a:b, 2 * k], out[a:b, 2 * k + 1] = 1.0, 1j
+        return out
+
+    def thinned_pieces(self, noise: Noise) -> tuple[Piece, ...]:
+        """Row range of each stretch of time among the thinned rows of one channel."""
+        sizes = [len(range(a, b, noise.thinning)) for a, b in self.pieces]
+        ends = np.cumsum(sizes)
+        return tuple((int(end) - size, int(end)) for end, size in zip(ends, sizes, strict=True))
+
+    def thinned_rows(self, noise: Noise) -> int:
+        """Thinned rows of one channel."""
+        return self.thinned_pieces(noise)[-1][1] if self.pieces else 0
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Filter, unit noise and thinning of a part's two channels, each as one banded operator."""
+
+    part: Part
+    noise: Noise
+
+    def rates(self, rates: ComplexArray) -> FloatArray:
+        """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
+        return _stacked(applied(self._of_rates, _columns(rates)))
+
+    def force(self, force: ComplexArray) -> FloatArray:
+        """The force filtered, at unit noise (2 thinned rows, columns)."""
+        return _stacked(applied(self._of_force, _columns(force) * self.part.valid[:, np.newaxis]))
+
+    def both(self, rows: Rows) -> FloatArray:
+        """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
+        return np.concatenate([self.rates(rows.rates), self.force(rows.force)])
+
+    @cached_property
+    def _of_rates(self) -> sparse.csr_array:
+        return self._operator(self.noise.rates)
+
+    @cached_property
+    def _of_force(self) -> sparse.csr_array:
+        return self._operator(self.noise.force)
+
+    def _operator(self, model: NoiseModel) -> sparse.csr_array:
+        """Filter and sums of neighbours over the root of their number, within each stretch (thinned rows, rows)."""
+        blocks = []
+        for a, b in self.part.pieces:
+            filtered = model.operator(b - a) / model.sigma
+            blocks.append(_averages(b - a, self.noise.thinning) @ filtered)
+        return sparse.csr_array(sparse.block_diag(blocks, format="csr"))
+
+
+def _averages(samples: int, thinning: int) -> sparse.csr_array:
+    """Sums of `thinning` neighbours over the root of their number (thinned samples, samples)."""
+    starts = np.append(np.arange(0, samples, thinning), samples)
+    sizes = np.diff(starts)
+    return sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(samples), starts))
+
+
+def _stacked(white: ComplexArray) -> FloatArray:
+    """Real parts before imaginary ones."""
+    return np.concatenate([white.real, white.imag])
+
+
+def _columns(values: ComplexArray) -> ComplexArray:
+    return values if values.ndim == 2 else values[:, np.newaxis]
+
+
+def side_by_side(rows: Sequence[Rows]) -> Rows:
+    """Histories, or columns of them, as columns."""
+    return Rows(np.column_stack([r.rates for r in rows]), np.column_stack([r.force for r in rows]))
+
+
+def whole(frame: RateFrame, valid: BoolArray) -> Part:
+    """All rows of a frame; `valid` (rows,) where the force may be used."""
+    return part(frame, valid, np.ones(frame.observed.size, dtype=bool), shared=True)
+
+
+def split(frame: RateFrame, valid: BoolArray, blocks: int) -> tuple[Part, Part]:
+    """The part that is fitted and the part that is held out: every fourth of `blocks` even stretches of each flight.
+
+    The rates on both sides of a held-out stretch share a constant of integration: what the model says of
+    the moments between is felt, the samples between are not. Held-out stretches have a constant each.
+    """
+    held = np.zeros(frame.observed.size, dtype=bool)
+    for number in range(len(frame.reconstructions)):
+        own = frame.flight_of_row == number
+        time = frame.time[own]
+        if time.size:
+            edges = np.linspace(time.min(), time.max(), blocks + 1)
+            held[own] = np.searchsorted(edges, time, side="right").clip(1, blocks) % HELD_OUT_OF == HELD_OUT_BLOCK
+    return part(frame, valid, ~held, shared=True), part(frame, valid, held, shared=False)
+
+
+def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool) -> Part:
+    """The part of the frame whose rows are chosen (rows,); stretches of few samples are left out.
+
+    `shared`: one constant of integration for all stretches of a segment of the record.
+    """
+    rows: list[IntArray] = []
+    samples: list[IntArray] = []
+    pieces: list[Piece] = []
+    levels: list[Piece] = []
+    flights: list[int] = []
+    size = 0
+    for segment, (first, last) in zip(frame.segments, frame.pieces, strict=True):
+        begin = size
+        for a, b in _runs(chosen[first:last]):
+            rows.append(np.arange(first + a, first + b))
+            samples.append(np.arange(segment.rows.start + a, segment.rows.start + b))
+            pieces.append((size, size + b - a))
+            flights.append(segment.flight)
+            size += b - a
+        if size > begin:
+            levels.append((begin, size))
+    indices = np.concatenate(rows)
+    ends = (tuple(pieces), tuple(levels if shared else pieces), tuple(flights))
+    return Part(indices, np.concatenate(samples), valid[indices], *ends)
+
+
+def _runs(chosen: BoolArray) -> list[Piece]:
+    """Ranges in which all are chosen, those of few samples left out."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= HELD_OUT_SHORTEST]
+
+
+@dataclass(frozen=True)
+class ForceModel:
+    """The normal force: f_y + i f_z = sum of coefficients times columns (CONVENTIONS, normal force).
+
+    The reconstruction's `slope` (n,) 1/rad at alpha = 0 and its `bend` 1/rad^3, with a parabola in time for what they
+    err by, and a bend of its own.
+    """
+
+    slope: FloatArray
+    bend: float = 0.0
+
+    def columns(self, record: InertialRecord, xi: ComplexArray) -> ComplexArray:
+        """Columns (n, 4) at the crossflow xi (n,)."""
+        own = effective(xi)
+        flow, square = -record.force_scale * own, np.abs(own) ** 2
+        return np.column_stack(
+            [(flow * (self.slope + self.bend * square))[:, np.newaxis] * self._parabola, flow * self.slope * square]
+        )
+
+    def at(self, record: InertialRecord, xi: ComplexArray, values: FloatArray) -> ComplexArray:
+        """The force (n,) m/s^2 with these coefficients (4,) at the crossflow xi (n,)."""
+        own = effective(xi)
+        slope = self._parabola @ values[:3]
+        bend = self.bend * slope + values[3] * self.slope
+        return np.asarray(-record.force_scale * own * (self.slope * slope + bend * np.abs(own) ** 2))
+
+    @cached_property
+    def _parabola(self) -> FloatArray:
+        """Powers of time over the record, from -1 to 1 (n, 3)."""
+        return np.vander(np.linspace(-1.0, 1.0, self.slope.size), 3, increasing=True)

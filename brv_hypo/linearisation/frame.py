@@ -1,0 +1,342 @@
+"""`RateFrame`: the rates of all flights as one whitened least-squares problem, shared by every hypothesis.
+
+It holds the flights' derolled rates, turns columns into integrated rate histories, and whitens both. The constant of
+integration of every segment is projected out, so that segments, flights and held-out blocks need no other bookkeeping.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.linearisation.weakform import Integrals, WeakSegment, weak_segments
+from brv_hypo.linearisation.whitening import NoiseModel
+from brv_hypo.mechanisms.checked import checked, read_only
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.common_time import CommonTime, OwnTime
+from brv_hypo.model.term import Regressor, Theta, evaluated
+from brv_hypo.motion.kinematics import body_from_plane
+from brv_hypo.motion.motion import Motion, with_in_plane_moment
+from brv_hypo.motion.reconstruction import Reconstruction
+
+Piece = tuple[int, int]
+
+# Values of terms that are kept, of all mechanisms and thetas together: some 100 bytes each.
+_KEPT_VALUES = 300_000
+# Terms of a mechanism, about.
+_TYPICAL_TERMS = 4
+
+_Key = tuple[str, Theta]
+"""A mechanism's name and its nonlinear parameters."""
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """Unit moments of one mechanism at one or several thetas, C_N' + i C_Z' (nodes, terms) a flight, and their
+    antiderivatives, one a segment. `position` is where the term of a theta stands.
+    """
+
+    position: Mapping[tuple[Theta, str], int]
+    plane: tuple[ComplexArray, ...]
+    integrals: tuple[Integrals, ...]
+
+
+@dataclass(frozen=True)
+class RateFrame:
+    """Reconstructed flights as one linear problem; rows run over the samples of all segments.
+
+    `observed` (rows,) rad/s are the derolled rates; `pieces` the row ranges that are contiguous in time. `motions`
+    are at the samples, `finer` with their C_mw where moments are integrated (`Reconstruction.nodes`). `common` is the
+    time that the flights share, in which courses are told; None where they are told in each flight's own. `design`,
+    one (k,) a flight at its nodes, is what the design of the vehicle adds to C_mw beside the columns; empty where that
+    is nothing.
+    """
+
+    reconstructions: tuple[Reconstruction, ...]
+    motions: tuple[Motion, ...]
+    finer: tuple[Motion, ...]
+    segments: tuple[WeakSegment, ...]
+    mechanisms: Mapping[str, Mechanism]
+    common: CommonTime | None = None
+    design: tuple[FloatArray, ...] = ()
+
+    @cached_property
+    def _evaluated(self) -> OrderedDict[_Key, _Shapes]:
+        """Shapes that were asked for lately, the latest last."""
+        return OrderedDict()
+
+    @cached_property
+    def _shown(self) -> tuple[Motion, ...]:
+        """The motions as mechanisms are shown them."""
+        return tuple(read_only(motion) for motion in self.finer)
+
+    @cached_property
+    def _turns(self) -> tuple[ComplexArray, ...]:
+        """What turns moments in the plane of alpha into body axes (n, 1), of each flight."""
+        one, nothing = np.ones(1), np.zeros(1)
+        return tuple(body_from_plane(one, nothing, motion.windward_meridian[:, np.newaxis]) for motion in self.finer)
+
+    @cached_property
+    def _factors(self) -> tuple[ComplexArray, ...]:
+        """Factor (m, 1) of moments in the plane of alpha that makes integrands of them, of each segment."""
+        return tuple(s.nodes.factor[:, np.newaxis] * self._turns[s.flight][s.nodes.rows] for s in self.segments)
+
+    @cached_property
+    def observed(self) -> ComplexArray:
+        """Derolled transverse rates of all segments (rows,), rad/s."""
+        return np.concatenate([segment.observed for segment in self.segments])
+
+    @cached_property
+    def pieces(self) -> tuple[Piece, ...]:
+        """Row range [a, b) of each segment."""
+        ends = np.cumsum([segment.time.size for segment in self.segments])
+        return tuple((int(b) - s.time.size, int(b)) for b, s in zip(ends, self.segments, strict=True))
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of each row (rows,), s."""
+        return np.concatenate([segment.time for segment in self.segments])
+
+    @property
+    def coefficient_time(self) -> FloatArray:
+        """The time that courses are told in, of each row (rows,), s."""
+        return np.concatenate([segment.coefficient_time for segment in self.segments])
+
+    @cached_property
+    def reference(self) -> int:
+        """The flight in whose time courses are told, wherever it stands; of one clock for all, the longest record."""
+        if self.common is not None:
+            return self.common.reference
+        lengths = [(float(own.time[-1] - own.time[0]), float(np.sum(own.p**2))) for own in self.motions]
+        return max(range(len(lengths)), key=lengths.__getitem__)
+
+    def own_time(self, flight: int) -> OwnTime | None:
+        """How one flight's time goes with the common one; None where there is none."""
+        return None if self.common is None else self.common.flights[flight]
+
+    @property
+    def flight_of_row(self) -> FloatArray:
+        """Index of the flight of each row (rows,)."""
+        return np.concatenate([np.full(segment.time.size, segment.flight) for segment in self.segments])
+
+    def columns(self, columns: Sequence[Regressor]) -> ComplexArray:
+        """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
+        out = np.empty((self.observed.size, len(columns)), dtype=complex)
+        for shapes, members, which in self._by_shape(columns):
+            bases = [columns[j].time_basis for j in members]
+            for segment, integrals, (a, b) in zip(self.segments, shapes.integrals, self.pieces, strict=True):
+                out[a:b, members] = segment.columns(integrals, which, bases)
+        return self._where_they_act(out, columns)
+
+    def moments(self, columns: Sequence[Regressor]) -> ComplexArray:
+        """C_m + i C_n (rows, columns) per unit of each coefficient."""
+        out = np.empty((self.observed.size, len(columns)), dtype=complex)
+        for shapes, members, which in self._by_shape(columns):
+            for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
+                nodes = segment.nodes
+                body = (shapes.plane[segment.flight] * self._turns[segment.flight])[nodes.rows][nodes.samples]
+                for j, k in zip(members, which, strict=True):
+                    out[a:b, j] = body[:, k] * columns[j].time_basis(segment.coefficient_time)
+        return self._where_they_act(out, columns)
+
+    def _where_they_act(self, rows: ComplexArray, columns: Sequence[Regressor]) -> ComplexArray:
+        """The histories (rows, columns), zero on the flights that a column does not act on."""
+        for segment, (a, b) in zip(self.segments, self.pieces, strict=True):
+            idle = [j for j, column in enumerate(columns) if not column.acts_on(segment.flight)]
+            rows[a:b, idle] = 0.0
+        return rows
+
+    def with_mechanisms(self, mechanisms: Sequence[Mechanism]) -> RateFrame:
+        """The same frame, knowing these mechanisms too."""
+        known = {**self.mechanisms, **{mechanism.name: mechanism for mechanism in mechanisms}}
+        out = replace(self, mechanisms=known)
+        out._share(self, [name for name, own in self.mechanisms.items() if known[name] is own])
+        return out
+
+    def _share(self, other: RateFrame, mechanisms: Sequence[str]) -> None:
+        """Take over what another frame found already for motions that are the same to these mechanisms."""
+        for name in ("_turns", "_factors", "observed", "pieces"):
+            if name in vars(other):
+                vars(self)[name] = vars(other)[name]
+        self._evaluated.update({key: found for key, found in other._evaluated.items() if key[0] in mechanisms})
+
+    def of_flight(self, flight: int) -> RateFrame:
+        """The frame of one flight alone."""
+        segments = tuple(replace(segment, flight=0) for segment in self.segments if segment.flight == flight)
+        alone = (self.reconstructions[flight],), (self.motions[flight],), (self.finer[flight],)
+        return RateFrame(*alone, segments, self.mechanisms, None, self.design[flight : flight + 1])
+
+    def same_motions(self, other: RateFrame) -> bool:
+        """Whether the motions are those of another frame but for their in-plane moment."""
+        names = [field.name for field in fields(Motion) if field.name not in ("in_plane_moment", "history")]
+        return len(self.motions) == len(other.motions) and all(
+            getattr(own, name) is getattr(theirs, name)
+            for own, theirs in zip(self.motions, other.motions, strict=True)
+            for name in names
+        )
+
+    def with_in_plane_moment(self, columns: Sequence[Regressor], values: FloatArray) -> RateFrame:
+        """The frame with C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`.
+
+        Other shapes than these, of which it is made, are evaluated anew.
+        """
+        return self.following(self.static_moments(columns, values))
+
+    def static_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
+        """C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`, one (k,) a flight at its nodes."""
+        made = self._in_plane_moments(columns, values)
+        return [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
+
+    def following(self, moments: Sequence[FloatArray]) -> RateFrame:
+        """The frame with these C_mw, one (k,) a flight at its nodes."""
+        finer = tuple(with_in_plane_moment(*each) for each in zip(self.finer, moments, strict=True))
+        out = replace(self, finer=finer)
+        out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
+        return out
+
+    def with_design(self, columns: Sequence[Regressor], values: FloatArray) -> RateFrame:
+        """The frame whose `design` is made of the wind-fixed ones of these columns."""
+        return replace(self, design=tuple(self._in_plane_moments(columns, values)))
+
+    def _in_plane_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
+        """What wind-fixed columns make of C_mw, one (k,) a flight at its nodes."""
+        moments = []
+        for number, motion in enumerate(self.finer):
+            fixed = [
+                j
+                for j, column in enumerate(columns)
+                if self.mechanisms[column.mechanism].wind_fixed and column.acts_on(number)
+            ]
+            here, moment = [columns[j] for j in fixed], np.zeros_like(motion.alpha)
+            terms = evaluated(here, self.mechanisms, motion)
+            for column, term, value in zip(here, terms, values[fixed], strict=True):
+                moment = moment + value * term.in_plane * column.time_basis(motion.coefficient_time)
+            moments.append(moment)
+        return moments
+
+    def _by_shape(self, columns: Sequence[Regressor]) -> Iterator[tuple[_Shapes, list[int], IntArray]]:
+        """Shapes in turn, the columns of them, and which term each column has."""
+        groups: dict[_Key, list[int]] = {}
+        for j, column in enumerate(columns):
+            groups.setdefault((column.mechanism, column.theta), []).append(j)
+        most = _KEPT_VALUES // self.observed.size
+        for some in _together(groups, most):
+            self._evaluate_missing(some)
+            shared: dict[int, tuple[_Shapes, list[int]]] = {}
+            for key in some:
+                self._evaluated.move_to_end(key)
+                shapes = self._evaluated[key]
+                shared.setdefault(id(shapes), (shapes, []))[1].extend(groups[key])
+            for shapes, members in shared.values():
+                places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
+                yield shapes, members, np.array(places)
+            self._forget(most)
+
+    def _forget(self, most: int) -> None:
+        """Let the oldest shapes go until no more than so many terms are kept."""
+        if len(self._evaluated) * _TYPICAL_TERMS <= most:
+            return
+        held = Counter(id(shapes) for shapes in self._evaluated.values())
+        terms = sum({id(shapes): len(shapes.position) for shapes in self._evaluated.values()}.values())
+        while terms > most:
+            _, shapes = self._evaluated.popitem(last=False)
+            held[id(shapes)] -= 1
+            terms -= 0 if held[id(shapes)] else len(shapes.position)
+
+    def _evaluate_missing(self, keys: Sequence[_Key]) -> None:
+        """Shapes that are not known yet, those of a mechanism's thetas together."""
+        missing: dict[str, list[Theta]] = {}
+        for name, theta in keys:
+            if (name, theta) not in self._evaluated:
+                missing.setdefault(name, []).append(theta)
+        for name, thetas in missing.items():
+            shapes = self._evaluate(name, thetas)
+            self._evaluated.update({(name, theta): shapes for theta in thetas})
+
+    def _evaluate(self, name: str, thetas: Sequence[Theta]) -> _Shapes:
+        plane: list[ComplexArray] = []
+        position: dict[tuple[Theta, str], int] = {}
+        for motion in self._shown:
+            terms = {
+                (theta, term.name): term
+                for theta in thetas
+                for term in checked(self.mechanisms[name]).terms(motion, dict(theta))
+            }
+            position = {term: k for k, term in enumerate(terms)}
+            found = np.empty((motion.time.size, len(terms)), dtype=complex)
+            for k, term in enumerate(terms.values()):
+                found.real[:, k], found.imag[:, k] = term.in_plane, term.out_of_plane
+            plane.append(found)
+        integrals = tuple(
+            s.integrate_weighted(factor * plane[s.flight][s.nodes.rows])
+            for s, factor in zip(self.segments, self._factors, strict=True)
+        )
+        return _Shapes(position, tuple(plane), integrals)
+
+
+def _together(groups: Mapping[_Key, Sequence[int]], most: int) -> Iterator[list[_Key]]:
+    """Keys in turn, so many at once that their columns are no more than `most`."""
+    some: list[_Key] = []
+    size = 0
+    for key, members in groups.items():
+        if some and size + len(members) > most:
+            yield some
+            some, size = [], 0
+        some.append(key)
+        size += len(members)
+    yield some
+
+
+def build_frame(
+    reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism], common: CommonTime | None = None
+) -> RateFrame:
+    """The frame of these flights; flights without a usable segment contribute nothing."""
+    if common is not None:
+        reconstructions = [_on_common_time(*each) for each in zip(reconstructions, common.flights, strict=True)]
+    segments = [
+        segment
+        for number, rec in enumerate(reconstructions)
+        for segment in weak_segments(rec.flight, number, common_time=rec.motion.common_time, nodes=rec.nodes)
+    ]
+    return RateFrame(
+        tuple(reconstructions),
+        tuple(rec.motion for rec in reconstructions),
+        tuple(rec.motion_at_nodes for rec in reconstructions),
+        tuple(segments),
+        {mechanism.name: mechanism for mechanism in mechanisms},
+        common,
+    )
+
+
+def _on_common_time(reconstruction: Reconstruction, own: OwnTime) -> Reconstruction:
+    motion = reconstruction.motion
+    return replace(reconstruction, motion=replace(motion, common_time=own.common_at(motion.time)))
+
+
+def whiten(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> FloatArray:
+    """Whitened real rows (2 x kept rows, columns): each piece filtered, its constant of integration removed.
+
+    `rows` (rows, columns) are complex rate histories; the real parts of all pieces come first.
+    """
+    out = []
+    for a, b in pieces:
+        both = noise.whiten(np.column_stack([np.ones(b - a, dtype=complex), rows[a:b]]))
+        level, white = both[:, 0].real, both[:, 1:]
+        out.append(white - np.outer(level, (level @ white) / (level @ level)))
+    stacked = np.concatenate(out)
+    return np.concatenate([stacked.real, stacked.imag])
+
+
+def remove_levels(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel) -> list[ComplexArray]:
+    """Residual rates (m,) of each piece less the piece's constant of integration, as the noise weighs it."""
+    out = []
+    for a, b in pieces:
+        both = noise.whiten(np.column_stack([rows[a:b], np.ones(b - a, dtype=complex)]))
+        level = both[:, 1].real
+        out.append(rows[a:b] - (level @ both[:, 0]) / (level @ level))
+    return out

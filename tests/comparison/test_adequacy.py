@@ -1,0 +1,45 @@
+"""What outside the list would explain a flight instead of the leader."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from brv_hypo.comparison.adequacy import Alternative, outside
+from brv_hypo.mechanisms import find
+from tests.comparison.test_judgement import judged_cone
+
+
+@cache
+def found_outside() -> dict[str, Alternative]:
+    """Beside a body-fixed moment from 2 to 4 s, by name."""
+    return {each.fit.name: each for each in outside(judged_cone("bodyfixed"), {"bodyfixed": (find("bodyfixed"),)})}
+
+
+def test_moments_of_other_shapes_and_one_that_turns_are_tried() -> None:
+    found = found_outside()
+    assert set(found) == {"unlisted_moment", "turning_moment"}
+    terms = {column.term for column in found["unlisted_moment"].fit.selected}
+    assert not any("body-fixed" in term for term in terms)
+    assert found["unlisted_moment"].words.startswith("a moment that no mechanism on the list has (")
+    assert all(term in found["unlisted_moment"].words for term in terms)
+    assert "turning in the body at" in found["turning_moment"].words
+
+
+def test_what_is_outside_has_an_evidence_on_the_same_rows() -> None:
+    judged = judged_cone("bodyfixed")
+    for each in found_outside().values():
+        assert each.evidence.rows is judged.rows
+        assert each.evidence.terms.x.shape[1] == len(each.fit.selected) + len(each.fit.nonlinear)
+        assert each.evidence.level < judged.evidences[judged.leader].level - 100.0
+
+
+def test_a_leader_of_which_nothing_is_specific_is_no_likelier_than_a_change_that_many_things_bring(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("brv_hypo.comparison.adequacy.is_specific", lambda *_: False)
+    judged = judged_cone("bodyfixed")
+    first, *_ = outside(judged, {"bodyfixed": (find("bodyfixed"),)})
+    assert (first.fit, first.evidence) == (judged.fits[judged.leader], judged.evidences[judged.leader])
+    assert first.words.endswith("alone, which is not specific to bodyfixed")

@@ -1,0 +1,85 @@
+"""Delays are where the evidence is largest, and their errors reach to where it falls; bracketed changes are one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from brv_hypo.comparison.with_processes import Pair, _bracketed, _with_columns, along_delays, fitted, scanned
+from brv_hypo.inference.evidence import with_amplitudes
+from tests.chains import judged_cone
+
+
+def leading(*plant: str) -> Pair:
+    found = judged_cone(*plant)
+    return found.fits[found.leader], found.evidences[found.leader]
+
+
+def with_delay(pair: Pair, factor: float) -> Pair:
+    """The same where its delay is another, all else fitted to that."""
+    problem, (fit, own) = judged_cone("lag").problem, pair
+    delay = next(each for each in fit.nonlinear if each.kind == "theta")
+    columns = delay.moved(fit.columns, factor * delay.value)[fit.baseline_size :]
+    there = _with_columns(problem, fit, columns)
+    return there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
+
+
+def delay_of(pair: Pair) -> float:
+    return next(each.value for each in pair[0].nonlinear if each.kind == "theta")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+def test_a_scan_leads_back_to_the_delay_of_the_largest_evidence(factor: float) -> None:
+    pair = leading("lag")
+    back = scanned(judged_cone("lag").problem, with_delay(pair, factor))
+    assert delay_of(back) == pytest.approx(delay_of(pair), rel=0.15)
+    assert back[1].level > with_delay(pair, factor)[1].level
+
+
+@pytest.mark.thorough
+def test_the_error_of_a_delay_reaches_to_where_the_evidence_has_fallen_by_a_half() -> None:
+    """One that counts for little is known less well, and its fraction goes with it against it."""
+    pair, weight = leading("lag"), 1e-4
+    fit, own = pair
+    place = len(fit.columns) + next(k for k, each in enumerate(fit.nonlinear) if each.kind == "theta")
+    more = along_delays(judged_cone("lag").problem, pair, weight)
+    assert np.all(np.linalg.eigvalsh(more) >= -1e-9 * np.trace(more))
+    size = float(np.sqrt(more[place, place] + own.covariance[place, place] / weight))
+    falls = [
+        weight
+        * (
+            own.level_without([len(fit.selected) + place - len(fit.columns)])
+            - other.level_without([len(fit.selected) + place - len(fit.columns)])
+        )
+        for sign in (1.0, -1.0)
+        if 1.0 + sign * size / delay_of(pair) > 0.2
+        for _, other in [with_delay(pair, 1.0 + sign * size / delay_of(pair))]
+    ]
+    assert 0.2 < min(falls) < 1.5
+
+
+def test_what_has_no_delay_has_no_such_error() -> None:
+    pair = leading("bodyfixed")
+    assert not np.any(along_delays(judged_cone("bodyfixed").problem, pair, 1.0))
+    assert scanned(judged_cone("bodyfixed").problem, pair) is pair
+
+
+def test_two_changes_on_either_side_of_one_are_joined() -> None:
+    problem, (fit, own) = judged_cone("bodyfixed").problem, leading("bodyfixed")
+    jumps = sorted({c.time_basis for c in fit.selected if c.time_basis.kind == "jump"}, key=lambda each: each.start)
+    spacing = float(np.min(np.diff(problem.knots)))
+    apart = [
+        column.at(column.theta, type(jumps[0])("jump", jumps[0].start + shift))
+        for shift in (-0.5 * spacing, 0.5 * spacing)
+        for column in fit.selected
+        if column.time_basis == jumps[0]
+    ]
+    others = [column for column in fit.selected if column.time_basis != jumps[0]]
+    split = fitted(problem, fit, [*apart, *others], own)
+    joined = _bracketed(problem, split)
+    assert joined
+    best = max(joined, key=lambda each: each[1].level)
+    assert best[1].level > split[1].level
+    near = min(abs(column.time_basis.start - jumps[0].start) for column in best[0].selected)
+    assert near < 0.2 * spacing

@@ -1,0 +1,44 @@
+"""What a comparison's likelihood is asked for, and what it says of the record's own errors."""
+
+from __future__ import annotations
+
+import pytest
+
+from brv_hypo.comparison import CompareConfig
+from brv_hypo.comparison.maximum_likelihood import identify_credible
+from brv_hypo.comparison.result import Verdict
+from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.uncertainty import with_others
+from tests.chains import prepared
+from tests.studies.independent.instrument_errors import told
+from tests.studies.independent.study import drawn_flight
+
+QUICK = CompareConfig(mechanisms=("damping",), maximum_likelihood="quick")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [400004, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (400005, 400013))])
+def test_errors_of_the_record_are_told_whole(seed: int) -> None:
+    """Whatever a linearisation took out of the record before is part of them: it was 60 standard errors once."""
+    found = list(told(drawn_flight(seed, seed - 400000, "tactical", 1.0, 0)))
+    assert len(found) >= 4
+    for each in found:
+        assert abs(each.scaled) < 4.0, each.name
+
+
+@pytest.mark.parametrize(("asked", "adequate", "run"), [("quick", True, 1), ("quick", False, 0), ("full", False, 1)])
+def test_what_none_explains_is_left_to_the_regression(asked: str, adequate: bool, run: int) -> None:
+    problem = prepared()
+    fit = with_others(problem, fit_hypothesis(problem, "none", ()))
+    said: list[str] = []
+    config = QUICK.model_copy(update={"maximum_likelihood": asked})
+    verdict = Verdict(
+        winner="none" if adequate else None,
+        outcome="named" if adequate else "none adequate",
+        equivalent=("none",) if adequate else (),
+        probability={"none": 1.0, "other": 0.0} if adequate else {"none": 0.0, "other": 1.0},
+        reason="",
+    )
+    found = identify_credible(problem, [fit], verdict, config, said.append)
+    assert (len(found.found), found.left_out) == (run, frozenset() if run else frozenset({"none"}))
+    assert len(said) == run

@@ -1,0 +1,74 @@
+"""How large a mechanism may be beside leader and processes: never less than it was planted."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from brv_hypo.comparison.limits import limits
+from brv_hypo.constants import LIMIT_FALL
+from brv_hypo.mechanisms import find
+from tests.chains import judged_cone
+from tests.flights import flown
+
+MECHANISMS = ("bodyfixed", "damping")
+
+
+def shares(names: tuple[str, ...], *plant: str) -> dict[str, float]:
+    """The limits of these hypotheses beside what leads where that is planted."""
+    judged = judged_cone(*plant)
+    groups = {"none": (), **{name: tuple(find(part) for part in name.split("+")) for name in names}}
+    found = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, judged.weight)
+    assert len(found) == len({limit.mechanism for limit in found})
+    return {limit.mechanism: limit.share_of_moment_95 for limit in found}
+
+
+@cache
+def found() -> dict[str, float]:
+    return shares(MECHANISMS, "bodyfixed")
+
+
+def planted() -> float:
+    """The share of the moment's rms that was planted."""
+    return float(np.hypot(*flown("research_cone", "bodyfixed").truth.planted_share))
+
+
+def test_there_is_one_for_every_mechanism_and_none_for_the_null() -> None:
+    assert set(found()) == set(MECHANISMS)
+
+
+def test_they_are_positive_numbers() -> None:
+    assert all(0.0 < share < np.inf for share in found().values())
+
+
+def test_the_planted_amplitude_is_within_and_near() -> None:
+    assert planted() < found()["bodyfixed"] < 1.2 * planted()
+
+
+def test_beside_the_leader_little_room_is_left() -> None:
+    assert found()["damping"] < 0.1
+
+
+def test_a_mechanism_that_is_not_there_has_little_room() -> None:
+    """Far less than is planted where it is there: a flight that could not tell would allow as much."""
+    assert shares(("bodyfixed",))["bodyfixed"] < 0.12 * np.sqrt(LIMIT_FALL) * planted()
+
+
+def test_a_joined_hypothesis_has_the_limit_of_its_largest() -> None:
+    joined = shares(("bodyfixed+damping", "damping+bodyfixed"), "bodyfixed")
+    assert set(joined.values()) == {found()["bodyfixed"]}
+
+
+def test_what_the_baseline_has_over_the_whole_record_sets_no_limit() -> None:
+    """An in-plane moment that lasts is the vehicle's own; parts of the record bound the mechanism."""
+    (limit,) = shares(("inplane",), "bodyfixed").values()
+    assert 0.0 < limit < 2.0
+
+
+def test_a_limit_far_beyond_the_moment_is_withheld() -> None:
+    """At a nat that counts for next to nothing, a record says nothing of any size."""
+    judged = judged_cone("bodyfixed")
+    groups = {"damping": (find("damping"),)}
+    (limit,) = limits(judged.fits[judged.leader], judged.evidences[judged.leader], groups, 1e-12)
+    assert np.isnan(limit.share_of_moment_95)

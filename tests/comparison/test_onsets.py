@@ -1,0 +1,70 @@
+"""A mechanism that comes on over a time, as it was flown by another simulator; one that comes on at once does not."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from brv_hypo.comparison import CompareConfig, Comparison, compare
+from brv_hypo.comparison.limits import _every_region
+from brv_hypo.inference.refinement import nonlinear_parameters
+from brv_hypo.model.term import Regressor, TimeBasis
+from tests.comparison.pulse import fitted, problem
+from tests.studies.independent.flights import Made, make_flight
+
+FLOWN = [("cone", "sticking", 13), ("biconic", "damping", 12), ("slender", "lag", 14)]
+
+
+@cache
+def compared(vehicle: str, truth: str, seed: int, kinds: tuple[str, ...]) -> tuple[Made, Comparison]:
+    made = make_flight(vehicle, truth, 0.7, seed, imperfect=kinds)
+    return made, compare([made.flight], CompareConfig(mechanisms=(truth,), maximum_likelihood="none"))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("vehicle", "truth", "seed"), FLOWN)
+def test_its_width_is_estimated_about_its_knot(vehicle: str, truth: str, seed: int) -> None:
+    """What was flown rises as a cubic: a straight rise that is like it takes about four fifths of that."""
+    made, found = compared(vehicle, truth, seed, ("gradual_onset",))
+    derived = {each.name: each for each in found.ranking[0].derived}
+    planted, first = made.true.planted, min(i.start_s for i in found.ranking[0].intervals if i.values)
+    assert found.verdict.winner == truth
+    assert 0.65 * planted.onset < derived[f"{truth} onset width"].value < planted.onset
+    assert first < planted.start < first + planted.onset
+    knots = [each for each in found.ranking[0].derived if each.name == f"{truth} knot"]
+    assert min(abs(each.value - planted.start) / each.std_error for each in knots) < 3.0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("vehicle", "truth", "seed"), FLOWN)
+def test_a_jump_has_none(vehicle: str, truth: str, seed: int) -> None:
+    _, found = compared(vehicle, truth, seed, ())
+    assert found.verdict.winner == truth
+    assert not [each for each in found.ranking[0].derived if "onset width" in each.name]
+
+
+def test_knot_and_width_of_an_onset_move_apart_from_each_other() -> None:
+    best, asked = fitted("bodyfixed"), problem()
+    column = best.selected[0]
+    onset = column.at(column.theta, TimeBasis("ramp", 2.0, 2.4))
+    knot, width = nonlinear_parameters((onset,), 0, best.frame, asked.knots)
+    assert (knot.kind, knot.value, width.kind) == ("knot", pytest.approx(2.2), "width")
+    assert width.value == pytest.approx(0.4)
+    assert ends(knot.moved((onset,), 2.5)) == pytest.approx((2.3, 2.7))
+    assert ends(width.moved((onset,), 0.2)) == pytest.approx((2.1, 2.3))
+
+
+def ends(columns: tuple[Regressor, ...]) -> tuple[float, float]:
+    return columns[0].time_basis.start, columns[0].time_basis.stop
+
+
+def test_a_region_that_comes_on_holds_as_much_as_one_that_jumps() -> None:
+    """Where it has come on before it ends; parts that it holds in part lie about its first edge."""
+    places, held = _every_region(8, (0, 2, 4))
+    for (first, last, width), own in zip(places.tolist(), held, strict=True):
+        assert np.all((own >= 0.0) & (own <= 1.0))
+        assert not np.any(own[last:])
+        assert own.sum() == pytest.approx(last - first)
+        assert np.count_nonzero((own > 0.0) & (own < 1.0)) == width

@@ -1,0 +1,76 @@
+"""What is planted comes first, on every vehicle; where nothing is, nothing is needed."""
+
+from __future__ import annotations
+
+import pytest
+
+from brv_hypo.comparison import CompareConfig, compare
+from brv_hypo.simulation import simulate
+from tests.flights import flown
+
+VEHICLES = ("research_cone", "blunt_capsule", "sounding_rocket")
+MECHANISMS = ("damping", "inplane", "bodyfixed", "lag", "sticking")
+PLANTED = [(vehicle, mechanism) for vehicle in VEHICLES for mechanism in MECHANISMS]
+THOROUGH = ("research_cone", "bodyfixed")
+"""The one among all mechanisms that is not slow; the rest takes minutes."""
+
+
+@pytest.mark.thorough
+def test_what_is_planted_ranks_before_none_by_regression() -> None:
+    settings = CompareConfig(mechanisms=("bodyfixed",), maximum_likelihood="none")
+    comparison = compare([flown("research_cone", "bodyfixed").flight], settings)
+    first = comparison.ranking[0]
+    assert first.mechanism == "bodyfixed"
+    assert sum(comparison.verdict.probability.values()) == pytest.approx(1.0)
+    assert first.prediction_ratio < 1.0
+    assert [row.rank for row in comparison.ranking] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "mechanism"),
+    [pytest.param(*pair, marks=pytest.mark.thorough if pair == THOROUGH else pytest.mark.slow) for pair in PLANTED],
+)
+def test_the_planted_mechanism_ranks_first(vehicle: str, mechanism: str) -> None:
+    seed = 4000 + 10 * VEHICLES.index(vehicle) + MECHANISMS.index(mechanism)
+    comparison = compare([simulate(vehicle, seed=seed, plant=(mechanism,)).flight])
+    first = comparison.ranking[0]
+    assert first.mechanism == mechanism
+    assert sum(comparison.verdict.probability.values()) == pytest.approx(1.0)
+    assert first.prediction_ratio < 1.0
+    assert [row.rank for row in comparison.ranking] == list(range(1, 7))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_none_stands_where_nothing_is_planted(vehicle: str) -> None:
+    comparison = compare([simulate(vehicle, seed=4100 + VEHICLES.index(vehicle)).flight])
+    assert "none" in comparison.verdict.equivalent
+    assert comparison.ranking[0].mechanism == "none"
+    assert comparison.ranking[0].f_ratio is None
+
+
+@pytest.mark.slow
+def test_two_flights_are_fitted_jointly() -> None:
+    flights = [simulate("research_cone", seed=seed, plant=("bodyfixed",)).flight for seed in (4200, 4201)]
+    comparison = compare(flights)
+    assert comparison.verdict.winner == "bodyfixed"
+    assert len(comparison.flights) == 2
+    assert len(comparison.series) == 2
+    alone = compare(flights[:1]).ranking[0]
+    pairs = zip(comparison.ranking[0].terms, alone.terms, strict=False)
+    assert all(joint.std_error < single.std_error for joint, single in pairs)
+
+
+@pytest.mark.thorough
+def test_a_joined_hypothesis_of_which_a_part_does_not_act_is_no_rival() -> None:
+    """It had the evidence of the other, and half of its probability: one that is certain was undecided."""
+    flight, names = flown("research_cone", "bodyfixed").flight, ("bodyfixed+damping", "bodyfixed")
+    found = compare([flight], CompareConfig(mechanisms=names))
+    first, joined, _ = found.ranking
+    assert first.ml is not None
+    assert joined.ml is None
+    assert (first.mechanism, joined.mechanism) == ("bodyfixed", "bodyfixed+damping")
+    assert {term.mechanism for term in joined.terms} == {"bodyfixed"}
+    assert joined.log_evidence == first.log_evidence
+    assert found.verdict.equivalent == ("bodyfixed",)
+    assert set(found.verdict.probability) == {"none", "bodyfixed", "other"}

@@ -1,0 +1,82 @@
+"""A motion by its start and its walk: what a fit found too much of either is taken from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from brv_hypo.linearisation.propagated_motion import (
+    GRAVITY,
+    MOTION,
+    START,
+    PropagatedMotion,
+    linearisation_point,
+    walk_name,
+    walk_sines,
+)
+from brv_hypo.motion import ReconstructionConfig, reconstruct
+from brv_hypo.motion.inertial import WindStart, gravity_size, transverse_axes
+from tests.flights import nominal
+
+USUAL = ReconstructionConfig()
+
+
+@pytest.fixture(scope="module")
+def point():
+    return linearisation_point(reconstruct(nominal().flight), USUAL)
+
+
+def test_start_and_walk_make_the_crossflow_that_they_are_of(point):
+    record, smooth = point
+    made = PropagatedMotion.of(record, smooth).crossflow(record)
+    np.testing.assert_allclose(made, smooth.crossflow, atol=1e-12)
+
+
+def test_a_motion_that_a_fit_led_to_is_linearised_about_as_it_is(point):
+    """The record as it reads: nothing more is taken out of it, and the motion is not smoothed anew."""
+    record, smooth = point
+    fitted = replace(PropagatedMotion.of(record, smooth), walk=1e-3 * np.exp(3j * record.time) - 1e-3)
+    again, moved = linearisation_point(smooth, USUAL, fitted)
+    np.testing.assert_allclose(moved.crossflow, fitted.crossflow(again), atol=1e-12)
+    np.testing.assert_array_equal(moved.flight.q, smooth.flight.q)
+    assert all(effect.value == 0.0 for effect in moved.effects)
+
+
+@pytest.mark.parametrize(("name", "size"), [(START[0], 1e-3), (START[1], -2e-3), (GRAVITY[2], 0.1), (GRAVITY[0], -0.2)])
+def test_an_error_of_the_start_is_taken_from_it(point, name, size):
+    record, smooth = point
+    true = PropagatedMotion.of(record, smooth)
+    across = np.vstack([*(axis[0] for axis in transverse_axes(true.start.direction[np.newaxis])), *np.eye(3)])
+    change = size * across[[*START, *GRAVITY].index(name)]
+    direction, gravity = true.start.direction, true.start.gravity
+    if name in START:
+        direction = direction + change
+    else:
+        gravity = gravity + gravity_size(record.flight) * change
+    wrong = replace(true, start=WindStart(direction / np.linalg.norm(direction), gravity))
+    found = wrong.less(record, {(MOTION, name): size})
+    np.testing.assert_allclose(found.start.direction, true.start.direction, atol=size**2)
+    np.testing.assert_allclose(found.start.gravity, true.start.gravity, atol=1e-12)
+
+
+def test_an_error_of_the_walk_is_taken_from_it(point):
+    record, smooth = point
+    true = PropagatedMotion.of(record, smooth)
+    wrong = replace(true, walk=true.walk + walk_sines(record, 3) @ np.array([0.5, 0.0, -1.0 + 2.0j]))
+    errors = {
+        (MOTION, walk_name(axis, number)): size
+        for number, both in enumerate([(0.5, 0.0), (0.0, 0.0), (-1.0, 2.0)])
+        for axis, size in zip("yz", both, strict=True)
+    }
+    np.testing.assert_allclose(wrong.less(record, errors).walk, true.walk, atol=1e-15)
+
+
+def test_the_meridian_of_a_motion_far_from_that_before_has_no_turn_from_sample_to_sample(point):
+    """Next to the meridian before, each sample would be on whichever side of half a turn it happens to fall."""
+    record, smooth = point
+    motion = PropagatedMotion.of(record, smooth)
+    other = replace(motion, walk=-1.5 * motion.walk - 1.2 * np.mean(smooth.crossflow))
+    _, moved = linearisation_point(smooth, ReconstructionConfig(), other)
+    assert np.max(np.abs(np.diff(moved.motion.windward_meridian))) <= np.pi

@@ -1,0 +1,120 @@
+"""Which moments a list of mechanisms leaves for something else: shapes, and rates at which one turns in the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from brv_hypo.constants import OUTSIDE
+from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.free_moment import SHAPES, shape_of
+from brv_hypo.inference.unmodelled import RATE, TurningMoment, UnmodelledMoment, turning_moments, unmodelled_moments
+from brv_hypo.mechanisms import Parameter, Term, find
+from brv_hypo.model.term import candidates, theta_grid
+from brv_hypo.motion.motion import Motion
+from tests.comparison.pulse import problem
+
+
+@pytest.mark.parametrize(
+    ("listed", "gone"),
+    [
+        ((), set()),
+        (("inplane",), {"offset", "stiffness"}),
+        (("bodyfixed",), {"body-fixed"}),
+        (("magnus",), {"side moment"}),
+        (("bodyfixed", "magnus"), {"body-fixed", "side moment"}),
+    ],
+)
+def test_a_shape_that_a_listed_mechanism_has_is_not_something_else(listed: tuple[str, ...], gone: set[str]) -> None:
+    found = unmodelled_moments(problem(), [find(name) for name in listed], OUTSIDE)
+    assert set(SHAPES) - {name for each in found for name in each.shapes} == gone
+
+
+def test_a_mechanism_with_a_delay_leaves_every_shape() -> None:
+    found = unmodelled_moments(problem(), [find("lag"), find("sticking")], OUTSIDE)
+    assert [each.shapes for each in found] == [(name,) for name in SHAPES]
+
+
+def test_nothing_is_left_beside_a_mechanism_of_every_shape() -> None:
+    assert unmodelled_moments(problem(), [UnmodelledMoment(shapes=SHAPES)], OUTSIDE) == ()
+
+
+def test_every_component_of_a_shape_is_a_term_of_its_own_name() -> None:
+    motion = problem().frame.motions[0]
+    terms = UnmodelledMoment(shapes=SHAPES).terms(motion, {})
+    names = [term.name for term in terms]
+    assert len(set(names)) == len(names)
+    assert {"side moment", "two-fold cosine", "two-fold sine"} <= set(names)
+    expected = [part for name in SHAPES for part in shape_of(name, motion)]
+    for term, values in zip(terms, expected, strict=True):
+        assert np.array_equal(term.in_plane + 1j * term.out_of_plane, values)
+
+
+def test_the_components_of_a_shape_enter_together_and_no_others() -> None:
+    """Which body axes they stand along tells nothing; shapes are chosen one by one."""
+    moment, motion = UnmodelledMoment(shapes=SHAPES), problem().frame.motions[0]
+    choices: dict[object, list[str]] = {}
+    for column in candidates(moment, motion, problem().knots, theta_grid(moment)):
+        if column.time_basis.kind == "constant":
+            choices.setdefault(column.choice, []).append(column.term)
+    assert sorted(map(len, choices.values())) == sorted(len(shape_of(name, motion)) for name in SHAPES)
+    assert ["body-fixed cosine", "body-fixed sine"] in choices.values()
+
+
+def test_it_is_fitted_beside_a_baseline_that_holds_some_of_its_shapes() -> None:
+    """Offset and stiffness are the baseline's own, but for their changes in time."""
+    anything = UnmodelledMoment(shapes=SHAPES)
+    fit = fit_hypothesis(problem(), anything.name, (anything,))
+    assert np.isfinite(fit.information)
+    assert fit.selected
+
+
+# ---- One that turns in the body ----
+
+
+START, STOP = 1.0, 4.5
+
+
+def test_rates_are_half_a_turn_apart_and_a_moment_at_rest_is_none_of_them() -> None:
+    found = turning_moments(problem(), [], OUTSIDE, START, STOP)
+    apart = np.pi / (STOP - START)
+    rates = np.array([each.rate for each in found])
+    assert np.min(np.abs(rates)) == pytest.approx(apart)
+    assert np.diff(rates) == pytest.approx(np.where(np.diff(rates) > 1.5 * apart, 2.0, 1.0) * apart)
+    assert all(min(map(abs, each.parameters()[0].bounds)) >= 0.5 * apart - 1e-9 for each in found)
+
+
+def test_a_rate_at_which_a_listed_mechanism_does_the_same_is_left_out() -> None:
+    """A mechanism that turns at some rate itself leaves the others."""
+    free = turning_moments(problem(), [], OUTSIDE, START, STOP)
+    rates = {each.rate for each in turning_moments(problem(), [Turns(**dict(free[3]))], OUTSIDE, START, STOP)}
+    assert free[3].rate not in rates
+    assert len(rates) < len(free)
+
+
+class Turns(TurningMoment):
+    """At one rate."""
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return ()
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        return super().terms(motion, {RATE: self.rate})
+
+
+@pytest.mark.parametrize("rate", [-4.7, 9.1])
+def test_its_size_is_the_same_at_all_times_and_its_direction_turns(rate: float) -> None:
+    motion = problem().frame.motions[0]
+    along, across = TurningMoment(about=0.0, rate=rate, apart=1.0).terms(motion, {RATE: rate})
+    body = (along.in_plane + 1j * along.out_of_plane) * np.exp(-1j * motion.windward_meridian)
+    assert np.abs(body) == pytest.approx(np.ones(motion.time.size))
+    turned = np.unwrap(np.angle(body))
+    assert np.diff(turned) == pytest.approx(-rate * np.diff(motion.time), abs=1e-9)
+    assert across.in_plane + 1j * across.out_of_plane == pytest.approx(1j * (along.in_plane + 1j * along.out_of_plane))
+
+
+def test_nothing_is_left_where_it_can_turn_by_no_half_turn() -> None:
+    start = float(problem().frame.time[0])
+    assert turning_moments(problem(), [], OUTSIDE, start, start + 1e-3) == ()
