@@ -24,7 +24,7 @@ from brv_hypo.flight.record import ACCELEROMETERS, GYROS, RecordFault, Vehicle
 CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least, over which a climb is averaged
 GAIN_FASTEST = 250.0  # m/s, up to which a barometer is trusted: below the transonic
 GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which they are compared
-THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not explain, from which it is no axial trend
+THINNING_LEAST = 1.0  # ln of a change of drag, beyond that of C_A at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
 FALL_STEEP = 0.95  # mean cosine of the lean of a climb
 FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias

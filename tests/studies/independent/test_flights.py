@@ -266,6 +266,7 @@ STUDIES = (
     "test_air_data.py",
     "test_clocks.py",
     "joint.py",
+    "misread.py",
     "test_joint.py",
 )
 
