@@ -75,9 +75,9 @@ class MaximumLikelihood(NullIsNaN):
     def trouble(self) -> str:
         """Why it is not to be relied on, and what is; empty where it converged from every starting point alike."""
         apart = "starting points disagree" if "Starting points disagree" in self.message else ""
-        ended = "" if self.status == "converged" else self.status
+        ended = {"converged": "", "left out": "not run"}.get(self.status, self.status)
         why = ", ".join(filter(None, (ended, apart)))
-        return f"{why}: quote the estimates that are fitted with processes instead" if why else ""
+        return f"{why}: quote the estimates of the tables, which are fitted with processes" if why else ""
 
 
 class NetInterval(NullIsNaN):

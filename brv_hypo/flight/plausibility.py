@@ -24,10 +24,11 @@ from brv_hypo.flight.record import ACCELEROMETERS, GYROS, RecordFault, Vehicle
 CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least, over which a climb is averaged
 GAIN_FASTEST = 250.0  # m/s, up to which a barometer is trusted: below the transonic
 GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which they are compared
-THINNING_LEAST = 1.0  # ln of a change of drag, beyond that of C_A at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
+THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not explain, from which it is no axial trend
 FALL_STEEP = 0.95  # mean cosine of the lean of a climb
 FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
+SUPERSONIC = 500.0  # m/s: above, no axial coefficient changes as at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
 
 
 def contradictions(
@@ -94,7 +95,7 @@ def _thinning(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFau
     with np.errstate(divide="ignore", invalid="ignore"):
         drag = np.log(-channels["ax"] / channels["velocity"] ** 2)
         density = np.log(atmosphere(channels["altitude"], "density"))
-    known = np.isfinite(drag + density) & (channels["ax"] < -DRAG_LEAST)
+    known = np.isfinite(drag + density) & (channels["ax"] < -DRAG_LEAST) & (channels["velocity"] > SUPERSONIC)
     if np.count_nonzero(known) < max(limits.MINIMUM_SAMPLES, 0.5 * time.size):
         return None
     power, _ = np.polyfit(density[known], drag[known], 1)
