@@ -60,8 +60,8 @@ class Tilt:
         from scipy.spatial.transform import Rotation
 
         axis = np.cross(self.nose, [1.0, 0.0, 0.0])
-        size = float(np.linalg.norm(axis))
-        axis, size = (axis, size) if size > 1e-9 else (np.array([0.0, 0.0, 1.0]), 1.0)  # reversed: about z
+        if (size := float(np.linalg.norm(axis))) <= 1e-9:
+            axis, size = np.array([0.0, 0.0, 1.0]), 1.0  # reversed: about z
         return np.asarray(Rotation.from_rotvec(axis * self.angle / size).as_matrix())
 
 
@@ -84,9 +84,9 @@ def powered_flight(time: FloatArray, forces: FloatArray) -> tuple[FloatArray, Fl
         rested = abs(rest[1] - GRAVITY) < REST_OFF and rest[2] - rest[0] < REST_OFF
         if rested or float(np.mean(np.append(along[stop:], 0.0) < -DRAGGED)) > DRAGGED_SHARE:
             speed = integral(time, np.where(np.arange(time.size) < start, 0.0, along - GRAVITY))
-            top = int(np.argmax(speed))
-            slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
-            return axis, speed, (start, top, top + int(slow[0]) if slow.size else time.size)
+            if (top := start + int(np.argmax(speed[start:]))) - start >= least:  # else what is felt drives nothing
+                slow = np.flatnonzero(speed[top:] < SLOW * speed[top])
+                return axis, speed, (start, top, top + int(slow[0]) if slow.size else time.size)
     return None
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.flight.cleaning import constant_runs, find_bursts, flat_tops, mask_faults
 from brv_hypo.flight.clock import joint_jumps, sigma_of_differences, stamped_steps
+from brv_hypo.flight.mounting import nose_axis, powered_flight
 from tests.flight.records import motion
 
 SAMPLES = 800
@@ -141,3 +142,13 @@ def test_a_kink_of_the_rates_with_a_jump_of_the_forces_is_no_clock_step(within):
     found["q"] = found["q"] + scale * late
     found["az"] = found["az"] + 50.0 * np.std(found["az"]) * (late > 0.0)
     assert joint_jumps(found) == ()
+
+
+@pytest.mark.parametrize("turning", [100.0, 300.0])
+def test_what_turns_about_the_vehicle_after_a_rest_is_no_thrust(turning: float) -> None:
+    """A force across the axis that turns makes no speed along its own mean: there is nothing to lift off."""
+    time = np.arange(0.0, 8.0, 0.005)
+    felt = np.where(time < 3.0, 0.0, 40.0)
+    forces = np.stack([9.81 * (time < 3.0), felt * np.cos(turning * time), felt * np.sin(turning * time)])
+    assert powered_flight(time, forces) is None
+    assert nose_axis(time, np.zeros_like(forces), forces) is None
