@@ -264,16 +264,20 @@ def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
             break
         for parameter, shift in zip(fit.nonlinear, (share * shifts).tolist(), strict=True):
             columns = parameter.moved(columns, float(np.clip(parameter.value + shift, *parameter.bounds)))
-        there = _with_columns(problem, fit, columns[fit.baseline_size :])
-        found = there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
-        gain = _level_fixed(found) - _level_fixed(pair)
-        if gain > (-_ROUNDING if closely else _GAIN):
+        found = _at_amplitudes_of(problem, pair, columns)
+        if _level_fixed(found) - _level_fixed(pair) > (-_ROUNDING if closely else _GAIN):
             pair = found
         elif closely:
             share *= 0.5
         else:
             break
     return pair
+
+
+def _at_amplitudes_of(problem: Problem, pair: Pair, columns: Sequence[Regressor]) -> Pair:
+    """The hypothesis of a pair with other columns, the baseline's first, at the amplitudes of the pair."""
+    there, own = _with_columns(problem, pair[0], columns[pair[0].baseline_size :]), pair[1]
+    return there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
 
 
 def _level_fixed(pair: Pair) -> float:
@@ -289,10 +293,8 @@ def scanned(problem: Problem, pair: Pair) -> Pair:
     for k in range(len(pair[0].nonlinear)):
         fit, own = pair
         parameter, place = fit.nonlinear[k], len(fit.selected) + k
-        found = [pair]
-        for value in parameter.others(SCANNED) if parameter.kind == "theta" else ():
-            there = _with_columns(problem, fit, parameter.moved(fit.columns, value)[fit.baseline_size :])
-            found.append((there, with_amplitudes(own.rows, own.rows.terms(there), own.at)))
+        values = parameter.others(SCANNED) if parameter.kind == "theta" else ()
+        found = [pair, *(_at_amplitudes_of(problem, pair, parameter.moved(fit.columns, value)) for value in values)]
         best = max(found, key=lambda each: each[1].level_without([place]))
         if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
             found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
@@ -318,16 +320,14 @@ def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
         for sign in (1.0, -1.0):
             for times in AFTER_ERRORS:
                 value = float(np.clip(parameter.value + sign * times * known, *parameter.bounds))
-                there = _with_columns(problem, fit, parameter.moved(fit.columns, value)[fit.baseline_size :])
-                other = with_amplitudes(own.rows, own.rows.terms(there), own.at)
+                there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.columns, value))
                 fall = weight * (level - other.level_without([len(fit.selected) + k]))
                 moved_by = np.append(other.values[:count], [each.value for each in there.nonlinear]) - at_mode
                 if fall > 0.5 or value in parameter.bounds:
                     break
             ends.append(moved_by / np.sqrt(max(2.0 * fall, 1.0)))
         far = max(ends, key=lambda each: abs(each[count + k]))
-        size = abs(far[count + k])
-        if size > known:
+        if (size := abs(far[count + k])) > known:
             out += (1.0 - (known / size) ** 2) * np.outer(far, far)
     return out
 
