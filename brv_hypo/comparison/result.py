@@ -15,6 +15,7 @@ from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
+Moments = tuple[tuple[float, ...], tuple[float, ...]]
 EXCEED = "errors exceed the tolerances of the record"
 """In the warning of errors that the conclusion names too."""
 
@@ -274,16 +275,17 @@ class Series(NullIsNaN):
     """Histories for pictures, of one flight: not part of the JSON.
 
     `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`; what is fitted includes the errors
-    of record and vehicle beside the mechanism, and both are NaN at the ends, where rates cannot be differentiated.
+    of record and vehicle beside the mechanism, but no process, and both are NaN at the ends, where rates cannot be
+    differentiated.
     Standard deviations, rates and Mach number are empty where they are not known.
     """
 
     time_s: tuple[float, ...]
     alpha_rad: tuple[float, ...]
     windward_meridian_rad: tuple[float, ...]
-    measured: tuple[tuple[float, ...], tuple[float, ...]]
+    measured: Moments
     sigma: tuple[float, ...]
-    fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
+    fitted: dict[str, Moments]
     alpha_sigma_rad: tuple[float, ...] = ()
     windward_meridian_sigma_rad: tuple[float, ...] = ()
     roll_rate_rad_s: tuple[float, ...] = ()
@@ -291,11 +293,15 @@ class Series(NullIsNaN):
     mach: tuple[float, ...] = ()
     dynamic_pressure_pa: tuple[float, ...] = ()
     channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
-    """Of the leader, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled, processes left out.
+    """Of the leader with its processes, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled.
     """
-    leader: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = ()
-    """As `measured` less the leader's baseline, processes and errors of the record; and of its mechanisms. Empty where
-    the baseline only leads.
+    residuals: dict[str, Moments] = Field(default_factory=dict)
+    """Of some hypotheses, the leader among them, with their processes and errors of the record: as `measured`, less all
+    that is estimated.
+    """
+    alone: tuple[Moments, ...] = ()
+    """Of the likeliest mechanism: as `measured` less baseline, processes and errors of the record beside it; and what
+    it makes. Empty where none was compared.
     """
     whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
     """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""

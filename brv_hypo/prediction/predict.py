@@ -22,7 +22,7 @@ from brv_hypo.inference.uncertainty import ResidualMoments
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms, record_processes
-from brv_hypo.model.model import Model, SavedModel, read_model, restored
+from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion import try_record
 from brv_hypo.prediction.changes import evidence_here, find_difference, find_local_change, fixed_within
@@ -70,7 +70,8 @@ def predict(
     """Errors of the moments that a frozen model predicts for a flight.
 
     Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
-    (its file, at its times); so is what belongs to its times, unless `refit` names it.
+    (its file, or a copy of its record); so is what belongs to its times, unless `refit` names it. On its own record
+    nothing is tested, and record and vehicle err within their tolerances, as they did where it was estimated.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
     predicted as it is; `record` of the result says so.
 
@@ -111,7 +112,9 @@ def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
 ) -> Prediction:
-    model = _frozen(flight, content, refit, config)
+    if here := _is_found_on(content, flight):  # all of it was flown, and its errors were fitted with the model
+        content, refit = content.model_copy(update={"flown": {}}), (*refit, INSTRUMENTS)
+    model = _frozen(flight, content, refit, config, here)
     fit, data, tolerated = model.fit, model.fit.data, _tolerated(flight)
     freed, columns = model.freed(tolerated), model.fit.model.columns
     frozen, within = model.solved(model.fixed), freed.solved(freed.fixed)
@@ -129,12 +132,14 @@ def _predict(
     covariance[np.ix_(known, known)] = _covariance_of(content, model, known)
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=model.elsewhere)
-    whole = data.regression(fit.model, fit.linear, None, first_noise(fit.linear), record_processes())
-    alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
     known_by = covariance[np.ix_(known, known)]
-    change = find_local_change(fixed_within(alone, columns, model.fixed, known_by))
-    better = max(alone, beside, key=lambda each: each.level)
-    difference = find_difference(better, columns, model.fixed, known_by)
+    change = difference = None
+    if model.elsewhere:  # a test of estimates against the record that they are of would count it twice
+        whole = data.regression(fit.model, fit.linear, None, first_noise(fit.linear), record_processes())
+        alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
+        change = find_local_change(fixed_within(alone, columns, model.fixed, known_by))
+        better = max(alone, beside, key=lambda each: each.level)
+        difference = find_difference(better, columns, model.fixed, known_by)
     remain = np.flatnonzero(np.isfinite(freed.fixed))
     fitted, noise = np.isnan(np.concatenate([freed.fixed, freed.others])), noise_of(fit, measured, within.values)
     sigma = predictive_sigma(fit, covariance[np.ix_(remain, remain)], fitted, noise, beyond)
@@ -155,6 +160,7 @@ def _predict(
         difference=difference,
         refused=change is not None or (difference is not None and difference.p_value < REFUSED),
         left_out=model.left_out,
+        own_record=not model.elsewhere,
         reason="",
     )
     of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(model, refit, tolerated)
@@ -192,8 +198,9 @@ class _Frozen:
         return constrained(self.fit.problem, self.fit.data.frame, self.fit.model.columns, fixed, self.others)
 
 
-def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Frozen:
-    model, here = restored(content, (flight,), frozen=True), _is_found_on(content, flight)
+def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool) -> _Frozen:
+    """`here`: the model was estimated from this flight."""
+    model = restored(content, (flight,), frozen=True)
     columns, lasts = model.columns, model.lasting
     values = {
         column: saved.value if here or saved.elsewhere is None else saved.elsewhere
@@ -218,12 +225,15 @@ def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config:
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:
-    """Whether the model was found on this very record at these times: then its times and errors are the flight's."""
+    """Whether the model was estimated from this very record, or a longer part of it: then its times and errors are the
+    flight's.
+    """
     first, last = float(flight.time[0]), float(flight.time[-1])
-    return flight.path is not None and any(
+    of_file = any(
         Path(flight.path).resolve() == Path(name).resolve() and start <= first and last <= stop
         for name, (start, stop) in zip(content.found_on, content.times, strict=False)
     )
+    return of_file or digest(flight) in content.digests
 
 
 def _read_with(

@@ -18,7 +18,6 @@ from brv_hypo.report import tables
 from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
-LEADING = 2  # hypotheses that are drawn besides the baseline only; more lines than this hide each other
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
 FUNCTIONS = {"C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"), "C_malpha": STATIC, "C_mq": DAMPING}
 """Name, heading and axis of a function of Mach number and angle of attack."""
@@ -28,6 +27,10 @@ CHANNELS = {
 }
 """By chart and channel, title and scale of an axis."""
 ALONE = "Dots: measured less the leader's baseline, processes and errors of the record. Dashed: its knots."
+JUDGED = (
+    "Models as they are judged, each with its own estimated processes and errors of the record. A click on its name "
+    "in the legend shows the leader without processes."
+)
 EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
 
 
@@ -104,35 +107,37 @@ def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Sett
 
 def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     """Charts of one flight, by what they are of."""
-    series, ranked = comparison.series[index], [row for row in comparison.ranking if row.mechanism != "none"]
-    leader = comparison.ranking[0]
+    series, leader = comparison.series[index], comparison.ranking[0]
     knots = _own_knots(leader, index, comparison.flights[index])
     setting = _setting(comparison, index, knots)
     time, measured, sigma = series.time_s, series.measured, series.sigma
     angles = (series.alpha_rad, series.windward_meridian_rad)
     # the baseline below, for contrast, and the leader last, on top
-    roles: tuple[Role, ...] = ("first", "second")
-    leading = list(zip((row.mechanism for row in ranked[:LEADING]), roles, strict=False))
-    shown: list[tuple[str, Role]] = [("none", "none"), *reversed(leading)]
-    models = [Drawn(hypothesis(name), series.fitted[name], role) for name, role in shown if name in series.fitted]
-    residuals = [replace(m, moments=charts.difference(measured, m.moments)) for m in models]
+    shown = sorted(series.residuals, key=lambda name: (name == leader.mechanism, name != "none"))
+    roles: dict[str, Role] = {"none": "none", leader.mechanism: "first"}
+    residuals = [Drawn(hypothesis(name), series.residuals[name], roles.get(name, "second")) for name in shown]
+    models = [replace(each, moments=charts.difference(measured, each.moments)) for each in residuals]
+    bare = Drawn(f"{hypothesis(leader.mechanism)}, no processes", series.fitted[leader.mechanism], "guide", hidden=True)
+    left = replace(bare, moments=charts.difference(measured, bare.moments))
     moments = [
-        charts.moment_chart(setting, time, measured, sigma, models),
-        charts.residual_chart(setting, time, sigma, residuals),
+        charts.moment_chart(setting, time, measured, sigma, [*models, bare], caption=JUDGED),
+        charts.residual_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
         charts.moment_by_alpha_chart(setting, angles[0], measured, models[-1:]),
     ]
     overview = replace(moments[0], name=f"overview{setting.suffix}")
-    if "none" in series.fitted and len(models) > 1:  # what is left for a mechanism, and what it makes of that (5.18)
-        heading, left, made = "Moments less the baseline", residuals[0].moments, models[-1].moments
-        beyond = charts.difference(made, series.fitted["none"])
-        if series.leader:
-            heading, (left, beyond) = f"Moments of {models[-1].name}", series.leader
-            alone = charts.moment_chart(setting, time, left, sigma, [replace(models[-1], moments=beyond)])
-            marks = [Mark(at, name) for at, name in knots.items()]
-            title = f"{heading}{setting.which}"
-            overview = replace(alone, name=overview.name, heading=title, caption=ALONE, marks=marks)
-        drawn = [replace(models[-1], moments=beyond)]
-        moments.append(charts.moment_by_alpha_chart(setting, angles[0], left, drawn, "excess-by-alpha", heading))
+    if series.alone:  # what all else does not explain, and what the mechanism makes of that (5.18)
+        best = next(row for row in comparison.ranking if row.n_terms)
+        (beyond, made), heading = series.alone, f"Moments of {hypothesis(best.mechanism)}"
+        drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
+        if best is leader:
+            overview = replace(
+                charts.moment_chart(setting, time, beyond, sigma, drawn),
+                name=overview.name,
+                heading=f"{heading}{setting.which}",
+                caption=ALONE,
+                marks=[Mark(at, name) for at, name in knots.items()],
+            )
+        moments.append(charts.moment_by_alpha_chart(setting, angles[0], beyond, drawn, "excess-by-alpha", heading))
     sigmas, rolls = (series.alpha_sigma_rad, series.windward_meridian_sigma_rad), series.roll_rate_rad_s
     motion = charts.air_chart(setting, time, series.mach, series.dynamic_pressure_pa)
     motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
@@ -145,11 +150,10 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             read, fitted = (scale * np.asarray(each) for each in series.channels[name])
             dots = Line(time, read, "measured", "measured", dots=True)
             panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
-        text = "At the c.g., fitted errors of the record taken out; the model without processes."
+        text = "At the c.g., fitted errors of the record taken out; the model with its processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
-    ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's
     rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
-    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *ends], rates)
+    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates)
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
     named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
     return {

@@ -36,6 +36,7 @@ class Line:
     dots: bool = False
     dashed: bool = False
     large: bool = False  # of dots that are few
+    hidden: bool = False  # until its name in a page's legend is clicked; picture files leave it out
     labels: Sequence[str] = ()  # above each dot, or to the right of its error; of a line or more
     error: tuple[Values, Values] | None = None  # how far y may lie below and above
     spread: Values | None = None  # how far x may lie to either side

@@ -120,7 +120,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
             _bars(axes, layer, colour)
         elif isinstance(layer, Band):
             axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=0.2, linewidth=0, label=layer.name)
-        else:
+        elif not layer.hidden:
             _line(axes, layer, colour)
     axes.set_ylabel(_plain(panel.title))
     if panel.log:

@@ -104,6 +104,7 @@ def _line(layer: Line) -> list[dict[str, Any]]:
         "y": _bits(thinned(layer.y)),
         "name": layer.name,
         "mode": ("markers+text" if layer.labels else "markers") if layer.dots else "lines",
+        **({"visible": "legendonly"} if layer.hidden else {}),
     }
     if layer.dots:
         trace["marker"] = {"color": colour, "size": 8 if layer.large else 2.6}

@@ -10,7 +10,7 @@ from typing import Any
 from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
-from brv_hypo.io.text import number, share
+from brv_hypo.io.text import fault_time, number, share
 from brv_hypo.mechanisms.conformance import Outcome
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import OWN, Installed
@@ -42,8 +42,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         {
             "channel": fault.channel,
             "fault": fault.fault,
-            "from s": f"{fault.start_s:.3f}",
-            "to s": f"{fault.stop_s:.3f}",
+            "when": fault_time(fault.fault, fault.action, fault.start_s, fault.stop_s),
             "action": fault.action,
         }
         for fault in trial.faults
@@ -60,7 +59,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         Texts((inspection_line(inspection), _usable(inspection)), bullets=False),
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
-        Table(faults, title, ("channel", "fault", "action")),
+        Table(faults, title, ("channel", "fault", "when", "action")),
         Texts(("" if trial.sound else f"\n{_WHAT_THEN}\n",) if faults else (), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),

@@ -16,7 +16,7 @@ from brv_hypo.comparison.result import RecordError, RecordFaultSummary, TermEsti
 from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
-from brv_hypo.io.text import share
+from brv_hypo.io.text import share, single_samples
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -79,7 +79,7 @@ def _of_bulk(values: FloatArray) -> tuple[float, float]:
 
 def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
     """The finite values of the panel's lines, or of the edges of its bands."""
-    layers = [layer for layer in panel.layers if isinstance(layer, kind)]
+    layers = [layer for layer in panel.layers if isinstance(layer, kind) and not getattr(layer, "hidden", False)]
     sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
     values: FloatArray = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
     return values[np.isfinite(values)]
@@ -90,10 +90,6 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
 IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,side</sub>"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
-BESIDE = (
-    "Models without processes. Errors of record and vehicle are fitted with every model; a model that fits far worse "
-    "than the leader is drawn with the leader's errors."
-)
 _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
@@ -140,11 +136,12 @@ class Setting:
 
 @dataclass(frozen=True)
 class Drawn:
-    """One model's moments in a chart."""
+    """One model's moments in a chart; `hidden` as that of a `Line`."""
 
     name: str
     moments: Moments
     role: Role
+    hidden: bool = False
 
 
 def moment_chart(
@@ -154,12 +151,13 @@ def moment_chart(
     sigma: Values,
     models: Sequence[Drawn],
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
+    caption: str = "",
 ) -> Chart:
     """Measured moments within two standard deviations, and the models, the last one on top."""
     panels = _panels(titles, time, models, measured, sigma)
     heading = "Moments, measured and modelled" if models else "Moments"
     shaded = "Shaded: masked." if setting.masked else ""
-    return setting.chart("moments", heading, panels, BESIDE if models else "", shaded, cut_text(panels))
+    return setting.chart("moments", heading, panels, caption, shaded, cut_text(panels))
 
 
 def residual_chart(
@@ -169,10 +167,11 @@ def residual_chart(
     models: Sequence[Drawn],
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     heading: str = "Residual moments",
+    caption: str = "",
 ) -> Chart:
     """Residual moments of models, before a band of two standard deviations; the last one on top."""
     panels = _panels(titles, time, models, sigma=sigma)
-    return setting.chart("residuals", heading, panels, BESIDE, _GYROS, cut_text(panels))
+    return setting.chart("residuals", heading, panels, caption, _GYROS, cut_text(panels))
 
 
 def moment_by_alpha_chart(
@@ -198,7 +197,7 @@ def _panels(
     dots: bool = False,
 ) -> list[Panel]:
     """A panel for each moment: the measured one, if any, within its noise, and the models on top."""
-    factor, suffix = scale_of(*(measured or ()), *(values for m in models for values in m.moments))
+    factor, suffix = scale_of(*(measured or ()), *(values for m in models if not m.hidden for values in m.moments))
     panels = []
     for k, title in enumerate(titles):
         layers: list[Layer] = []
@@ -208,7 +207,10 @@ def _panels(
             layers.append(Band(x, centre - wide, centre + wide))
         if measured is not None:
             layers.append(Line(x, factor * np.asarray(measured[k], dtype=float), "measured", "measured", dots=True))
-        layers += [Line(x, factor * np.asarray(m.moments[k], dtype=float), m.role, m.name, dots=dots) for m in models]
+        layers += [
+            Line(x, factor * np.asarray(m.moments[k], dtype=float), m.role, m.name, dots=dots, hidden=m.hidden)
+            for m in models
+        ]
         panels.append(framed(Panel(f"{title}{suffix}", layers)))
     return panels
 
@@ -330,13 +332,13 @@ def process_chart(
 
 
 def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Intervals to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
-    the record as a whole, none.
+    """Intervals to shade for faults; of single samples the first and the last; for what contradicts the record as a
+    whole, none.
     """
     found = []
     for fault in faults:
         narrow = _NARROWEST * length
-        if fault.fault == "spikes":
+        if single_samples(fault.fault, fault.action):
             found += [(at - 0.5 * narrow, at + 0.5 * narrow, "") for at in {fault.start_s, fault.stop_s}]
         elif fault.stop_s - fault.start_s < _WHOLE * length:
             found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))

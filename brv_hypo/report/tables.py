@@ -19,7 +19,17 @@ from brv_hypo.comparison.result import (
     TermEstimate,
 )
 from brv_hypo.constants import BEYOND_TOLERANCE
-from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
+from brv_hypo.io.text import (
+    NOT_A_NUMBER,
+    f_ratio,
+    fault_time,
+    hypothesis,
+    interval,
+    known_to,
+    number,
+    probability,
+    share,
+)
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
@@ -252,7 +262,8 @@ def motion_known(method: str, alpha_sigma: float, meridian_sigma: float) -> str:
 def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
     """The faults of the record but those that are `reported` already."""
     return [
-        f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
+        f"{fault.channel}: {fault.fault}, {fault.action}, "
+        + fault_time(fault.fault, fault.action, fault.start_s, fault.stop_s)
         for fault in record.faults
         if fault.action not in reported
     ]

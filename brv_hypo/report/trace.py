@@ -16,6 +16,8 @@ from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Se
 from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
+TRACED = "Models of `trace` have no processes; errors of record and vehicle within tolerances are fitted with them."
+
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
     """Charts by the section that they are in."""
@@ -38,8 +40,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     return {
         "Air data and motion": motion,
         "Moments, measured and modelled": [
-            charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY),
-            charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading),
+            charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY, TRACED),
+            charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading, TRACED),
         ],
         "Residual diagnostics": [
             *charts.whiteness_charts(setting, kept.whitened),

@@ -28,7 +28,7 @@ from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.model import TOLERATED, Model, ModelError, SavedModel
+from brv_hypo.model.model import TOLERATED, Model, ModelError, SavedModel, digest
 from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.additions import GENERIC
@@ -249,6 +249,7 @@ def _definition(fit: Fit, whole: WholeRecord) -> SavedModel:
             "error": model_error(fit.data, fit.left, left),
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
+            "digests": tuple(map(digest, flights)),
             "flown": _flown(fit.data),
         }
     )

@@ -119,16 +119,33 @@ def test_stretches_of_a_path_are_squares_at_one_scale_in_a_picture() -> None:
     assert [axes.get_title() for axes in figure.axes] == [panel.title for panel in cone(90).panels]
 
 
-def test_what_the_baseline_leaves_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:
-    series = comparison.series[0]
-    left, beyond = charts["excess-by-alpha-1"].panels[1].layers
-    np.testing.assert_allclose(left.y, 1e3 * np.subtract(series.measured[1], series.fitted["none"][1]))
-    np.testing.assert_allclose(beyond.y, 1e3 * np.subtract(series.fitted["bodyfixed"][1], series.fitted["none"][1]))
+def test_the_likeliest_mechanism_alone_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:
+    rest, made = comparison.series[0].alone
+    dots, line = charts["excess-by-alpha-1"].panels[1].layers
+    np.testing.assert_allclose(dots.y, 1e3 * np.array(rest[1]))
+    np.testing.assert_allclose(line.y, 1e3 * np.array(made[1]))
+
+
+def test_the_leader_is_drawn_as_it_was_judged(planted) -> None:
+    """A baseline that leads by a process would seem refuted without it: that line is hidden until it is wanted."""
+    series, name = planted.series[0], planted.ranking[0].mechanism
+    measured = np.array(series.measured)
+    far = series.model_copy(update={"fitted": dict.fromkeys(series.fitted, tuple(map(tuple, measured + 1.0)))})
+    drawn = {c.name: c for c in comparison_document(planted.model_copy(update={"series": (far,)})).charts}
+    for plane, panel in enumerate(drawn["moments"].panels):
+        lines = {layer.name: layer for layer in panel.layers if isinstance(layer, Line) and not layer.dots}
+        assert [each.hidden for each in lines.values()] == [False, False, True]
+        assert np.nanmax(np.abs(np.array(lines[name].y) - 1e3 * measured[plane])) < 1.0
+        assert np.nanmin(np.array(lines[f"{name}, no processes"].y) - 1e3 * measured[plane]) > 999.0
+    traces = {each["name"]: each for each in plotly_chart(drawn["moments"])["traces"]}
+    assert traces[f"{name}, no processes"]["visible"] == "legendonly"
+    _, names = chart_figure(drawn["moments"]).axes[0].get_legend_handles_labels()
+    assert f"{name}, no processes" not in names
 
 
 def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(planted, planted_charts) -> None:
     """Both differ by noise, and where the leader does not act nothing is left; its onset and end are marked."""
-    left, made = (np.array(each) for each in planted.series[0].leader)
+    left, made = (np.array(each) for each in planted.series[0].alone)
     time, known = np.array(planted.series[0].time_s), np.isfinite(left[0])
     marks = {mark.name: mark.at for mark in planted_charts["overview"].marks if mark.name}
     assert set(marks) <= {"onset", "end"}
@@ -184,11 +201,11 @@ def test_a_record_is_drawn_as_it_was_measured() -> None:
     np.testing.assert_allclose(drawn["accelerations"].panels[0].layers[0].y, flight.ax)
 
 
-def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
+def test_the_leader_is_drawn_last(charts) -> None:
     for chart in (charts["moments-1"], charts["residuals-1"]):
         for panel in chart.panels:
-            drawn = [layer.name for layer in panel.layers if isinstance(layer, Line) and not layer.dots]
-            assert drawn == ["baseline only", "bodyfixed"]
+            lines = [layer for layer in panel.layers if isinstance(layer, Line) and not (layer.dots or layer.hidden)]
+            assert [layer.name for layer in lines] == ["bodyfixed", "baseline only"]
 
 
 def test_coefficients_are_the_net_values_between_knots(planted, planted_charts) -> None:
