@@ -54,7 +54,10 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
         return model.model_validate({**content, **overrides})
     except ValidationError as error:
         where = "the settings" if path is None else f"the settings in {path}"
-        problems = "; ".join(_problem(detail, tuple(model.model_fields)) for detail in error.errors())
+        places = {detail["loc"] for detail in error.errors()}
+        # of a tuple with a wrong element pydantic says besides that it is too short
+        own = [d for d in error.errors() if not any(d["loc"] == each[: len(d["loc"])] != each for each in places)]
+        problems = "; ".join(_problem(detail, model) for detail in own)
         raise UsageError(f"{where}: {problems}.") from None
 
 
@@ -106,12 +109,18 @@ def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Fu
     return decorate
 
 
-def _problem(detail: Any, known: tuple[str, ...]) -> str:
-    place = ".".join(str(part) for part in detail["loc"])
+def _problem(detail: Any, model: type[BaseModel]) -> str:
+    place, known = ".".join(str(part) for part in detail["loc"]), tuple(model.model_fields)
     if detail["type"] == "extra_forbidden":
         hint = meant(place, known, f"known are {', '.join(known)}", cutoff=0.5)
         return f"there is no setting '{place}' ({hint})"
-    return f"'{place}': {detail['msg']}, got {one_line(repr(detail['input']))}"
+    value, name = detail["input"], next(iter(detail["loc"]), "")
+    got = one_line(repr(value))
+    if " at 0x" in got:  # an address says nothing
+        got = f"an object of type {type(value).__name__}"
+    meaning = model.model_fields[name].description if name in known else ""
+    about = f" ({name}: {' '.join(meaning.split()).rstrip('.')})" if meaning else ""
+    return f"'{place}': {detail['msg']}, got {got}{about}"
 
 
 def commented(model: type[BaseModel], title: str) -> str:

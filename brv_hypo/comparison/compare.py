@@ -26,7 +26,7 @@ from brv_hypo.comparison.maximum_likelihood import identify_credible, tolerance_
 from brv_hypo.comparison.preparation import sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, Seconds, Verdict
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.comparison.verdict import Candidate, Fit, judge
+from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_prediction_error
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
@@ -152,6 +152,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     say("predicting held-out blocks")
     errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
+    verdict = with_prediction_error(verdict, errors[beside.leader] / errors[beside.null])
     selected = clock.perf_counter()
     likelihoods = identify_credible(problem, fits, verdict, config, say)
     finished = clock.perf_counter()

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.comparison.judgement import Judged
+from brv_hypo.comparison.judgement import Judged, as_planted
 from brv_hypo.comparison.result import Comparison, RecordError, SizedModel
 from brv_hypo.comparison.summary import drawn
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value
@@ -18,7 +18,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.search import on_grid
 from brv_hypo.inference.uncertainty import residual_moments
 from brv_hypo.linearisation.channels import Rows as Histories
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term, rms_of_shapes
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
@@ -124,16 +124,16 @@ class _AtMode(Mechanism):
     name, title = "processes", "processes at their mode"
     claims, source = MomentProcess.claims, MomentProcess.source
     processes: tuple[MomentProcess, ...]
-    coefficients: tuple[tuple[tuple[float, ...], ...], ...]
-    """Of each process, shape and spline."""
+    coefficients: tuple[tuple[float, ...], ...]
+    """Of each process, those of its first shape's splines first."""
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One, of all of them."""
         total = np.zeros_like(motion.alpha, dtype=complex)
         for process, values in zip(self.processes, self.coefficients, strict=True):
             histories = time_splines(motion.time, process.start, process.stop, process.splines)
-            paths = (histories @ np.array(each) for each in values)
-            total += sum(shape * path for shape, path in zip(process.shapes(motion), paths, strict=True))
+            each = np.reshape(values, (-1, process.splines))
+            total += sum(shape * (histories @ own) for shape, own in zip(process.shapes(motion), each, strict=True))
         return (Term(_AtMode.name, total.real.copy(), total.imag.copy()),)
 
 
@@ -164,15 +164,11 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
 
 def _of_processes(own: Evidence, flight: int) -> _AtMode:
     """The processes of moments on a flight, at their mode."""
-    motion, places = own.rows.frame.motions[flight], [group.name for group in own.rows.groups]
-    span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
-    processes = [each.model_copy(update=span) for each in moment_processes()]
-    coefficients = []
-    for process in processes:
-        values = np.split(own.spline_coefficients(places.index(process.name))[0], len(own.rows.blocks))[flight]
-        each = values.reshape(-1, process.splines) / max(rms_of_shapes(process, motion), 1e-300)
-        coefficients.append(tuple(map(tuple, each.tolist())))
-    found = _AtMode(processes=tuple(processes), coefficients=tuple(coefficients))
+    time = own.rows.frame.motions[flight].time
+    span = {"start": float(time[0]), "stop": float(time[-1])}
+    processes = tuple(each.model_copy(update=span) for each in moment_processes())
+    coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
+    found = _AtMode(processes=processes, coefficients=coefficients)
     return found.model_copy(update={"name": f"{_AtMode.name} {flight}"})
 
 

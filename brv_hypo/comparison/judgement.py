@@ -18,7 +18,7 @@ from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import scale_variance
 from brv_hypo.comparison.preparation import cleaned, shared_problem, with_processes, without_processes
-from brv_hypo.comparison.result import Explained, ProcessEstimate
+from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     Pair,
     along_delays,
@@ -46,7 +46,8 @@ from brv_hypo.inference.refinement import FINAL, ROUGH, Steps
 from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.uncertainty import with_others
 from brv_hypo.io.text import hypothesis
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, rms_of_shapes
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.thresholds import MECHANISM_ACTS
 
@@ -253,11 +254,27 @@ def _noise_share(judged: Judged) -> float:
     return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
 
 
+def as_planted(own: Evidence, process: Process, flight: int) -> dict[str, float]:
+    """The coefficient of every spline on a flight at its mode, by the name under which a simulation plants it."""
+    place = [group.name for group in own.rows.groups].index(process.name)
+    values, motion = np.split(own.spline_coefficients(place)[0], len(own.rows.blocks))[flight], own.rows.frame.motions
+    if isinstance(process, MomentProcess):
+        values = values / max(rms_of_shapes(process, motion[flight]), 1e-300)
+        kinds = [f"{process.name} {k}" for k in range(values.size // process.splines)]
+    else:
+        kinds = list(process.channels)
+    names = (f"{kind} {k}" for kind in kinds for k in range(process.splines))
+    return dict(zip(names, values.tolist(), strict=True))
+
+
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     """Every process beside the leader, the one that makes most of the record first."""
-    own, rows = judged.evidences[judged.leader], judged.rows
-    found = []
+    own, rows, found = judged.evidences[judged.leader], judged.rows, []
+    every: tuple[Process, ...] = (*record_processes(), *moment_processes())
+    known = {each.name: each for each in every}
     for k, group in enumerate(rows.groups):
+        share = float(np.linalg.norm(own.made_by(k))) / rows.static
+        planted = as_planted(own, known[group.name], 0) if share > LEAST_PROCESS else {}
         size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
         found.append(
             ProcessEstimate(
@@ -266,8 +283,9 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
                 size=size,
                 std_error=error,
                 units=group.units,
-                share_of_moment=float(np.linalg.norm(own.made_by(k))) / rows.static,
+                share_of_moment=share,
                 tolerance=float(np.exp(group.prior[0])) * group.size,
+                planted=planted,
             )
         )
     return tuple(sorted(found, key=lambda each: -each.share_of_moment))

@@ -78,7 +78,8 @@ class MaximumLikelihood(NullIsNaN):
         apart = "starting points disagree" if "Starting points disagree" in self.message else ""
         ended = {"converged": "", "left out": "not run"}.get(self.status, self.status)
         why = ", ".join(filter(None, (ended, apart)))
-        return f"{why}: quote the estimates of the tables, which are fitted with processes" if why else ""
+        tables = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
+        return f"{why}: {tables}" if why else ""
 
 
 class NetInterval(NullIsNaN):
@@ -176,11 +177,15 @@ class Explained(NullIsNaN):
     noise: float = float("nan")
 
 
+LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
+
+
 class ProcessEstimate(NullIsNaN):
     """A process beside the leader: rms `size` of its splines' coefficients with their standard error, in `units`.
 
     `share_of_moment`: rms of what it makes of the record over that of the static moment; `tolerance`: one unit of its
-    amplitude, an ordinary size, in `units`.
+    amplitude, an ordinary size, in `units`. `planted`: of the first flight, the coefficients by which a simulation
+    plants it again, under `mechanisms` or `instruments.errors`; empty of one that makes less than `LEAST_PROCESS`.
     """
 
     name: str
@@ -190,6 +195,15 @@ class ProcessEstimate(NullIsNaN):
     units: str
     share_of_moment: float
     tolerance: float
+    planted: dict[str, float] = Field(default_factory=dict)
+
+    @property
+    def as_planted(self) -> str:
+        """The entry of a simulation's configuration that plants it again."""
+        terms = ", ".join(f"{name}: {value:.3g}" for name, value in self.planted.items())
+        if not any(name.startswith(f"{self.name} ") for name in self.planted):  # which terms of moments do
+            return f"instruments: {{errors: {{{self.name}: {{{terms}}}}}}}"
+        return f"mechanisms: [{{mechanism: {self.name}, kind: constant, terms: {{{terms}}}}}]"
 
 
 class MechanismLimit(NullIsNaN):

@@ -193,19 +193,22 @@ def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> 
     return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
+_NONE_ADEQUATE = "None of the hypotheses is adequate (possible, with noise as its residual)"
+
+
 def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
     name, remedy = hypothesis(leader.name), "`brv-hypo trace` looks for what it is."
     if leader.impossible is not None:
-        return f"None of the hypotheses is adequate: {name} fits best, but with {leader.impossible}. {remedy}"
+        return f"{_NONE_ADEQUATE}: {name} fits best, but with {leader.impossible}. {remedy}"
     if not fit.adequate:
         return (
-            f"None of the hypotheses is adequate: {name} fits best, but beside all processes its residual is "
+            f"{_NONE_ADEQUATE}: {name} fits best, but beside all processes its residual is "
             f"{fit.noise:.2f} times the record's noise, more than {name} explains. Check the noise that the record "
             f"states (--instruments). {remedy}"
         )
     best = max(outside, key=lambda candidate: candidate.level)
     return (
-        f"None of the hypotheses is adequate: {name} fits best of them, but {best.words} fits better (probability of "
+        f"{_NONE_ADEQUATE}: {name} fits best of them, but {best.words} fits better (probability of "
         f"something else {_share(chances[OTHER])}). {remedy}"
     )
 
@@ -219,6 +222,18 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
         f"{leader.name} explains the moments best (probability {chance}): {part} of the mean square that the baseline "
         "does not."
     )
+
+
+def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
+    """The verdict, with what speaks against a mechanism that it names: a held-out `ratio` of errors above 1."""
+    if verdict.winner in (None, NONE) or ratio <= 1.0:
+        return verdict
+    said = (
+        f" But without processes it predicts held-out blocks no better than the baseline: its prediction error is "
+        f"{100.0 * ratio:.0f} % of the baseline's. The name rests on the evidence beside processes alone, and another "
+        "mechanism that was not compared may do as well."
+    )
+    return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:

@@ -27,11 +27,11 @@ CHANNELS = {
 }
 """By chart and channel, title and scale of an axis."""
 ALONE = "Dots: measured less the leader's baseline, processes and errors of the record. Dashed: its knots."
-JUDGED = (
-    "Models as they are judged, each with its own estimated processes and errors of the record. A click on its name "
-    "in the legend shows the leader without processes."
+JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
+EVIDENCE = (
+    "pred. error: mean square error of moments on blocks held out of the fit, no processes; ln evidence: ln of the "
+    "record's probability density, processes included. Both over the baseline only's."
 )
-EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
 
 
 def _probability(comparison: Comparison) -> Chart:
@@ -302,5 +302,6 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     ]
     if fit is not None:
         blocks.append(tables.term_table(f"{name} by maximum likelihood: {fit.status}", fit.terms, knots=fit.knots))
-        blocks.append(Texts(tables.derived_texts(fit.derived), shown="verbose"))
+        trouble = (f"Maximum likelihood {fit.trouble}.",) if fit.trouble else ()
+        blocks.append(Texts((*tables.derived_texts(fit.derived), *trouble), shown="verbose"))
     return blocks

@@ -11,9 +11,10 @@ from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import fault_time, number, share
-from brv_hypo.mechanisms.conformance import Outcome
-from brv_hypo.mechanisms.contract import Process
-from brv_hypo.mechanisms.registry import OWN, Installed
+from brv_hypo.mechanisms.conformance import Outcome, sample_flight, sample_motion, uniform_time
+from brv_hypo.mechanisms.contract import Mechanism, Process
+from brv_hypo.mechanisms.registry import OWN, Installed, Item
+from brv_hypo.model.term import theta_grid
 from brv_hypo.report.document import Block, Table, Texts
 from brv_hypo.simulation import SimulatedFlight
 
@@ -114,7 +115,7 @@ KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
     """One row for each mechanism or effect: name, kind, claim; of a process family and title; below the claim the
-    package, where it is another's; `verbose` adds package and source of all.
+    package, where it is another's; `verbose` adds package and source of all, and what a simulation plants of it.
     """
     rows = []
     for name, entry in found.items():
@@ -123,7 +124,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
         if verbose or entry.package != OWN:
             lines.append(f"package: {entry.package} {entry.version}")
         if verbose:
-            lines.append(f"source: {item.source}")
+            lines += [f"source: {item.source}", f"planted: {', '.join(planted_names(item))}"]
         kind = "process" if isinstance(item, Process) else item.kind
         rows.append({"name": name, "kind": kind, "claims": "\n".join(lines)})
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
@@ -131,15 +132,40 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
     return Table(rows, heading, ("name", "kind", "claims"))
 
 
-def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
+def planted_names(item: Item) -> tuple[str, ...]:
+    """What a simulation plants of it, with units: `terms` and `theta` of a mechanism, components of
+    `instruments.errors`; of a process the first and the last spline.
+    """
+    if isinstance(item, Mechanism):
+        motion, theta = sample_motion(uniform_time()), dict(theta_grid(item)[0])
+        names = [f"{term.name}{_in(term.units)}" for term in item.terms(motion, theta)]
+        others = [f"theta {each.name}{_in(each.units)}" for each in item.parameters()]
+    else:
+        names, others = [f"{each.name}{_in(each.units)}" for each in item.components(sample_flight())], []
+    return (*(names if not isinstance(item, Process) else (names[0], "...", names[-1])), *others)
+
+
+def _in(units: str) -> str:
+    return "" if units == "1" else f" ({units})"
+
+
+def plantable_table(plantable: Mapping[str, Sequence[str]]) -> Table:
+    """What `simulate --plant` takes, by configuration."""
+    rows = [{"configuration": name, "--plant": ", ".join(sets)} for name, sets in plantable.items()]
+    heading = "Planted by name: `simulate CONFIGURATION --plant NAME`; all else by a file (-v lists terms and errors)"
+    return Table(rows, heading, ("configuration", "--plant"))
+
+
+def listing_data(found: Mapping[str, Installed], plantable: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     """The same as data for JSON."""
     described = ("kind", "title", "claims", "source")
     mechanisms = []
     for name, entry in found.items():
         keys = (*described, "family") if isinstance(entry.item, Process) else described
         item = {key: getattr(entry.item, key) for key in keys}
-        mechanisms.append({"name": name, **item, "package": entry.package, "version": entry.version})
-    return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms}
+        planted = {"planted": planted_names(entry.item)}
+        mechanisms.append({"name": name, **item, **planted, "package": entry.package, "version": entry.version})
+    return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms, "plantable": plantable}
 
 
 def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:

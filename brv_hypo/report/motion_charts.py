@@ -56,7 +56,7 @@ def framed(panel: Panel, floor: float = -np.inf) -> Panel:
 def cut_text(panels: Sequence[Panel]) -> str:
     """What lies beyond the frames, in a sentence; empty where nothing does."""
     said = {
-        Line: "A few values far from all others lie beyond the frame: double-click shows them.",
+        Line: "A few values far from all others lie beyond the frame.",
         Band: "The band is far wider than what is drawn, and goes beyond the frame.",
     }
     for kind, sentence in said.items():
@@ -404,7 +404,7 @@ _CAPTION = (
     "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
     "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."
 )
-_SEVERAL = " Each interval begins at the dot. After zooming a chart over time, the intervals are those of its range."
+_SEVERAL = " Each interval begins at the dot."
 
 
 def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from brv_hypo.comparison.result import (
+    LEAST_PROCESS,
     Comparison,
     DerivedEstimate,
     FlightSummary,
@@ -40,7 +41,6 @@ _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader need
 ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
-LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
     "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
@@ -111,8 +111,13 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
     others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
-    read = Texts((_PROCESSES,) if shown else (), bullets=False, shown="page")
-    return [read, Texts(others, bullets=False, shown="verbose" if shown else "always")]
+    return [
+        Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
+        Texts(others, bullets=False, shown="verbose" if shown else "always"),
+        Texts(
+            [each.as_planted for each in shown[:ROWS_AT_FIRST]], "To plant the largest again (simulate)", shown="page"
+        ),
+    ]
 
 
 def net_values(row: RankedHypothesis) -> list[TermEstimate]:

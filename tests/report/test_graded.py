@@ -188,8 +188,8 @@ class TestPython:
             status="iteration limit", iterations=30, log_likelihood=None, message="x. Starting points disagree: y"
         )
         row = graded().ranking[0].model_copy(update={"ml": fit})
-        said = "iteration limit, starting points disagree: quote the estimates of the tables, which are fitted with "
-        said += "processes"
+        said = "iteration limit, starting points disagree: quote coefficients, delays and knots of the other tables, "
+        said += "which are fitted with processes"
         troubled = graded().model_copy(update={"ranking": (row,)})
         assert troubled.conclusion().endswith(f"Maximum likelihood of damping: {said}.")
 
