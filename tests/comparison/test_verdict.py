@@ -134,6 +134,9 @@ def test_a_clear_leader_is_named() -> None:
     assert verdict.adequacy is not None
     assert verdict.adequacy.adequate
     assert (verdict.explained, verdict.processes) == (explained(0.83), (process(0.012),))
+    assert verdict.reason == (
+        "lag explains the moments best (probability above 0.99): 83 % of the mean square that the baseline does not."
+    )
 
 
 def test_a_name_that_predicts_held_out_blocks_worse_than_the_baseline_is_said_to() -> None:
@@ -141,9 +144,6 @@ def test_a_name_that_predicts_held_out_blocks_worse_than_the_baseline_is_said_to
     assert with_prediction_error(named, 0.4) == named
     assert "its prediction error is 130 % of the baseline's" in with_prediction_error(named, 1.3).reason
     assert with_prediction_error(null, 1.3) == null
-    assert verdict.reason == (
-        "lag explains the moments best (probability above 0.99): 83 % of the mean square that the baseline does not."
-    )
 
 
 def test_the_baseline_may_be_named() -> None:
