@@ -16,6 +16,8 @@ from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
+QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
+"""In place of a maximum likelihood in trouble."""
 EXCEED = "errors exceed the tolerances of the record"
 """In the warning of errors that the conclusion names too."""
 
@@ -74,12 +76,10 @@ class MaximumLikelihood(NullIsNaN):
 
     @property
     def trouble(self) -> str:
-        """Why it is not to be relied on, and what is; empty where it converged from every starting point alike."""
+        """Why it is not to be relied on; empty where it converged from every starting point alike."""
         apart = "starting points disagree" if "Starting points disagree" in self.message else ""
         ended = {"converged": "", "left out": "not run"}.get(self.status, self.status)
-        why = ", ".join(filter(None, (ended, apart)))
-        tables = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
-        return f"{why}: {tables}" if why else ""
+        return ", ".join(filter(None, (ended, apart)))
 
 
 class NetInterval(NullIsNaN):
@@ -231,6 +231,23 @@ class RecordError(NullIsNaN):
         return self.value / self.tolerance
 
 
+def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
+    """Those that exceed what the record allows."""
+    return [each for each in errors if abs(each.tolerances) > BEYOND_TOLERANCE]
+
+
+def beyond_text(errors: Sequence[RecordError], poses: str = "") -> str:
+    """The largest of those in a sentence, with what they may be instead; empty where there are none."""
+    beyond = beyond_tolerances(errors)
+    said = [
+        f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
+        f"({abs(each.tolerances):.1f} times)"
+        for each in beyond[:BEYOND_TOLERANCE_NAMED]
+    ]
+    listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
+    return f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}." if beyond else ""
+
+
 class SizedModel(NullIsNaN):
     """The best subset of `n_terms` of the leader's terms on the grid of knots and delays (Tables 5.5, 5.7)."""
 
@@ -371,11 +388,6 @@ class Comparison(HasCharts, Result):
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {headline}{explains}"
 
-    @property
-    def beyond_tolerances(self) -> tuple[RecordError, ...]:
-        """Errors that exceed what the record allows."""
-        return tuple(each for each in self.record_errors if abs(each.tolerances) > BEYOND_TOLERANCE)
-
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
         lines, found = [self.verdict.reason], self.verdict.explained
@@ -387,18 +399,11 @@ class Comparison(HasCharts, Result):
                 parts = {"processes": found.processes, "noise": found.noise}
             rest = [f"{name} {_percent(part)} %" for name, part in parts.items()]
             lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
-        if beyond := self.beyond_tolerances:
-            said = [
-                f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
-                f"({abs(each.tolerances):.1f} times)"
-                for each in beyond[:BEYOND_TOLERANCE_NAMED]
-            ]
-            listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
-            poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
-            lines.append(f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}.")
+        poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
+        lines.append(beyond_text(self.record_errors, poses))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
-            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}.")
-        return "\n".join(lines)
+            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {QUOTED}.")
+        return "\n".join(filter(None, lines))
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

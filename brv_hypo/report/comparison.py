@@ -11,7 +11,7 @@ from itertools import chain
 
 import numpy as np
 
-from brv_hypo.comparison.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
+from brv_hypo.comparison.result import EXCEED, QUOTED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
@@ -19,7 +19,15 @@ from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, 
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
-FUNCTIONS = {"C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"), "C_malpha": STATIC, "C_mq": DAMPING}
+STATIC_JUDGED = (
+    "Of the leader's terms and the processes of stiffness together. At alpha = 0 it is extrapolated by a process's "
+    "bend; trace, whose model has a bend and no processes, may differ there: quote the slope at the angle flown."
+)
+FUNCTIONS = {
+    "C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"),
+    "C_malpha": (*STATIC, STATIC_JUDGED),
+    "C_mq": DAMPING,
+}
 """Name, heading and axis of a function of Mach number and angle of attack."""
 CHANNELS = {
     "measured-rates": {"q": ("q, deg/s", 180.0 / np.pi), "r": ("r, deg/s", 180.0 / np.pi)},
@@ -117,7 +125,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     roles: dict[str, Role] = {"none": "none", leader.mechanism: "first"}
     residuals = [Drawn(hypothesis(name), series.residuals[name], roles.get(name, "second")) for name in shown]
     models = [replace(each, moments=charts.difference(measured, each.moments)) for each in residuals]
-    bare = Drawn(f"{hypothesis(leader.mechanism)}, no processes", series.fitted[leader.mechanism], "guide", hidden=True)
+    bare = Drawn("no processes", series.fitted[leader.mechanism], "guide", hidden=True)
     left = replace(bare, moments=charts.difference(measured, bare.moments))
     moments = [
         charts.moment_chart(setting, time, measured, sigma, [*models, bare], caption=JUDGED),
@@ -129,7 +137,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         best = next(row for row in comparison.ranking if row.n_terms)
         (beyond, made), heading = series.alone, f"Moments of {hypothesis(best.mechanism)}"
         drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
-        if best is leader:
+        if best is leader and comparison.verdict.winner:  # else it and processes may cancel
             overview = replace(
                 charts.moment_chart(setting, time, beyond, sigma, drawn),
                 name=overview.name,
@@ -218,6 +226,7 @@ def comparison_document(comparison: Comparison) -> Document:
         beside=[*tables.estimate_blocks(comparison), *tables.process_blocks(comparison)],
         blocks=(
             Section("Data quality", _quality(comparison)),
+            Section("Notes", [_notes(comparison)], folded=True),
             Section("Air data and motion", of("motion"), folded=True),
             Section("Moments, measured and modelled", of("moments")),
             Section("Measured channels", of("channels"), folded=True),
@@ -246,16 +255,18 @@ def comparison_document(comparison: Comparison) -> Document:
 def _quality(comparison: Comparison) -> list[Block]:
     """Faults of the record, and what limits the result."""
     faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
-    known = [text for text in comparison.warnings if not (comparison.beyond_tolerances and EXCEED in text)]
+    known = [text for text in comparison.warnings if EXCEED not in text]  # the conclusion names these errors
     warnings = (*faults, *comparison.reconstruction.warnings, *known)
     none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
+    return [Texts(none, bullets=False, shown="page"), Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)]
+
+
+def _notes(comparison: Comparison) -> Texts:
+    """How the records were made ready, and how long it took."""
     seconds = comparison.seconds
     took = [f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"] if comparison.ranking else []
-    return [
-        Texts(none, bullets=False, shown="page"),
-        Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
-        Texts([*(note for flight in comparison.flights for note in flight.notes), *took], "Notes", shown="verbose"),
-    ]
+    notes = [note for flight in comparison.flights for note in flight.notes]
+    return Texts([*notes, *took], "How the record was read", shown="verbose")
 
 
 def _compared(comparison: Comparison) -> list[Block]:
@@ -279,9 +290,11 @@ def _compared(comparison: Comparison) -> list[Block]:
 def _of_record(comparison: Comparison) -> list[Block]:
     """Errors over tolerances, and what the maximum likelihood says of its own fit."""
     rows = [(hypothesis(row.mechanism), row.ml) for row in comparison.ranking]
-    said = [
-        f"{name}: {fit.status}, {fit.iterations} iterations: {fit.message}" for name, fit in rows if fit is not None
-    ]
+    said = []
+    for name, fit in rows:
+        if fit is not None:  # of one in trouble only that: the errors of the record that follow say nothing then
+            message = fit.message.split(";")[0] if fit.trouble else fit.message
+            said.append(f"{name}: {fit.status}, {fit.iterations} iterations: {message}")
     said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
     return [
         Picture(charts.errors_chart(comparison.record_errors)),
@@ -302,6 +315,6 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     ]
     if fit is not None:
         blocks.append(tables.term_table(f"{name} by maximum likelihood: {fit.status}", fit.terms, knots=fit.knots))
-        trouble = (f"Maximum likelihood {fit.trouble}.",) if fit.trouble else ()
+        trouble = (f"Maximum likelihood, {fit.trouble}: {QUOTED}.",) if fit.trouble else ()
         blocks.append(Texts((*tables.derived_texts(fit.derived), *trouble), shown="verbose"))
     return blocks

@@ -311,7 +311,7 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
     most = 1.1 * max([BEYOND_TOLERANCE, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
     marks = [Mark(side * BEYOND_TOLERANCE) for side in (-1.0, 1.0)]
-    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; the verdict names errors beyond."
+    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; errors beyond are named above."
     title = "error over its tolerance"
     return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
 
@@ -368,7 +368,7 @@ STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alp
 DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
 
 
-def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
+def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str, read: str = "") -> Chart:
     """The moment or a derivative of it by Mach number, or by time where that is not known or stays about the same."""
     by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > _ONE_MACH * max(slope.mach)
     x = np.array(slope.mach if by_mach else slope.time_s)
@@ -386,7 +386,7 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
     panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]
     suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
     stable = "Negative is stable." if axis.endswith("1/rad") else ""
-    read = caption(stable, "Bands: two standard deviations.", cut_text(panels))
+    read = caption(read, stable, "Bands: two standard deviations.", cut_text(panels))
     title = "Mach number" if by_mach else TIME
     return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
 

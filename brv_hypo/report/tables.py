@@ -18,8 +18,8 @@ from brv_hypo.comparison.result import (
     RecordError,
     RecordSummary,
     TermEstimate,
+    beyond_tolerances,
 )
-from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.io.text import (
     NOT_A_NUMBER,
     f_ratio,
@@ -131,8 +131,11 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
     leader = comparison.ranking[:1]
     net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
-    table = term_table("Estimates of the leader", net, "always", most=ROWS_AT_FIRST)
-    derived = derived_texts(e for row in leader for e in row.derived if e.region_s is None)
+    named = comparison.verdict.winner is not None
+    heading = "Estimates of the leader" + ("" if named else ", if it is the cause")
+    table = term_table(heading, net, "always", most=ROWS_AT_FIRST)
+    known = [e for row in leader for e in row.derived if e.region_s is None]
+    derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
     shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
     return [table, Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)]
 
@@ -160,8 +163,7 @@ def error_table(errors: Sequence[RecordError]) -> Table:
         if abs(each.tolerances) > LEAST_ERROR
     ]
     heading = "Errors of more than one tolerance"
-    beyond = [k for k, each in enumerate(errors) if abs(each.tolerances) > BEYOND_TOLERANCE]
-    return Table(rows, heading, ("error", "unit"), beyond, shown="verbose")
+    return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
 
 
 def function_table(comparison: Comparison) -> Table:
@@ -266,9 +268,9 @@ def motion_known(method: str, alpha_sigma: float, meridian_sigma: float) -> str:
 
 def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
     """The faults of the record but those that are `reported` already."""
-    return [
-        f"{fault.channel}: {fault.fault}, {fault.action}, "
-        + fault_time(fault.fault, fault.action, fault.start_s, fault.stop_s)
-        for fault in record.faults
-        if fault.action not in reported
-    ]
+    channels: dict[str, list[str]] = {}  # by what all of them have in common
+    for fault in record.faults:
+        if fault.action not in reported:
+            when = fault_time(fault.fault, fault.action, fault.start_s, fault.stop_s)
+            channels.setdefault(f"{fault.fault}, {fault.action}, {when}", []).append(fault.channel)
+    return [f"{', '.join(names)}: {text}" for text, names in channels.items()]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from brv_hypo.comparison.result import beyond_text
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
@@ -16,7 +17,13 @@ from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Se
 from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
-TRACED = "Models of `trace` have no processes; errors of record and vehicle within tolerances are fitted with them."
+TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
+
+EXTRAPOLATED = "No sample is there: it is extrapolated from the angles flown."
+STATIC_TRACED = (
+    "Of the model, which has no processes; its errors allow for no lack of fit. At alpha = 0 it is extrapolated by the "
+    "model's bend; compare, which leaves the bend to a process, may differ there: quote the slope at the angle flown."
+)
 
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
@@ -48,8 +55,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
             charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates),
         ],
         "Static slope and damping": [
-            derivative_chart(each, len(some), *named)
-            for some, named in ((result.static_slopes, STATIC), (result.damping, DAMPING))
+            derivative_chart(each, len(some), *named, read)
+            for some, named, read in ((result.static_slopes, STATIC, STATIC_TRACED), (result.damping, DAMPING, ""))
             for each in some
         ],
     }
@@ -103,16 +110,18 @@ def trace_document(result: Trace) -> Document:
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
+    trouble = "" if result.ml is None else result.ml.trouble
     conclusion = (
         "" if sound else CONTRADICTED,
         f"Found: {found}." if found else "No effect was found.",
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
         families_text(result.steps[0]),
-        result.static_stability,
+        f"{result.static_stability} {EXTRAPOLATED}" if result.static_stability else "",
         result.dynamic_stability,
         _STOPPED[result.stopped],
         result.unexplained,
-        f"Maximum likelihood: {result.ml.trouble}." if result.ml is not None and result.ml.trouble else "",
+        beyond_text(result.record_errors),
+        f"Maximum likelihood, {trouble}: quote the table of the model." if trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}

@@ -10,6 +10,7 @@ from brv_hypo.arrays import IntArray
 from brv_hypo.constants import FINDING_SHOWN, REPORTED_DRAG, REPORTED_MERIDIAN, REPORTED_PER_CYCLE, STABLE_SIGMAS
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.io.text import number
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.acceptance import Candidate
 from brv_hypo.tracing.additions import Analysis
@@ -58,8 +59,8 @@ def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
     said = "is unstable" if unstable else "is not significantly stable"
     return (
         f"At alpha = 0 the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
-        f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "
-        f"{slope.at_flown[worst]:.2g} ± {slope.at_flown_std_error[worst]:.1g} at the "
+        f"{number(values[worst], 2)} ± {number(errors[worst], 1)} per rad at {slope.time_s[worst]:.0f} s, and "
+        f"{number(slope.at_flown[worst], 2)} ± {number(slope.at_flown_std_error[worst], 1)} at the "
         f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."
     )
 

@@ -11,14 +11,22 @@ from rich.console import Console
 
 from brv_hypo import plot_compare
 from brv_hypo.comparison import Comparison
-from brv_hypo.comparison.result import Explained, MaximumLikelihood, MechanismLimit, ProcessEstimate, RecordError
+from brv_hypo.comparison.result import (
+    LEAST_PROCESS,
+    QUOTED,
+    Explained,
+    MaximumLikelihood,
+    MechanismLimit,
+    ProcessEstimate,
+    RecordError,
+)
 from brv_hypo.docs import text
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
 from brv_hypo.report.html import Provenance, page
-from brv_hypo.report.tables import LEAST_PROCESS, ranking_table
+from brv_hypo.report.tables import ranking_table
 from brv_hypo.report.terminal import terminal_view
 from tests.chains import compared_nominal
 
@@ -188,8 +196,7 @@ class TestPython:
             status="iteration limit", iterations=30, log_likelihood=None, message="x. Starting points disagree: y"
         )
         row = graded().ranking[0].model_copy(update={"ml": fit})
-        said = "iteration limit, starting points disagree: quote coefficients, delays and knots of the other tables, "
-        said += "which are fitted with processes"
+        said = f"iteration limit, starting points disagree: {QUOTED}"
         troubled = graded().model_copy(update={"ranking": (row,)})
         assert troubled.conclusion().endswith(f"Maximum likelihood of damping: {said}.")
 
