@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -15,7 +16,7 @@ from brv_hypo.comparison.result import EXCEED, QUOTED, Comparison, FlightSummary
 from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts
+from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
@@ -197,19 +198,14 @@ def comparison_document(comparison: Comparison) -> Document:
     """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
     verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
     flights = [_of_flight(comparison, index) for index in range(len(comparison.series))]
+    first: Mapping[str, Sequence[Chart]] = flights[0] if flights else defaultdict(list)
 
-    def drawn(some: Iterable[Chart]) -> list[Block]:
-        return [Picture(chart) for chart in some]
-
-    def of(kind: str) -> list[Block]:
-        return drawn(flights[0][kind]) if flights else []
-
-    def functions(flight: int) -> list[Block]:
+    def functions(flight: int) -> list[Chart]:
         known = comparison.functions.items()
-        return drawn(derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known)
+        return [derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known]
 
     others = [
-        Section(f"Flight {k + 1}", [*drawn(chain(*flights[k].values())), *functions(k)], folded=True)
+        Section(f"Flight {k + 1}", [*chain(*flights[k].values()), *functions(k)], folded=True)
         for k in range(1, len(flights))
     ]
     return Document(
@@ -219,7 +215,7 @@ def comparison_document(comparison: Comparison) -> Document:
         conclusion=comparison.conclusion(),
         decided=verdict.winner is not None,
         ahead=(
-            *of("overview"),
+            *first["overview"],
             tables.ranking_table(comparison),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
@@ -227,13 +223,13 @@ def comparison_document(comparison: Comparison) -> Document:
         blocks=(
             Section("Data quality", _quality(comparison)),
             Section("Notes", [_notes(comparison)], folded=True),
-            Section("Air data and motion", of("motion"), folded=True),
-            Section("Moments, measured and modelled", of("moments")),
-            Section("Measured channels", of("channels"), folded=True),
-            Section("Processes", [*tables.process_texts(comparison), *of("processes")], folded=True),
-            Section("Residual diagnostics", of("residual")),
+            Section("Air data and motion", first["motion"], folded=True),
+            Section("Moments, measured and modelled", first["moments"]),
+            Section("Measured channels", first["channels"], folded=True),
+            Section("Processes", [*tables.process_texts(comparison), *first["processes"]], folded=True),
+            Section("Residual diagnostics", first["residual"]),
             Section("Hypotheses and limits", _compared(comparison)),
-            Section("Models by size", [Picture(_sizes(comparison)), tables.size_table(comparison)]),
+            Section("Models by size", [_sizes(comparison), tables.size_table(comparison)]),
             Section("Errors of instruments and vehicle", _of_record(comparison)),
             Section(
                 "Coefficients",
@@ -279,9 +275,9 @@ def _compared(comparison: Comparison) -> list[Block]:
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
     title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
     return [
-        Picture(_evidence(comparison)),
-        Picture(_probability(comparison)),
-        Picture(Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read)),
+        _evidence(comparison),
+        _probability(comparison),
+        Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read),
         Texts(no_limits, "Limits", bullets=False, shown="page"),
         Texts(comparison.disagreements, "Disagreements"),
     ]
@@ -297,7 +293,7 @@ def _of_record(comparison: Comparison) -> list[Block]:
             said.append(f"{name}: {fit.status}, {fit.iterations} iterations: {message}")
     said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
     return [
-        Picture(charts.errors_chart(comparison.record_errors)),
+        charts.errors_chart(comparison.record_errors),
         tables.error_table(comparison.record_errors),
         Texts(said, shown="verbose"),
     ]
@@ -307,7 +303,7 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
     blocks: list[Block] = [
-        Picture(_coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row)),
+        _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
         tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
         tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
         Texts(tables.knot_texts(row.knots), shown="verbose"),

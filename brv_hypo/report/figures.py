@@ -102,8 +102,8 @@ def _fill(figure: Figure, chart: Chart) -> None:
     if not handles:
         figure.suptitle(title, x=0.01, ha="left", fontsize="large")
     else:  # in the legend, which would lie over a title of its own
-        looks: Any = {"ncols": 5, "title": title, "title_fontsize": "large", "alignment": "left"}
-        legend = figure.legend(handles.values(), handles.keys(), loc="outside upper left", **looks)
+        style: Any = {"ncols": 5, "title": title, "title_fontsize": "large", "alignment": "left"}
+        legend = figure.legend(handles.values(), handles.keys(), loc="outside upper left", **style)
         for handle in legend.legend_handles:
             if isinstance(handle, Line2D) and handle.get_marker() == "o":
                 handle.set_markersize(max(handle.get_markersize(), SMALLEST_DOT))

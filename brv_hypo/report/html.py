@@ -40,7 +40,6 @@ from brv_hypo.report.document import (
     Layer,
     Line,
     Panel,
-    Picture,
     Section,
     Table,
     Values,
@@ -297,7 +296,7 @@ def render(template: str, **values: Any) -> str:
     known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
     known.filters |= {"csv": _as_csv, "slug": _slug}
     known.tests["table"] = lambda block: isinstance(block, Table)
-    known.tests["picture"] = lambda block: isinstance(block, Picture)
+    known.tests["picture"] = lambda block: isinstance(block, Chart)
     known.globals["resource"] = lambda name: Markup(resource(name).decode())
     return known.get_template(template).render(values)
 
@@ -318,8 +317,8 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
     """Blocks that belong together: one without a heading goes with what stands before it, unless that is a chart."""
     groups: list[list[Block]] = []
     for block in flat(blocks):
-        alone = block.heading or isinstance(block, Picture)
-        if alone or not groups or isinstance(groups[-1][-1], Picture):
+        alone = block.heading or isinstance(block, Chart)
+        if alone or not groups or isinstance(groups[-1][-1], Chart):
             groups.append([block])
         else:
             groups[-1].append(block)
@@ -328,7 +327,7 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
 
 def _cell(group: Sequence[Block]) -> dict[str, Any]:
     """Blocks, and whether they want all of the page's width or half of it; else a third will do."""
-    pictures = [block.chart for block in group if isinstance(block, Picture)]
+    pictures = [block for block in group if isinstance(block, Chart)]
     columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
     wide = columns > _NARROW or any(chart.over_time or chart.path or chart.counted for chart in pictures)
     return {"blocks": group, "whole": columns > _WHOLE, "wide": wide}

@@ -12,7 +12,7 @@ from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
+from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
@@ -143,8 +143,8 @@ def trace_document(result: Trace) -> Document:
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
-        *(Section(name, list(map(Picture, some)), name.startswith("Air")) for name, some in drawn.items()),
-        Section("Errors of instruments and vehicle", [Picture(charts.errors_chart(known)), error_table(known)]),
+        *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
+        Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),
     ]
@@ -157,7 +157,7 @@ def trace_document(result: Trace) -> Document:
         blocks=sections,
         ahead=(errors,),
         beside=(
-            Picture(families_chart(result.steps[0])),
+            families_chart(result.steps[0]),
             Texts(related, bullets=False, shown="page" if result.findings else "always"),
         ),
     )
@@ -271,7 +271,7 @@ def prediction_document(result: Prediction) -> Document:
             Table(errors, "Mean square of the moment coefficients", ("moments less",)),
             Table(regions, "Error with the frozen model over that without a model, by interval of time"),
             Table(differences, WHERE_IT_DIFFERS, ("term", "units")),
-            *(Picture(chart) for chart in prediction_charts(result)),
+            *prediction_charts(result),
             term_table("Frozen", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
             term_table("Fitted to this flight", result.refitted, "always", most=COEFFICIENTS_AT_FIRST),
             Texts(fault_texts(result.record), "Warnings", warning=True),

@@ -26,7 +26,6 @@ from brv_hypo.report.document import (
     Line,
     Mark,
     Panel,
-    Picture,
     Span,
     Table,
     Texts,
@@ -345,7 +344,7 @@ class TestPage:
         """A step's sentence, its table and its outcome; a chart and a heading begin anew."""
         chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
         blocks = (
-            Texts(("residual",), "Step 1"), Table([{"effect": "lag"}]), Texts(("added",)), Picture(chart),
+            Texts(("residual",), "Step 1"), Table([{"effect": "lag"}]), Texts(("added",)), chart,
             Texts(("loose",)), Texts(("mind",), "Warnings", warning=True),
         )  # fmt: skip
         html = page(Document("t", (), "c", "words", True, blocks), Provenance())
@@ -424,6 +423,6 @@ class TestDrawing:
 
 
 def test_a_block_without_content_is_left_out() -> None:
-    empty = (Table([]), Texts(()), Picture(Chart("c", "h", "x", ())))
+    empty = (Table([]), Texts(()), Chart("c", "h", "x", ()))
     html = page(Document("t", (), "c", "words", True, empty), Provenance())
     assert "<section" not in html

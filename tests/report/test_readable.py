@@ -13,20 +13,7 @@ import pytest
 
 from brv_hypo.comparison.result import RecordFaultSummary, RecordSummary
 from brv_hypo.report.comparison import comparison_document
-from brv_hypo.report.document import (
-    Band,
-    Bars,
-    Chart,
-    Document,
-    Line,
-    Mark,
-    Panel,
-    Picture,
-    Section,
-    Table,
-    Texts,
-    flat,
-)
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Table, Texts, flat
 from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
 from brv_hypo.report.html import Provenance, page, plotly_chart, resource
 from brv_hypo.report.motion_charts import (
@@ -149,7 +136,7 @@ class TestPage:
     def test_sections_flow_in_as_many_columns_as_their_blocks_allow(self) -> None:
         """Three of small blocks, two where one is wide or there are two, and one for words alone."""
         chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
-        small, wide = Picture(chart), Picture(replace(chart, over_time=True))
+        small, wide = chart, replace(chart, over_time=True)
         words, columns = Texts(("few",), "Notes"), Table([dict.fromkeys("abcdefghijk", "1")], "many")
         parts = {
             "three": [small] * 3,
@@ -164,7 +151,7 @@ class TestPage:
 
     def test_sections_fold_and_contents_lead_to_them(self) -> None:
         """Empty ones are left out; every link resolves, and no id is given twice."""
-        chart = Picture(Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])]))
+        chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
         table = Table([{"term": "a, b", "value": "1"}], "C_p <and> size")
         sections = [Section("Moments", [chart, table]), Section("All of it", [table], folded=True), Section("No", [])]
         html = page(Document("t", (), "c", "words", True, sections), Provenance())
