@@ -9,8 +9,7 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.judgement import Judged, as_planted
-from brv_hypo.comparison.result import Comparison, RecordError, SizedModel
-from brv_hypo.comparison.summary import drawn
+from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
@@ -27,6 +26,7 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
+MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 INFLATED, COLLINEAR = 10.0, 0.9  # convention: Belsley, Kuh and Welsch, Regression Diagnostics, 1980, 3.2
 
@@ -48,9 +48,7 @@ def diagnostics(judged: Judged, comparison: Comparison) -> dict[str, Any]:
         "functions": {
             name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
         },
-        "series": tuple(
-            each.model_copy(update=_drawn(judged, k, histories, alone)) for k, each in enumerate(comparison.series)
-        ),
+        "series": tuple(_series(judged, k, histories, alone) for k in range(len(comparison.flights))),
     }
 
 
@@ -138,13 +136,14 @@ class _AtMode(Mechanism):
 
 
 class _AsJudged(NamedTuple):
-    """A hypothesis with its processes: what it does not explain of rates and force (frame rows,), the moments of that
-    and of its mechanisms, C_m + i C_n (frame rows,), NaN where rates cannot be differentiated.
+    """A hypothesis with its processes: what it does not explain of rates and force (frame rows,); and as moments, C_m
+    + i C_n (frame rows,), that, what its mechanisms make, and what it does not explain without processes.
     """
 
     rest: Histories
     residual: ComplexArray
     mechanisms: ComplexArray
+    bare: ComplexArray
 
 
 def _as_judged(judged: Judged, place: int) -> _AsJudged:
@@ -157,9 +156,9 @@ def _as_judged(judged: Judged, place: int) -> _AsJudged:
     columns, values = [*fit.columns, *moments], np.append(fit.values, np.ones(len(moments)))
     rest = problem.left(frame, columns, values, problem.others_beside(frame, columns, values))
     made = frame.columns(fit.selected) @ fit.values[fit.baseline_size :]
-    both = residual_moments(frame, problem.records, np.stack([rest.rates, made], axis=1))
-    residual, mechanisms = np.where(both.usable, both.body.T, np.nan)
-    return _AsJudged(rest, residual, mechanisms)
+    without = judged.problem.left(fit.frame, fit.columns, *judged.problem.solution(fit.frame, fit.columns))
+    rates = np.stack([rest.rates, made, without.rates], axis=1)
+    return _AsJudged(rest, *residual_moments(frame, problem.records, rates).body.T)
 
 
 def _of_processes(own: Evidence, flight: int) -> _AtMode:
@@ -172,38 +171,55 @@ def _of_processes(own: Evidence, flight: int) -> _AtMode:
     return found.model_copy(update={"name": f"{_AtMode.name} {flight}"})
 
 
-def _drawn(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None) -> dict[str, Any]:
-    """Histories of one flight for `Series`: rates and forces as measured and as the leader has them, its residual at
-    unit noise, moments of hypotheses as judged, and those of the `best` mechanism alone.
-    """
+def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None) -> Series:
+    """Histories of one flight: of the hypotheses that were `found`, and of the `best` mechanism alone."""
     own, problem, leader = judged.evidences[judged.leader], judged.problem, judged.fits[judged.leader]
-    frame, rest = problem.frame, found[leader.name].rest
-    bodies = [each.residual for each in found.values()]
+    frame, rest, motion = problem.frame, found[leader.name].rest, problem.frame.motions[flight]
+    observed = residual_moments(frame, problem.records, frame.observed)
+    bodies = [observed.body, *(observed.body - each.bare for each in found.values())]
+    bodies += [each.residual for each in found.values()]
     if best is not None:
         bodies += [found[best].residual + found[best].mechanisms, found[best].mechanisms]
-    histories: list[FloatArray] = []  # a segment each: dynamic pressure, channels, then moments in and out of plane
+    samples, chosen = [], []
+    channels: list[FloatArray] = []  # a segment each: every channel as measured and as modelled
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         if segment.flight == flight:
             turn = np.exp(-1j * problem.records[flight].spin_angle[segment.rows])
             rates, force = frame.observed[a:b] * turn, problem.force[a:b]
             modelled = (rates - (rest.rates[a:b] - np.mean(rest.rates[a:b])) * turn, force - rest.force[a:b])
-            motion = frame.motions[flight]
-            meridian = motion.windward_meridian[segment.rows]
-            pairs = [rates, modelled[0], force, modelled[1], *(plane_from_body(each[a:b], meridian) for each in bodies)]
-            parts = [part(each) for each in pairs for part in (np.real, np.imag)]
-            histories.append(np.stack([motion.dynamic_pressure[segment.rows], *parts])[:, drawn(b - a)])
-    air, *rows = (tuple(each) for each in np.concatenate(histories, axis=1).tolist())
-    pairs_of_rows = list(zip(rows[::2], rows[1::2], strict=True))
-    (q, r), (q_model, r_model), (ay, az), (ay_model, az_model), *moments = pairs_of_rows
-    channels = ((q, q_model), (r, r_model), (ay, ay_model), (az, az_model))
-    return {
-        "dynamic_pressure_pa": air,
-        "channels": dict(zip(_CHANNELS, channels, strict=True)),
-        "residuals": dict(zip(found, moments, strict=False)),
-        "alone": () if best is None else tuple(moments[-2:]),
-        "whitened": whitened(own, flight),
-        "histories": _histories(own, flight),
+            pairs = zip((rates, force), modelled, strict=True)
+            every = slice(None, None, max(1, -(-(b - a) // MOST_DRAWN)))
+            parts = [part(each) for pair in pairs for part in (np.real, np.imag) for each in pair]
+            channels.append(np.stack(parts)[:, every])
+            samples.append(np.arange(segment.rows.start, segment.rows.stop)[every])
+            chosen.append(np.arange(a, b)[every])
+    kept, rows = np.concatenate(samples), np.concatenate(chosen)
+    bodies = [np.where(observed.usable, each, np.nan)[rows] for each in bodies]  # the filter's ends hold nothing
+    planes = [plane_from_body(each, motion.windward_meridian[kept]) for each in bodies]
+    moments = [(tuple(each.real.tolist()), tuple(each.imag.tolist())) for each in planes]
+    known, count = list(map(tuple, np.concatenate(channels, axis=1).tolist())), 1 + len(found)
+    histories = {
+        "time_s": motion.time,
+        "alpha_rad": motion.alpha,
+        "windward_meridian_rad": motion.windward_meridian,
+        "alpha_sigma_rad": frame.reconstructions[flight].alpha_sigma,
+        "windward_meridian_sigma_rad": frame.reconstructions[flight].phi_w_sigma,
+        "roll_rate_rad_s": motion.p,
+        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
+        "mach": motion.mach,
+        "dynamic_pressure_pa": motion.dynamic_pressure,
     }
+    return Series(
+        measured=moments[0],
+        sigma=tuple(observed.noise[rows].tolist()),
+        fitted=dict(zip(found, moments[1:], strict=False)),
+        residuals=dict(zip(found, moments[count:], strict=False)),
+        alone=() if best is None else tuple(moments[-2:]),
+        channels=dict(zip(_CHANNELS, zip(known[::2], known[1::2], strict=True), strict=True)),
+        whitened=whitened(own, flight),
+        histories=_histories(own, flight),
+        **{name: tuple(each[kept].tolist()) for name, each in histories.items()},
+    )
 
 
 def _histories(own: Evidence, flight: int) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Literal
 from pydantic import Field
 
 from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED
+from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import hypothesis, number
 from brv_hypo.json_result import NullIsNaN, Result
@@ -257,21 +258,11 @@ class SizedModel(NullIsNaN):
     terms: tuple[str, ...]
 
 
-class RecordFaultSummary(NullIsNaN):
-    """A fault of the record: in which channel, what, when (s), and what was done about it."""
-
-    channel: str
-    fault: str
-    start_s: float
-    stop_s: float
-    action: str
-
-
 class RecordSummary(NullIsNaN):
     """What the trial of the record found; a record that contradicts itself is not sound."""
 
     sound: bool = True
-    faults: tuple[RecordFaultSummary, ...] = ()
+    faults: tuple[RecordFault, ...] = ()
 
 
 Outcome = Literal["named", "undecided", "none adequate", "record fault"]

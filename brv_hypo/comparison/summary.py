@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray
 from brv_hypo.comparison.intervals import intervals
 from brv_hypo.comparison.maximum_likelihood import Likelihoods
 from brv_hypo.comparison.result import (
@@ -21,10 +20,8 @@ from brv_hypo.comparison.result import (
     NetInterval,
     RankedHypothesis,
     ReconstructionSummary,
-    RecordFaultSummary,
     RecordSummary,
     Seconds,
-    Series,
     TermEstimate,
     Verdict,
 )
@@ -32,14 +29,11 @@ from brv_hypo.flight.record import Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.uncertainty import residual_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.model.term import BASELINE, Regressor, Vector
-from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
-MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 
 
 def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
@@ -112,7 +106,6 @@ def summarise(
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
-        series=_series(problem, fits),
         disagreements=criteria_disagree(ranking, verdict.probability),
     )
 
@@ -133,13 +126,8 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSumm
 
 def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
     """What the trials of all flights found."""
-    return RecordSummary(
-        sound=all(trial.sound for trial in trials),
-        faults=tuple(
-            RecordFaultSummary.model_validate(fault, from_attributes=True)
-            for fault in sorted((f for trial in trials for f in trial.faults), key=lambda fault: not fault.decisive)
-        ),
-    )
+    faults = sorted((fault for trial in trials for fault in trial.faults), key=lambda fault: not fault.decisive)
+    return RecordSummary(sound=all(trial.sound for trial in trials), faults=tuple(faults))
 
 
 def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> Comparison:
@@ -311,57 +299,5 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
         found.extend(
             DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)
             for d in fit.frame.mechanisms[name].derived(values, covariance)
-        )
-    return tuple(found)
-
-
-def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
-    """Moments (frame rows,) that a hypothesis with errors of record and vehicle does not explain.
-
-    Processes are not fitted here: what they explain is to be seen.
-    """
-    values, others = problem.solution(fit.frame, fit.columns)
-    rest = problem.left(fit.frame, fit.columns, values, others)
-    return residual_moments(fit.frame, problem.records, rest.rates).body
-
-
-def drawn(samples: int) -> slice:
-    """Which of so many samples of a stretch of time are drawn: all of them, or every so many-th."""
-    return slice(None, None, max(1, -(-samples // MOST_DRAWN)))
-
-
-def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
-    """Histories for pictures: measured moments in and out of plane, and each hypothesis's fit of them."""
-    frame = problem.frame
-    known = residual_moments(frame, problem.records, frame.observed)
-    measured = np.where(known.usable, known.body, np.nan)
-    fitted = {fit.name: measured - _residual(problem, fit) for fit in fits}
-    found = []
-    for index, motion in enumerate(frame.motions):
-        pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]
-        rows = np.concatenate([np.arange(a, b)[drawn(b - a)] for _, (a, b) in pieces])
-        kept = np.concatenate([np.arange(s.rows.start, s.rows.stop)[drawn(b - a)] for s, (a, b) in pieces])
-        phi_w = motion.windward_meridian[kept]
-
-        def plane(
-            body: np.ndarray, phi_w: np.ndarray = phi_w, rows: np.ndarray = rows
-        ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-            both = plane_from_body(body[rows], phi_w)
-            return tuple(both.real.tolist()), tuple(both.imag.tolist())
-
-        found.append(
-            Series(
-                time_s=tuple(motion.time[kept].tolist()),
-                alpha_rad=tuple(motion.alpha[kept].tolist()),
-                windward_meridian_rad=tuple(phi_w.tolist()),
-                measured=plane(measured),
-                sigma=tuple(known.noise[rows].tolist()),
-                fitted={name: plane(body) for name, body in fitted.items()},
-                alpha_sigma_rad=tuple(frame.reconstructions[index].alpha_sigma[kept].tolist()),
-                windward_meridian_sigma_rad=tuple(frame.reconstructions[index].phi_w_sigma[kept].tolist()),
-                roll_rate_rad_s=tuple(motion.p[kept].tolist()),
-                windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[kept].tolist()),
-                mach=tuple(motion.mach[kept].tolist()),
-            )
         )
     return tuple(found)

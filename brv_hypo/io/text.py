@@ -142,21 +142,3 @@ def share(value: float | None) -> str:
 def interval(region: tuple[float, float] | None) -> str:
     """A region of time; a dash where it is the whole."""
     return NOT_A_NUMBER if region is None else f"{region[0]:.2f}–{region[1]:.2f}"
-
-
-# ---- When a fault of a record was ----
-
-
-def single_samples(fault: str, action: str) -> bool:
-    """Whether a fault is of samples here and there, each replaced, of which it has the first and the last time."""
-    return fault == "spikes" and "masked" not in action
-
-
-def fault_time(fault: str, action: str, start_s: float, stop_s: float) -> str:
-    """When a fault was, in words."""
-    start, stop = f"{start_s:.2f}", f"{stop_s:.2f}"
-    if start == stop:
-        return f"at {start} s"
-    if single_samples(fault, action):
-        return f"at {start} and {stop} s" if action.startswith("2 ") else f"first at {start} s, last at {stop} s"
-    return f"{interval((start_s, stop_s))} s"

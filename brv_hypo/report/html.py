@@ -14,8 +14,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -239,31 +238,18 @@ def _bits(values: FloatArray) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")}
 
 
-@dataclass(frozen=True)
-class Provenance:
-    """The command, the settings that differ from the defaults, and each record with its SHA-256."""
+def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> dict[str, str]:
+    """Each record with its SHA-256, the settings that differ from the defaults, and the command, by name.
 
-    command: str = ""
-    settings: str = ""
-    records: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def rows(self) -> tuple[tuple[str, str], ...]:
-        """Name and value of each entry."""
-        records = ((f"record {path}", f"SHA-256 {digest}") for path, digest in self.records)
-        made = (("settings", self.settings), ("made by", self.command))
-        return (("version", f"brv-hypo {__version__}"), *records, *(row for row in made if row[1]))
-
-
-def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> Provenance:
-    """The provenance of a result; a record that is no file any more has no digest."""
-    paths = dict.fromkeys(Path(path) for path in records if str(path))
-    text = ""
+    A record that is no file any more has no digest.
+    """
+    paths = [path for path in dict.fromkeys(Path(path) for path in records if str(path)) if path.is_file()]
+    found = {f"record {path}": f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths}
     if settings is not None:
         changed = settings.model_dump(mode="json", exclude_defaults=True)
-        text = yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip() if changed else "defaults"
-    known = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()}
-    return Provenance(command, text, tuple(known.items()))
+        text = yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip()
+        found["settings"] = text if changed else "defaults"
+    return found | ({"made by": command} if command else {})
 
 
 # ---- The page: templates in `page/`, and what they need ----
@@ -274,7 +260,7 @@ _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 """What is typed in one piece: text between backticks, and options."""
 
 
-def page(document: Document, provenance: Provenance) -> str:
+def page(document: Document, provenance: Mapping[str, str] = {}) -> str:
     """The whole file: conclusion, contents, sections, and at the foot where it came from and how to make it again."""
     drawn = [plotly_chart(chart) for chart in document.charts]
     data = json.dumps(drawn, separators=(",", ":"), allow_nan=False).encode()
@@ -283,7 +269,7 @@ def page(document: Document, provenance: Provenance) -> str:
         document=document,
         answer=list(map(_cell, _groups((*document.ahead, *document.beside)))),
         parts=_parts(document.blocks),
-        provenance=provenance,
+        provenance={"version": f"brv-hypo {__version__}", **provenance},
         library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),
         charts=base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii") if drawn else "",
     )

@@ -10,7 +10,7 @@ from typing import Any
 from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
-from brv_hypo.io.text import fault_time, number, share
+from brv_hypo.io.text import number, share
 from brv_hypo.mechanisms.conformance import Outcome, sample_flight, sample_motion, uniform_time
 from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import OWN, Installed, Item
@@ -40,12 +40,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
     ]
     channels += [{**dict.fromkeys(channels[0], ""), "channel": name, "units": "absent"} for name in inspection.absent]
     faults = [
-        {
-            "channel": fault.channel,
-            "fault": fault.fault,
-            "when": fault_time(fault.fault, fault.action, fault.start_s, fault.stop_s),
-            "action": fault.action,
-        }
+        {"channel": fault.channel, "fault": fault.fault, "when": fault.when, "action": fault.action}
         for fault in trial.faults
     ]
     vehicle = inspection.vehicle

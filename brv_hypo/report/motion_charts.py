@@ -12,11 +12,11 @@ from scipy.signal import welch
 from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import RecordError, RecordFaultSummary, TermEstimate
+from brv_hypo.comparison.result import RecordError, TermEstimate
 from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
-from brv_hypo.io.text import share, single_samples
+from brv_hypo.io.text import share
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -331,14 +331,14 @@ def process_chart(
     return setting.chart(name, heading, panels, "Moments by the rms of their shape. Bands: 2 sigma.")
 
 
-def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
+def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, float, str]]:
     """Intervals to shade for faults; of single samples the first and the last; for what contradicts the record as a
     whole, none.
     """
     found = []
     for fault in faults:
         narrow = _NARROWEST * length
-        if single_samples(fault.fault, fault.action):
+        if fault.of_single_samples:
             found += [(at - 0.5 * narrow, at + 0.5 * narrow, "") for at in {fault.start_s, fault.stop_s}]
         elif fault.stop_s - fault.start_s < _WHOLE * length:
             found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))

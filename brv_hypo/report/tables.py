@@ -20,17 +20,7 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     beyond_tolerances,
 )
-from brv_hypo.io.text import (
-    NOT_A_NUMBER,
-    f_ratio,
-    fault_time,
-    hypothesis,
-    interval,
-    known_to,
-    number,
-    probability,
-    share,
-)
+from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
@@ -271,6 +261,5 @@ def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
     channels: dict[str, list[str]] = {}  # by what all of them have in common
     for fault in record.faults:
         if fault.action not in reported:
-            when = fault_time(fault.fault, fault.action, fault.start_s, fault.stop_s)
-            channels.setdefault(f"{fault.fault}, {fault.action}, {when}", []).append(fault.channel)
+            channels.setdefault(f"{fault.fault}, {fault.action}, {fault.when}", []).append(fault.channel)
     return [f"{', '.join(names)}: {text}" for text, names in channels.items()]

@@ -32,7 +32,7 @@ from brv_hypo.report.document import (
     wrapped_degrees,
 )
 from brv_hypo.report.figures import chart_figure
-from brv_hypo.report.html import Provenance, page, plotly_chart
+from brv_hypo.report.html import page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart, process_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.terminal import terminal_view
@@ -174,7 +174,7 @@ def test_a_record_that_is_refused_is_not_said_to_be_without_fault() -> None:
     flight = nominal().flight
     refused = compare(replace(flight, q=-flight.q))
     assert refused.verdict.outcome == "record fault"
-    assert "shows no fault" not in page(comparison_document(refused), Provenance())
+    assert "shows no fault" not in page(comparison_document(refused))
 
 
 def test_the_manual_names_a_file_for_every_figure_of_the_report(charts) -> None:
@@ -291,7 +291,7 @@ class TestPlotlyChart:
 
 def test_pages_of_results_have_links_that_resolve_and_ids_given_once(comparison, planted) -> None:
     for one in (comparison, planted):
-        html = page(comparison_document(one), Provenance())
+        html = page(comparison_document(one))
         ids, links = (re.findall(pattern, html) for pattern in (r' id="([^"]*)"', r' href="#([^"]*)"'))
         assert len(set(ids)) == len(ids)
         assert set(links) <= set(ids)
@@ -329,14 +329,15 @@ def test_functions_are_the_planted_ones(planted) -> None:
 class TestPage:
     def test_it_says_where_it_came_from(self, comparison) -> None:
         html = page(
-            comparison_document(comparison), Provenance("brv-hypo compare f.h5", "{knot_count: 5}", (("f.h5", "ab12"),))
+            comparison_document(comparison),
+            {"made by": "brv-hypo compare f.h5", "settings": "{knot_count: 5}", "record f.h5": "SHA-256 ab12"},
         )
         for expected in ("brv-hypo compare f.h5", "{knot_count: 5}", "SHA-256 ab12", "<dt>version</dt>"):
             assert expected in html
         assert len(html) < 1_500_000
 
     def test_a_document_without_charts_needs_no_script(self) -> None:
-        html = page(Document("t", (), "c", "words", True, [Texts(("said",))]), Provenance())
+        html = page(Document("t", (), "c", "words", True, [Texts(("said",))]))
         assert 'id="library"' not in html
         assert len(html) < 20_000
 
@@ -347,7 +348,7 @@ class TestPage:
             Texts(("residual",), "Step 1"), Table([{"effect": "lag"}]), Texts(("added",)), chart,
             Texts(("loose",)), Texts(("mind",), "Warnings", warning=True),
         )  # fmt: skip
-        html = page(Document("t", (), "c", "words", True, blocks), Provenance())
+        html = page(Document("t", (), "c", "words", True, blocks))
         sections = re.findall(r"<section[^>]*>(.*?)</section>", html, flags=re.DOTALL)
         assert len(sections) == 4
         assert all(word in sections[0] for word in ("Step 1", "lag", "added"))
@@ -356,7 +357,7 @@ class TestPage:
 
     def test_text_is_escaped(self) -> None:
         table = Table([{"term": "<b>", "value": "1 & 2"}], "a < b")
-        html = page(Document("<t>", ("<s>",), "c", "<c>", True, [table, Texts(("<x>",))]), Provenance("<cmd>"))
+        html = page(Document("<t>", ("<s>",), "c", "<c>", True, [table, Texts(("<x>",))]), {"made by": "<cmd>"})
         assert not any(tag in html for tag in ("<b>", "<s>", "<c>", "<x>", "<cmd>", "<t>"))
         assert "&lt;b&gt;" in html
 
@@ -424,5 +425,5 @@ class TestDrawing:
 
 def test_a_block_without_content_is_left_out() -> None:
     empty = (Table([]), Texts(()), Chart("c", "h", "x", ()))
-    html = page(Document("t", (), "c", "words", True, empty), Provenance())
+    html = page(Document("t", (), "c", "words", True, empty))
     assert "<section" not in html

@@ -25,7 +25,7 @@ from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
-from brv_hypo.report.html import Provenance, page
+from brv_hypo.report.html import page
 from brv_hypo.report.tables import ranking_table
 from brv_hypo.report.terminal import terminal_view
 from tests.chains import compared_nominal
@@ -132,7 +132,7 @@ class TestTerminal:
 
 class TestPage:
     def test_the_verdict_is_followed_by_the_ranking_and_processes_and_then_the_contents(self) -> None:
-        html = page(comparison_document(graded()), Provenance())
+        html = page(comparison_document(graded()))
         said = (f">One sentence.\n{SENTENCE}", '<th scope="col">rank</th>', ">Processes beside", ">Data quality</a>")
         places = [html.index(text) for text in said]
         assert places == sorted(places)
@@ -142,9 +142,7 @@ class TestPage:
     def test_limits_that_are_withheld_are_not_drawn_and_the_page_says_why(self) -> None:
         withheld = graded(None, limits=(MechanismLimit(mechanism="damping", share_of_moment_95=NAN),))
         assert "limits" not in {chart.name for chart in comparison_document(withheld).charts}
-        assert "Withheld: no hypothesis that was compared is adequate." in page(
-            comparison_document(withheld), Provenance()
-        )
+        assert "Withheld: no hypothesis that was compared is adequate." in page(comparison_document(withheld))
         document = comparison_document(graded())
         assert "limits" in {chart.name for chart in document.charts}
         texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]

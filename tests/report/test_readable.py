@@ -11,11 +11,12 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from brv_hypo.comparison.result import RecordFaultSummary, RecordSummary
+from brv_hypo.comparison.result import RecordSummary
+from brv_hypo.flight.record import RecordFault
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Table, Texts, flat
 from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
-from brv_hypo.report.html import Provenance, page, plotly_chart, resource
+from brv_hypo.report.html import page, plotly_chart, resource
 from brv_hypo.report.motion_charts import (
     Drawn,
     Setting,
@@ -79,8 +80,8 @@ def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> Non
 
 def test_a_fault_of_the_whole_record_is_not_shaded_as_masked() -> None:
     faults = [
-        RecordFaultSummary(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),
-        RecordFaultSummary(channel="q", fault="stuck", start_s=1.0, stop_s=2.0, action=""),
+        RecordFault(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),
+        RecordFault(channel="q", fault="stuck", start_s=1.0, stop_s=2.0, action=""),
     ]
     assert masked(faults, 5.0) == [(1.0, 2.0, "masked")]
 
@@ -145,7 +146,7 @@ class TestPage:
             "one": [words],
             "all": [columns],
         }
-        html = page(Document("t", (), "c", "words", True, [Section(*part) for part in parts.items()]), Provenance())
+        html = page(Document("t", (), "c", "words", True, [Section(*part) for part in parts.items()]))
         assert re.findall(r'<div class="grid\s*(\w*)"', html) == ["narrow", "", "", "single", "single"]
         assert html.count('<section class="whole">') == 1
 
@@ -154,7 +155,7 @@ class TestPage:
         chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
         table = Table([{"term": "a, b", "value": "1"}], "C_p <and> size")
         sections = [Section("Moments", [chart, table]), Section("All of it", [table], folded=True), Section("No", [])]
-        html = page(Document("t", (), "c", "words", True, sections), Provenance())
+        html = page(Document("t", (), "c", "words", True, sections))
         assert re.findall(r"<details( open)?>", html) == [" open", ""]
         contents = re.search(r"<nav.*?</nav>", html, re.DOTALL)[0]
         assert re.findall(r'<a href="#([^"]*)">([^<]*)</a>', contents) == [
@@ -166,14 +167,14 @@ class TestPage:
 
     def test_every_table_is_a_csv_file(self) -> None:
         rows = [{"term": 'a, "b"', "value": "1"}, {"term": "<c>", "value": "–"}]
-        html = page(Document("t", (), "c", "words", True, [Table(rows, "Terms", ("term",))]), Provenance())
-        assert 'download="table.csv"' in page(Document("t", (), "c", "words", True, [Table(rows)]), Provenance())
+        html = page(Document("t", (), "c", "words", True, [Table(rows, "Terms", ("term",))]))
+        assert 'download="table.csv"' in page(Document("t", (), "c", "words", True, [Table(rows)]))
         (content,) = re.findall(r'download="terms.csv" href="data:text/csv;charset=utf-8,([^"]*)"', html)
         assert list(csv.DictReader(io.StringIO(unquote(content)))) == rows
 
     def test_what_is_typed_stands_in_one_piece(self) -> None:
         words = "Check the tolerances (--instruments), or look with `brv-hypo trace`; free-form -- as <it> is."
-        html = page(Document("t", (), "c", words, True, [Texts((words,))]), Provenance())
+        html = page(Document("t", (), "c", words, True, [Texts((words,))]))
         expected = (
             "Check the tolerances (<code>--instruments</code>), or look with <code>brv-hypo trace</code>; "
             "free-form -- as &lt;it&gt; is."
@@ -194,7 +195,7 @@ class TestTrace:
     def test_a_record_that_contradicts_itself_is_told_before_what_was_found(self) -> None:
         sound = traced_trim()
         assert sound.record.sound
-        fault = RecordFaultSummary(channel="q", fault="sign", start_s=0.0, stop_s=1.0, action="turn q over")
+        fault = RecordFault(channel="q", fault="sign", start_s=0.0, stop_s=1.0, action="turn q over")
         doubted = sound.model_copy(update={"record": RecordSummary(sound=False, faults=(fault,))})
         document = trace_document(doubted)
         assert document.conclusion_title == "Record in doubt"
