@@ -67,11 +67,6 @@ def shared_problem(reconstructions: Sequence[Reconstruction], config: CompareCon
     return problem, _with_motion_noise(problem, settings)
 
 
-def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
-    """The first problem that the hypotheses share."""
-    return shared_problem(reconstructions, config)[0]
-
-
 def _under_estimated_noise(problem: Problem) -> Problem:
     """The problem under the noise that the record shows in it."""
     return problem.under(estimated_noise(problem))

@@ -120,7 +120,6 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     knots = _own_knots(leader, index, comparison.flights[index])
     setting = _setting(comparison, index, knots)
     time, measured, sigma = series.time_s, series.measured, series.sigma
-    angles = (series.alpha_rad, series.windward_meridian_rad)
     # the baseline below, for contrast, and the leader last, on top
     shown = sorted(series.residuals, key=lambda name: (name == leader.mechanism, name != "none"))
     roles: dict[str, Role] = {"none": "none", leader.mechanism: "first"}
@@ -131,7 +130,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     moments = [
         charts.moment_chart(setting, time, measured, sigma, [*models, bare], caption=JUDGED),
         charts.residual_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
-        charts.moment_by_alpha_chart(setting, angles[0], measured, models[-1:]),
+        charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
     overview = replace(moments[0], name=f"overview{setting.suffix}")
     if series.alone:  # what all else does not explain, and what the mechanism makes of that (5.18)
@@ -146,12 +145,9 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
                 caption=ALONE,
                 marks=[Mark(at, name) for at, name in knots.items()],
             )
-        moments.append(charts.moment_by_alpha_chart(setting, angles[0], beyond, drawn, "excess-by-alpha", heading))
-    sigmas, rolls = (series.alpha_sigma_rad, series.windward_meridian_sigma_rad), series.roll_rate_rad_s
-    motion = charts.air_chart(setting, time, series.mach, series.dynamic_pressure_pa)
-    motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
-    if rolls:
-        motion.append(charts.attitude_chart(setting, time, *angles, rolls))
+        moments.append(
+            charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn, "excess-by-alpha", heading)
+        )
     channels = []
     for stem, axes in CHANNELS.items() if series.channels else ():
         panels = []
@@ -161,7 +157,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
         text = "At the c.g., fitted errors of the record taken out; the model with its processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
-    rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
+    rates = charts.turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
     spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates)
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
     named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
@@ -171,7 +167,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             charts.process_chart(setting, series.histories, dict(units[k * most : (k + 1) * most]), *each)
             for k, each in enumerate(named.items())
         ],
-        "motion": motion,
+        "motion": charts.flight_charts(setting, series),
         "moments": moments,
         "channels": channels,
         "residual": [*charts.whiteness_charts(setting, series.whitened), spectrum],

@@ -400,6 +400,18 @@ def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) ->
     return [setting.chart("air", "Mach number and dynamic pressure", panels)]
 
 
+def flight_charts(setting: Setting, kept: Any) -> list[Chart]:
+    """Air data, motion and attitude of the histories of a result, as far as they are known."""
+    time, angles = kept.time_s, (kept.alpha_rad, kept.windward_meridian_rad)
+    found = air_chart(setting, time, kept.mach, kept.dynamic_pressure_pa)
+    if kept.alpha_rad:
+        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
+        found.append(motion_chart(setting, time, *angles, *sigmas))
+    if kept.roll_rate_rad_s:
+        found.append(attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
+    return found
+
+
 _CAPTION = (
     "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
     "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."

@@ -38,14 +38,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     model = Drawn("model", charts.difference(measured, kept.after), "first")
     rates = charts.turning_rates(kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     heading = "Residual moments, before and after"
-    angles = (kept.alpha_rad, kept.windward_meridian_rad)
-    motion = charts.air_chart(setting, time, kept.mach, kept.dynamic_pressure_pa)
-    if kept.alpha_rad:
-        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
-        motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
-        motion.append(charts.attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
     return {
-        "Air data and motion": motion,
+        "Air data and motion": charts.flight_charts(setting, kept),
         "Moments, measured and modelled": [
             charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY, TRACED),
             charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading, TRACED),
