@@ -22,9 +22,9 @@ from brv_hypo.comparison.diagnostics import best_by_size, diagnostics
 from brv_hypo.comparison.intervals import out_of_bounds
 from brv_hypo.comparison.judgement import Hypotheses, Judged, Say, acting_in, explained, judged, processes, weighed
 from brv_hypo.comparison.limits import limits
-from brv_hypo.comparison.maximum_likelihood import identify_credible, tolerance_warnings
+from brv_hypo.comparison.maximum_likelihood import identify_credible
 from brv_hypo.comparison.preparation import sharing_warnings, short_warnings
-from brv_hypo.comparison.result import Comparison, Seconds, Verdict
+from brv_hypo.comparison.result import Comparison, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_prediction_error
 from brv_hypo.errors import MechanismError
@@ -167,7 +167,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
     about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
     known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
-    warnings = (*warnings, *tolerance_warnings(fits[beside.leader].name, known["record_errors"], verdict))
+    if verdict.outcome != "none adequate" and (beyond := beyond_text(known["record_errors"])):
+        warnings = (*warnings, beyond)  # of what is inadequate they may be what it lacks
     sized = best_by_size(problem, fits, criteria[beside.null])
     return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})
 

@@ -1,4 +1,4 @@
-"""After the verdict: maximum likelihood of the credible hypotheses; errors of the record beyond their tolerances."""
+"""After the verdict: maximum likelihood of the credible hypotheses."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from brv_hypo.comparison.config import CompareConfig
-from brv_hypo.comparison.result import EXCEED, RecordError, Verdict
-from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
+from brv_hypo.comparison.result import Verdict
+from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.identification import Identification, IdentificationConfig, identify
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.uncertainty import Regressed
-from brv_hypo.io.text import hypothesis
-from brv_hypo.linearisation.nuisance import beyond_tolerance
 
 
 @dataclass(frozen=True)
@@ -50,14 +48,3 @@ def identify_credible(
         regressed = Regressed.of(problem, fit.frame, fit.columns, fit.values, fit.others)
         found[fit.name] = identify(fit.frame, fit.columns, fit.values, options, regressed=regressed)
     return Likelihoods(found, frozenset(left_out))
-
-
-def tolerance_warnings(leader: str, errors: Sequence[RecordError], verdict: Verdict) -> tuple[str, ...]:
-    """A sentence on those of the leader; none where it is not adequate, for what it lacks poses as errors."""
-    beyond = [beyond_tolerance(each.name, each.value, each.tolerance, each.units) for each in errors]
-    found = [text for text in beyond if text is not None]
-    if verdict.outcome == "none adequate" or not found:
-        return ()
-    more = len(found) - BEYOND_TOLERANCE_NAMED
-    listed = "; ".join(found[:BEYOND_TOLERANCE_NAMED]) + (f"; and {more} more" if more > 0 else "")
-    return (f"with {hypothesis(leader)}, {EXCEED}: {listed} (see --instruments)",)

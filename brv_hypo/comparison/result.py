@@ -19,8 +19,6 @@ Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
-EXCEED = "errors exceed the tolerances of the record"
-"""In the warning of errors that the conclusion names too."""
 
 
 class TermEstimate(NullIsNaN):

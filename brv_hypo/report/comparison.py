@@ -12,7 +12,7 @@ from itertools import chain
 
 import numpy as np
 
-from brv_hypo.comparison.result import EXCEED, QUOTED, Comparison, FlightSummary, RankedHypothesis
+from brv_hypo.comparison.result import QUOTED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
@@ -247,8 +247,8 @@ def comparison_document(comparison: Comparison) -> Document:
 def _quality(comparison: Comparison) -> list[Block]:
     """Faults of the record, and what limits the result."""
     faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
-    known = [text for text in comparison.warnings if EXCEED not in text]  # the conclusion names these errors
-    warnings = (*faults, *comparison.reconstruction.warnings, *known)
+    known = (*faults, *comparison.reconstruction.warnings, *comparison.warnings)
+    warnings = [text for text in known if text not in comparison.conclusion()]
     none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
     return [Texts(none, bullets=False, shown="page"), Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)]
 
