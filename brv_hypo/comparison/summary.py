@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
 
-from brv_hypo.comparison.intervals import intervals
+from brv_hypo.comparison.intervals import estimate, intervals
 from brv_hypo.comparison.maximum_likelihood import Likelihoods
 from brv_hypo.comparison.result import (
     BaselineSummary,
@@ -17,7 +16,6 @@ from brv_hypo.comparison.result import (
     FlightSummary,
     Knot,
     MaximumLikelihood,
-    NetInterval,
     RankedHypothesis,
     ReconstructionSummary,
     RecordSummary,
@@ -173,7 +171,7 @@ def _ranked(
         n_terms=len(fit.selected),
         n_effective=fit.effective,
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
-        intervals=_intervals(fit),
+        intervals=intervals(fit),
         derived=_derived(fit),
         knots=_knots(fit),
         criteria=asdict(criteria),
@@ -188,15 +186,8 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
         sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
         mechanism = BASELINE if j < fit.baseline_size else column.mechanism
         where = {"channel": _channel(fit, column), "region_s": _region(fit, column), "delay_s": column.delay}
-        found.append(_term(column.label, mechanism, value, sigma, column.units, **where))
+        found.append(estimate(column.label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
-
-
-def _term(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
-    """An estimate; `where`: its channel, region and delay."""
-    f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
-    known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
-    return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
 
 
 def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
@@ -221,17 +212,6 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
         )
         for edge in sorted(edges)
     )
-
-
-def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
-    """Net values in time order, with what mechanisms derive from them."""
-    found = []
-    for each in intervals(fit):
-        where = {"channel": "both", "region_s": (each.start, each.stop)}
-        net = [_term(n.term, n.mechanism, n.value, n.std_error, n.units, delay_s=n.delay, **where) for n in each.values]
-        net += [_term(d.name, name, d.value, d.std_error, d.units, **where) for name, d in each.derived]
-        found.append(NetInterval(start_s=each.start, stop_s=each.stop, values=tuple(net)))
-    return tuple(found)
 
 
 def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
@@ -267,7 +247,7 @@ def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> 
             DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units) for e in found.nonlinear
         ),
         instrument=tuple(
-            _term(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
+            estimate(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
         ),
         seconds=found.seconds,
     )
