@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.judgement import Judged, as_planted
 from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value
@@ -23,6 +23,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.kinematics import plane_from_body
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
@@ -198,17 +199,6 @@ def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: s
     planes = [plane_from_body(each, motion.windward_meridian[kept]) for each in bodies]
     moments = [(tuple(each.real.tolist()), tuple(each.imag.tolist())) for each in planes]
     known, count = list(map(tuple, np.concatenate(channels, axis=1).tolist())), 1 + len(found)
-    histories = {
-        "time_s": motion.time,
-        "alpha_rad": motion.alpha,
-        "windward_meridian_rad": motion.windward_meridian,
-        "alpha_sigma_rad": frame.reconstructions[flight].alpha_sigma,
-        "windward_meridian_sigma_rad": frame.reconstructions[flight].phi_w_sigma,
-        "roll_rate_rad_s": motion.p,
-        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
-        "mach": motion.mach,
-        "dynamic_pressure_pa": motion.dynamic_pressure,
-    }
     return Series(
         measured=moments[0],
         sigma=tuple(observed.noise[rows].tolist()),
@@ -218,8 +208,24 @@ def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: s
         channels=dict(zip(_CHANNELS, zip(known[::2], known[1::2], strict=True), strict=True)),
         whitened=whitened(own, flight),
         histories=_histories(own, flight),
-        **{name: tuple(each[kept].tolist()) for name, each in histories.items()},
+        **motion_histories(frame.reconstructions[flight], motion, kept),
     )
+
+
+def motion_histories(reconstruction: Reconstruction, motion: Motion, samples: IntArray) -> dict[str, Any]:
+    """Those of `DrawnHistories` that a motion has, at some samples."""
+    histories = {
+        "time_s": motion.time,
+        "alpha_rad": motion.alpha,
+        "alpha_sigma_rad": reconstruction.alpha_sigma,
+        "windward_meridian_rad": motion.windward_meridian,
+        "windward_meridian_sigma_rad": reconstruction.phi_w_sigma,
+        "roll_rate_rad_s": motion.p,
+        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
+        "mach": motion.mach,
+        "dynamic_pressure_pa": motion.dynamic_pressure,
+    }
+    return {name: tuple(each[samples].tolist()) for name, each in histories.items()}
 
 
 def _histories(own: Evidence, flight: int) -> dict[str, Any]:

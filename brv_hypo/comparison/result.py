@@ -291,27 +291,35 @@ class Seconds(NullIsNaN):
     total: float
 
 
-class Series(NullIsNaN):
+class DrawnHistories(NullIsNaN):
     """Histories for pictures, of one flight: not part of the JSON.
 
-    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`; what is fitted includes the errors
-    of record and vehicle beside the mechanism, but no process, and both are NaN at the ends, where rates cannot be
-    differentiated.
-    Standard deviations, rates and Mach number are empty where they are not known.
+    Standard deviations, angles, rates and air data are empty where they are not known.
     """
 
     time_s: tuple[float, ...]
-    alpha_rad: tuple[float, ...]
-    windward_meridian_rad: tuple[float, ...]
     measured: Moments
     sigma: tuple[float, ...]
-    fitted: dict[str, Moments]
+    alpha_rad: tuple[float, ...] = ()
     alpha_sigma_rad: tuple[float, ...] = ()
+    windward_meridian_rad: tuple[float, ...] = ()
     windward_meridian_sigma_rad: tuple[float, ...] = ()
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
     mach: tuple[float, ...] = ()
     dynamic_pressure_pa: tuple[float, ...] = ()
+    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    """Of the model with processes, by channel: the residual at unit noise, in axes that do not roll."""
+
+
+class Series(DrawnHistories):
+    """Those of a comparison; moments are (C_N', C_Z').
+
+    `fitted[mechanism]` includes the errors of record and vehicle beside the mechanism, but no process; it and
+    `measured` are NaN at the ends, where rates cannot be differentiated.
+    """
+
+    fitted: dict[str, Moments]
     channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
     """Of the leader with its processes, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled.
     """
@@ -323,8 +331,6 @@ class Series(NullIsNaN):
     """Of the likeliest mechanism: as `measured` less baseline, processes and errors of the record beside it; and what
     it makes. Empty where none was compared.
     """
-    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
-    """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""
     histories: dict[str, tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = Field(default_factory=dict)
     """Of processes beside the leader, by name, at even times: value and standard error of each shape or channel, in the
     process's units; of moments as a moment coefficient, by the rms of the shape.

@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from brv_hypo.comparison.intervals import estimate, intervals
-from brv_hypo.comparison.maximum_likelihood import Likelihoods
 from brv_hypo.comparison.result import (
     BaselineSummary,
     Comparison,
@@ -32,6 +31,7 @@ from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
+_LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 
 def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ def summarise(
     errors: Sequence[float],
     criteria: Sequence[Criteria],
     seconds: Seconds,
-    likelihoods: Likelihoods,
+    likelihoods: Mapping[str, Identification | None],
     verdict: Verdict,
 ) -> Comparison:
     """Rank the fits, and gather all that the result holds.
@@ -84,8 +84,8 @@ def summarise(
     ranking = tuple(
         _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
             update={
-                "ml": _likelihood(fits[i], likelihoods.found.get(fits[i].name)),
-                "notes": _notes(fits[i], likelihoods),
+                "ml": _likelihood(fits[i], likelihoods.get(fits[i].name)),
+                "notes": (_LEFT_OUT,) if likelihoods.get(fits[i].name, True) is None else (),
             }
         )
         for rank, i in enumerate(order, start=1)
@@ -212,12 +212,6 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
         )
         for edge in sorted(edges)
     )
-
-
-def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
-    if fit.name in likelihoods.left_out:
-        return ("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too",)
-    return ()
 
 
 def _likelihood(fit: HypothesisFit, identification: Identification | None) -> MaximumLikelihood | None:

@@ -14,7 +14,8 @@ import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
+from brv_hypo.comparison.diagnostics import collinear, motion_histories, record_errors, whitened
+from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
 from brv_hypo.comparison.summary import flight_summary, likelihood_block
 from brv_hypo.constants import LIKELIHOOD_STEPS, MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS, SCHEDULE_TRIFLE
@@ -108,25 +109,14 @@ def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> P
     after, data, measured = fit.left, fit.data, fit.data.moments(fit.data.frame.observed)
     reconstruction, rows = data.reconstructions[number], data.rows_of(number)
     kept = (before.usable & after.usable)[rows]
-    samples, rows, motion = data.samples_of(number)[kept], rows[kept], reconstruction.motion
-    histories = {
-        "time_s": motion.time,
-        "alpha_rad": motion.alpha,
-        "alpha_sigma_rad": reconstruction.alpha_sigma,
-        "windward_meridian_rad": motion.windward_meridian,
-        "windward_meridian_sigma_rad": reconstruction.phi_w_sigma,
-        "roll_rate_rad_s": motion.p,
-        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
-        "mach": motion.mach,
-        "dynamic_pressure_pa": motion.dynamic_pressure,
-    }
+    samples, rows = data.samples_of(number)[kept], rows[kept]
     return Picture(
         measured=pair(measured.body[rows]),
         before=pair(before.body[rows]),
         after=pair(after.body[rows]),
         sigma=tuple(after.noise[rows].tolist()),
         whitened=whitened(own, number),
-        **{name: tuple(values[samples].tolist()) for name, values in histories.items()},
+        **motion_histories(reconstruction, reconstruction.motion, samples),
     )
 
 
@@ -162,20 +152,13 @@ def _estimate(data: Corrected, column: Regressor, value: float, sigma: float) ->
     channel = "both" if inside and outside else "out-of-plane" if outside else "in-plane"
     mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
     acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
-    more = {"region_s": None if basis.kind == "constant" else acts, "delay_s": column.delay}
-    name, own = column.label + _of_flight(data, column.flight), (mechanism, channel, column.units)
-    return _term(name, *own, value, sigma).model_copy(update=more)
+    where = {"region_s": None if basis.kind == "constant" else acts, "delay_s": column.delay, "channel": channel}
+    return estimate(column.label + _of_flight(data, column.flight), mechanism, value, sigma, column.units, **where)
 
 
 def _of_flight(data: Corrected, number: int | None) -> str:
     """Which flight a term is of, where there are several; counted from 1."""
     return "" if number is None or len(data.records) == 1 else f" [flight {number + 1}]"
-
-
-def _term(name: str, mechanism: str, channel: str, units: str, value: float, sigma: float) -> TermEstimate:
-    known = {"name": name, "mechanism": mechanism, "channel": channel, "units": units, "value": value}
-    f_ratio = (value / sigma) ** 2 if sigma > 0.0 else float("nan")
-    return TermEstimate.model_validate({**known, "std_error": sigma, "f_ratio": f_ratio})
 
 
 @dataclass(frozen=True)
@@ -232,10 +215,15 @@ class WholeRecord:
         of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
 
         return tuple(
-            _term(a.component + _of_flight(self.fit.data, a.flight), name, "record", a.units, a.value, sigma)
-            for a in self.fit.model.applied
-            for name in [a.effect.name]
-            for sigma in [of[name, a.component, a.flight]]
+            estimate(
+                each.component + _of_flight(self.fit.data, each.flight),
+                each.effect.name,
+                each.value,
+                of[each.effect.name, each.component, each.flight],
+                each.units,
+                channel="record",
+            )
+            for each in self.fit.model.applied
         )
 
 
