@@ -14,7 +14,7 @@ from brv_hypo.comparison.result import NetInterval, TermEstimate
 from brv_hypo.constants import SEARCH_SAME_THETA, SECOND_ORDER_VALUES
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.mechanisms.contract import Derived
-from brv_hypo.model.common_time import CommonTime, at
+from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor, Theta
 
 
@@ -111,32 +111,20 @@ class Excess:
 
 def out_of_bounds(fit: HypothesisFit) -> Excess | None:
     """The net value farthest outside its mechanism's bounds; None where all lie within them."""
-    bounds = {m.name: m.bounds for m in fit.mechanisms}
+    bounds, common = {m.name: m.bounds for m in fit.mechanisms}, fit.frame.common
     found: list[Excess] = []
     every = [(interval, net) for interval in intervals(fit) for net in interval.values]
     for interval, net in every:
         low, high = bounds[net.mechanism].get(net.name, (-np.inf, np.inf))
         similar = [o.value for _, o in every if (o.mechanism, o.name) == (net.mechanism, net.name)]
-        largest = float(np.max(np.abs(np.clip(similar, low, high))))
-        found.append(_excess(net, low, high, largest, _between(fit.frame.common, interval)))
+        largest = float(np.max(np.abs(np.clip(similar, low, high))))  # that is possible, for errors of second order
+        error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
+        beyond = max(low - net.value, net.value - high, 0.0) / max(error, 1e-300)
+        begin = f"{interval.start_s:.2f}" if common is None else at(common, interval.start_s)
+        where = f"from {begin} to {at(common, interval.stop_s)}, where {low:g} to {high:g} is possible"
+        found.append(Excess(float(beyond), f"{net.name} = {net.value:.3g} {where}"))
     worst = max(found, key=lambda excess: excess.sigmas, default=None)
     return worst if worst is not None and worst.sigmas > 0.0 else None
-
-
-def _between(common: CommonTime | None, interval: NetInterval) -> str:
-    """The ends of an interval in words."""
-    begin = f"{interval.start_s:.2f}" if common is None else at(common, interval.start_s)
-    return f"from {begin} to {at(common, interval.stop_s)}"
-
-
-def _excess(net: TermEstimate, low: float, high: float, largest: float, where: str) -> Excess:
-    """`largest`: the largest possible value of the term over all intervals, for errors of second order."""
-    beyond = max(low - net.value, net.value - high, 0.0)
-    error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
-    return Excess(
-        float(beyond / max(error, 1e-300)),
-        f"{net.name} = {net.value:.3g} {where}, where {low:g} to {high:g} is possible",
-    )
 
 
 def within_bounds(fit: HypothesisFit) -> HypothesisFit:

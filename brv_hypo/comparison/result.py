@@ -404,20 +404,13 @@ class Comparison(HasCharts, Result):
         """One row for each hypothesis, likeliest first, with its criteria and probability."""
         probability = self.verdict.probability
         limits = {limit.mechanism: limit.share_of_moment_95 for limit in self.verdict.limits}
+        criteria = ("log_evidence", "n_terms", "f_ratio", "cp", "prediction_error", "prediction_ratio", "r2", "bic")
         return [
             {
                 "rank": row.rank,
                 "mechanism": row.mechanism,
                 "probability": probability.get(row.mechanism),
-                "log_evidence": row.log_evidence,
-                "n_terms": row.n_terms,
-                "f_ratio": row.f_ratio,
-                "cp": row.cp,
-                "prediction_error": row.prediction_error,
-                "prediction_ratio": row.prediction_ratio,
-                "r2": row.r2,
-                "bic": row.bic,
-                "log_likelihood": row.log_likelihood,
+                **{name: getattr(row, name) for name in (*criteria, "log_likelihood")},
                 "share_of_moment_95": limits.get(row.mechanism),
             }
             for row in self.ranking

@@ -53,14 +53,9 @@ class Fit:
         return float(norm.sf(np.log(self.noise) / spread))
 
     @property
-    def lack(self) -> float:
-        """Squares of the residual beyond what the record's noise makes, over that noise."""
-        return max(self.noise**2 - 1.0, 0.0) * self.rows
-
-    @property
     def adequate(self) -> bool:
         """Whether the residual beyond noise and processes is less than what the leader explains, or than the noise."""
-        return self.lack <= max(self.explains, float(self.rows))
+        return max(self.noise**2 - 1.0, 0.0) * self.rows <= max(self.explains, float(self.rows))
 
 
 def probabilities(
@@ -114,7 +109,10 @@ def judge(
     """Name a hypothesis that leads beside processes, explains and predicts something, and has possible values."""
     whole = decide(listed, outside, fit, other_prior)
     count = whole.leader.held_out.size
-    repeated = [_without(listed, outside, fit, other_prior, k) for k in range(count)]
+    repeated = []  # each without a stretch of the record
+    for k in range(count):
+        rest = [[replace(c, level=c.level - float(c.held_out[k])) for c in some] for some in (listed, outside)]
+        repeated.append(decide(rest[0], rest[1], fit, other_prior))
     same = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
     confirming = sum(each.leader.name == whole.leader.name for each in repeated)
     confirmed = 1.0 if confirming == count else (confirming + 1.0) / (count + 2.0)  # Laplace's rule of succession
@@ -169,16 +167,6 @@ def decide(
     return Decision(leader, chances, adequate, predicts)
 
 
-def _without(
-    listed: Sequence[Candidate], outside: Sequence[Candidate], fit: Fit, other_prior: float, stretch: int
-) -> Decision:
-    """The decision without one stretch of the record."""
-    rest = [
-        [replace(c, level=c.level - float(c.held_out[stretch])) for c in candidates] for candidates in (listed, outside)
-    ]
-    return decide(rest[0], rest[1], fit, other_prior)
-
-
 def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
     """Probabilities with the leader's lowered to that at which repetitions confirm it.
 
@@ -230,8 +218,7 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
         return verdict
     said = (
         f" But without processes it predicts held-out blocks no better than the baseline: its prediction error is "
-        f"{100.0 * ratio:.0f} % of the baseline's. The name rests on the evidence beside processes alone, and another "
-        "mechanism that was not compared may do as well."
+        f"{100.0 * ratio:.0f} % of the baseline's. The name rests on the evidence beside processes alone."
     )
     return verdict.model_copy(update={"reason": verdict.reason + said})
 

@@ -17,8 +17,7 @@ _GALLERY = (
 )
 
 
-REFERENCE = "functions"
-"""The topic of all functions of the library, which `manual` makes of their docstrings."""
+REFERENCE = "functions"  # the topic of all functions of the library, which `manual` makes of their docstrings
 
 
 def topics() -> dict[str, str]:

@@ -71,8 +71,7 @@ _FUNCTIONS = (
     *map("brv_hypo.comparison.Comparison.{}".format, ("to_dataframe", "to_xarray", "plot", "to_json", "from_json")),
     *("brv_hypo.flight.Flight.save", "brv_hypo.subset.best_subsets", "brv_hypo.likelihood.fit"),
 )
-FIRST = "start"
-"""The page that opens first."""
+FIRST = "start"  # the page that opens first
 
 
 def site() -> dict[str, str]:

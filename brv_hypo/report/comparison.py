@@ -157,8 +157,8 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
         text = "At the c.g., fitted errors of the record taken out; the model with its processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
-    rates = charts.turning_rates(series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
-    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates)
+    rates = (series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
+    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates)
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
     named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
     return {

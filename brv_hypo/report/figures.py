@@ -61,11 +61,10 @@ def chart_figure(chart: Chart) -> ChartFigure:
     """The chart with title and caption, in the colours and the width of a paper's page; `.axes` are its panels, to add
     to or to change.
     """
-    caption = _caption(chart)
     height = FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
     if chart.path is not None:
         height = WIDTH * chart.rows / chart.columns + FRAME / chart.columns
-    height += TITLE + CAPTION * caption.count("\n")
+    height += TITLE + CAPTION * _caption(chart).count("\n")
     with mpl.rc_context(STYLE):
         figure = ChartFigure(figsize=(WIDTH, height), layout="constrained")
         FigureCanvasAgg(figure)

@@ -39,10 +39,8 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         for channel in inspection.channels
     ]
     channels += [{**dict.fromkeys(channels[0], ""), "channel": name, "units": "absent"} for name in inspection.absent]
-    faults = [
-        {"channel": fault.channel, "fault": fault.fault, "when": fault.when, "action": fault.action}
-        for fault in trial.faults
-    ]
+    shown = ("channel", "fault", "when", "action")
+    faults = [{name: getattr(fault, name) for name in shown} for fault in trial.faults]
     vehicle = inspection.vehicle
     position = ", ".join(f"{value:.4g}" for value in vehicle.accelerometer_position)
     described = (
@@ -55,7 +53,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         Texts((inspection_line(inspection), _usable(inspection)), bullets=False),
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
-        Table(faults, title, ("channel", "fault", "when", "action")),
+        Table(faults, title, shown),
         Texts(("" if trial.sound else f"\n{_WHAT_THEN}\n",) if faults else (), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),
@@ -132,16 +130,13 @@ def planted_names(item: Item) -> tuple[str, ...]:
     `instruments.errors`; of a process the first and the last spline.
     """
     if isinstance(item, Mechanism):
-        motion, theta = sample_motion(uniform_time()), dict(theta_grid(item)[0])
-        names = [f"{term.name}{_in(term.units)}" for term in item.terms(motion, theta)]
-        others = [f"theta {each.name}{_in(each.units)}" for each in item.parameters()]
+        terms = item.terms(sample_motion(uniform_time()), dict(theta_grid(item)[0]))
+        names = [(term.name, term.units) for term in terms]
+        others = [(f"theta {each.name}", each.units) for each in item.parameters()]
     else:
-        names, others = [f"{each.name}{_in(each.units)}" for each in item.components(sample_flight())], []
-    return (*(names if not isinstance(item, Process) else (names[0], "...", names[-1])), *others)
-
-
-def _in(units: str) -> str:
-    return "" if units == "1" else f" ({units})"
+        names, others = [(each.name, each.units) for each in item.components(sample_flight())], []
+    ends = [names[0], ("...", "1"), names[-1]] if isinstance(item, Process) else names
+    return tuple(name if units == "1" else f"{name} ({units})" for name, units in (*ends, *others))
 
 
 def plantable_table(plantable: Mapping[str, Sequence[str]]) -> Table:
@@ -158,17 +153,17 @@ def listing_data(found: Mapping[str, Installed], plantable: Mapping[str, Sequenc
     for name, entry in found.items():
         keys = (*described, "family") if isinstance(entry.item, Process) else described
         item = {key: getattr(entry.item, key) for key in keys}
-        planted = {"planted": planted_names(entry.item)}
-        mechanisms.append({"name": name, **item, **planted, "package": entry.package, "version": entry.version})
+        about = {"planted": planted_names(entry.item), "package": entry.package, "version": entry.version}
+        mechanisms.append({"name": name, **item, **about})
     return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms, "plantable": plantable}
 
 
 def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
     """One row for each check, with what was found where it failed."""
-    rows = []
-    for outcome in outcomes:
-        passed = "passed" if outcome.passed else "failed"
-        rows.append({"check": outcome.check.replace("_", " "), "": passed, "found": outcome.detail})
+    rows = [
+        {"check": each.check.replace("_", " "), "": "passed" if each.passed else "failed", "found": each.detail}
+        for each in outcomes
+    ]
     failed = [i for i, outcome in enumerate(outcomes) if not outcome.passed]
     return Table(rows, f"Conformance of '{name}'", ("check", "", "found"), marked=failed)
 

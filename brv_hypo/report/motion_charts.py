@@ -130,7 +130,7 @@ class Setting:
             range=self.span,
             marks=[Mark(knot) for knot in self.knots],
             spans=[Span(*fault) for fault in self.masked],
-            caption=caption(*read, "Dashed lines: knots." if self.knots else ""),
+            caption=" ".join(filter(None, (*read, "Dashed lines: knots." if self.knots else ""))),
         )
 
 
@@ -215,11 +215,6 @@ def _panels(
     return panels
 
 
-def caption(*sentences: str) -> str:
-    """The sentences of a caption that are not empty, one after the other."""
-    return " ".join(sentence for sentence in sentences if sentence)
-
-
 def difference(measured: Moments, fitted: Moments) -> Moments:
     """The residual of a model; or the model, of the measured moments and its residual."""
     first, second = (np.asarray(m) - np.asarray(f) for m, f in zip(measured, fitted, strict=True))
@@ -248,8 +243,10 @@ def motion_chart(
     return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 
 
-def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], rates: Mapping[str, float]) -> Chart:
-    """Spectra of moments, both planes together, with the frequencies (Hz) of `rates` marked."""
+def spectrum_chart(
+    setting: Setting, time: Values, histories: Sequence[Drawn], roll_rate: Values, meridian_rate: Values
+) -> Chart:
+    """Spectra of moments, both planes together, with the median frequencies of the rates (rad/s) that are known."""
     sample_rate = 1.0 / float(np.median(np.diff(np.asarray(time, dtype=float))))
     known = np.all([np.isfinite(values) for each in histories for values in each.moments], axis=0)
     size = min(_SEGMENT, int(np.count_nonzero(known)))
@@ -259,7 +256,9 @@ def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], r
         frequency = np.asarray(planes[0][0])[1:]  # from above zero
         powers.append(np.maximum(planes[0][1] + planes[1][1], np.finfo(float).tiny)[1:])
     most = float(frequency[np.searchsorted(np.cumsum(powers[0]), _SHARE * np.sum(powers[0]))])
-    marks = {name: at for name, at in rates.items() if np.isfinite(at)}
+    known = {"roll": roll_rate, "meridian": meridian_rate}
+    known = {name: np.abs(rate) for name, rate in known.items() if len(rate) and np.all(np.isfinite(rate))}
+    marks = {name: float(np.median(rate)) / (2.0 * np.pi) for name, rate in known.items()}
     highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
     shown = frequency <= highest
     layers = [
@@ -351,12 +350,6 @@ def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[f
     return sorted(edge for edge in edges if start < edge < stop)
 
 
-def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
-    """Frequencies (Hz) of roll and of the windward meridian: medians of the rates' size (rad/s)."""
-    known = {name: rate for name, rate in (("roll", roll_rate), ("meridian", meridian_rate)) if len(rate)}
-    return {name: float(np.median(np.abs(np.asarray(rate)))) / (2.0 * np.pi) for name, rate in known.items()}
-
-
 def estimate(
     x: Values, value: FloatArray, sigma: FloatArray, role: Role = "first", name: str = "estimate", band: str = ""
 ) -> list[Band | Line]:
@@ -386,9 +379,8 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
     panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]
     suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
     stable = "Negative is stable." if axis.endswith("1/rad") else ""
-    read = caption(read, stable, "Bands: two standard deviations.", cut_text(panels))
-    title = "Mach number" if by_mach else TIME
-    return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
+    read = " ".join(filter(None, (read, stable, "Bands: two standard deviations.", cut_text(panels))))
+    return Chart(f"{anchor}{suffix}", f"{heading}{which}", "Mach number" if by_mach else TIME, panels, caption=read)
 
 
 def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) -> list[Chart]:

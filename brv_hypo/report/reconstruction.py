@@ -67,14 +67,14 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     setting = Setting((start, stop), masked=charts.masked(result.flight.faults, stop - start))
     angles = (motion.time, motion.alpha, motion.windward_meridian)
     measured = (plane.real, plane.imag)
-    rates = charts.turning_rates(motion.p, motion.windward_meridian_rate)
+    rates = (motion.p, motion.windward_meridian_rate)
     return [
         *record_charts(setting, result.flight),
         charts.motion_chart(setting, *angles, result.alpha_sigma, result.phi_w_sigma),
         charts.moment_chart(setting, time, measured, result.moments.sigma[usable], ()),
         charts.attitude_chart(setting, *angles, motion.p),
         charts.moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
-        charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured")], rates),
+        charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured")], *rates),
     ]
 
 

@@ -121,8 +121,7 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
     leader = comparison.ranking[:1]
     net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
-    named = comparison.verdict.winner is not None
-    heading = "Estimates of the leader" + ("" if named else ", if it is the cause")
+    heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
     table = term_table(heading, net, "always", most=ROWS_AT_FIRST)
     known = [e for row in leader for e in row.derived if e.region_s is None]
     derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))

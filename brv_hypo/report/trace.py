@@ -36,17 +36,18 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     time, measured = kept.time_s, kept.measured
     residuals = [Drawn("before", kept.before, "second"), Drawn("after", kept.after, "first")]
     model = Drawn("model", charts.difference(measured, kept.after), "first")
-    rates = charts.turning_rates(kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
-    heading = "Residual moments, before and after"
+    rates = (kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     return {
         "Air data and motion": charts.flight_charts(setting, kept),
         "Moments, measured and modelled": [
             charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY, TRACED),
-            charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading, TRACED),
+            charts.residual_chart(
+                setting, time, kept.sigma, residuals, BODY, "Residual moments, before and after", TRACED
+            ),
         ],
         "Residual diagnostics": [
             *charts.whiteness_charts(setting, kept.whitened),
-            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates),
+            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates),
         ],
         "Static slope and damping": [
             derivative_chart(each, len(some), *named, read)
