@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -54,8 +54,26 @@ def read_settings(model: type[Settings], path: str | Path | None, **overrides: A
         return model.model_validate({**content, **overrides})
     except ValidationError as error:
         where = "the settings" if path is None else f"the settings in {path}"
-        problems = "; ".join(_problem(detail, tuple(model.model_fields)) for detail in error.errors())
+        known = tuple(model.model_fields)
+        otherwise = f"known are {', '.join(known)}"
+        problems = problems_of(error, lambda place: meant(str(place[-1]), known, otherwise, cutoff=0.5))
         raise UsageError(f"{where}: {problems}.") from None
+
+
+def problems_of(error: ValidationError, hint: Callable[[Sequence[str | int]], str] = lambda place: "") -> str:
+    """All that a model finds wrong with its data, each by its place; `hint` says what a key that it lacks may mean."""
+    found = []
+    for detail in error.errors():
+        place = ".".join(str(part) for part in detail["loc"]) or "the whole"
+        if detail["type"] == "missing":
+            found.append(f"'{place}' is missing")
+        elif detail["type"] == "extra_forbidden":
+            meaning = hint(detail["loc"])
+            found.append(f"'{place}' is not a known key" + (f" ({meaning})" if meaning else ""))
+        else:
+            got = "" if isinstance(detail["input"], dict) else f", got {one_line(repr(detail['input']))}"
+            found.append(f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}")
+    return "; ".join(found)
 
 
 _FLIGHT = "str, Path, Flight or SimulatedFlight"
@@ -104,14 +122,6 @@ def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Fu
         return function
 
     return decorate
-
-
-def _problem(detail: Any, known: tuple[str, ...]) -> str:
-    place = ".".join(str(part) for part in detail["loc"])
-    if detail["type"] == "extra_forbidden":
-        hint = meant(place, known, f"known are {', '.join(known)}", cutoff=0.5)
-        return f"there is no setting '{place}' ({hint})"
-    return f"'{place}': {detail['msg']}, got {one_line(repr(detail['input']))}"
 
 
 def commented(model: type[BaseModel], title: str) -> str:

@@ -33,6 +33,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
+from brv_hypo.settings import problems_of
 
 FORMAT, VERSION = "brv-mechanism", 1
 
@@ -201,9 +202,9 @@ def read_mechanism(path: str | Path) -> YamlMechanism:
     try:
         return mechanism_of(MechanismFile.model_validate(read_yaml(path, "a mechanism")))
     except ValidationError as error:
-        places = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'file'}: {e['msg']}" for e in error.errors())
+        problems = problems_of(error)
         raise UsageError(
-            f"{path} is not a mechanism file: {places}. `brv-hypo trace --write-mechanism` writes valid ones."
+            f"{path} is not a mechanism file: {problems}. `brv-hypo trace --write-mechanism` writes valid ones."
         ) from None
 
 

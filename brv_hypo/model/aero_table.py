@@ -32,6 +32,7 @@ from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, Term
 from brv_hypo.motion.motion import Motion
+from brv_hypo.settings import problems_of
 
 _EXPECTED = "an aerodynamic table: mach, alpha or alpha_deg (may be left out), slope (1/rad), std_error (1/rad)"
 _CSV_BYTES = 1024 * 1024
@@ -141,8 +142,7 @@ def read_aero_table(path: str | Path) -> AeroTable:
     try:
         return AeroTable.model_validate(content)
     except ValidationError as error:
-        said = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'table'}: {e['msg']}" for e in error.errors()[:4])
-        raise UsageError(f"{path} is not {_EXPECTED}: {one_line(said)}.") from None
+        raise UsageError(f"{path} is not {_EXPECTED}: {problems_of(error)}.") from None
 
 
 def _of_yaml(path: Path) -> dict[str, Any]:

@@ -22,13 +22,13 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json, read_yaml
-from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, TimeVariation, current_name
 from brv_hypo.mechanisms.registry import find, find_installed, nuisance_mechanisms
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism, mechanism_of
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis, delays_among
+from brv_hypo.settings import problems_of
 
 TOLERATED = (TableIncrements.name, SlopeSchedule.name, StaticBend.name)
 """What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit."""
@@ -256,7 +256,7 @@ class SavedRecordError(_Saved):
         try:
             effect = type(item).model_validate({**item.model_dump(), **self.options})
         except ValidationError as wrong:
-            raise UsageError(f"the model sets options that '{self.effect}' refuses: {wrong}") from None
+            raise UsageError(f"the model's options of '{self.effect}': {problems_of(wrong)}") from None
         found = {each.name: each for each in effect.components(flight)}
         if self.component not in found:
             raise UsageError(
@@ -395,8 +395,7 @@ def read_structure(path: Path) -> SavedModel:
     try:
         return SavedModel.model_validate(content if is_model(content) else content["model"]["definition"])
     except ValidationError as error:
-        said = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'model'}: {e['msg']}" for e in error.errors()[:4])
-        raise UsageError(f"{path} is not {_EXPECTED}: {one_line(said)}.") from None
+        raise UsageError(f"{path} is not {_EXPECTED}: {problems_of(error)}.") from None
     except (KeyError, TypeError) as error:
         raise UsageError(f"{path} holds no model ({type(error).__name__}: {error}); expected {_EXPECTED}.") from None
 
