@@ -7,8 +7,7 @@ import pytest
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.simulation import SimulationConfig, load_config
-from brv_hypo.simulation.integration import Trajectory
-from brv_hypo.simulation.simulator import flown
+from brv_hypo.simulation.simulator import Trajectory, flown
 from brv_hypo.simulation.vehicle import ATTITUDE, EARTH_RADIUS, RATES, VELOCITY, attitude_matrix, system, transform
 
 BODY = {"mass": 100.0, "ixx": 6.0, "iyy": 60.0, "reference_length": 0.6, "reference_area": 0.28}
