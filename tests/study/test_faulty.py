@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.study import StudyConfig, run, run_study, summarise
 from brv_hypo.study.config import DrawsConfig, FaultDraws, corrupted, draws, planted_faults
-from brv_hypo.study.trial import fly
+from brv_hypo.study.run import fly
 from tests.flights import nominal
 from tests.studies.record_faults import records
 from tests.study.outcomes import outcome
