@@ -45,7 +45,7 @@ def test_a_fault_changes_its_channels_and_no_others(fault):
 
 
 def test_a_study_of_faults_counts_them_apart(tmp_path, monkeypatch):
-    def pretend(study, draw):
+    def pretend(study, draw, plugins=None):
         named = draw.planted == "lag"
         wrong = {"winner": "sticking", "faults": ("p: sign",) if named else ()}
         found = outcome(draw.planted, "sticking", **({"winner": "sticking"} if draw.fault else {}))

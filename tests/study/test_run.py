@@ -26,7 +26,7 @@ def flown(monkeypatch):
     """Flights cost nothing; gives the keys of those that were flown."""
     keys = []
 
-    def pretend(study, draw):
+    def pretend(study, draw, plugins=None):
         keys.append(draw.key)
         return outcome(draw.planted, draw.planted, winner=draw.planted).model_copy(update={"draw": draw})
 
