@@ -57,18 +57,14 @@ class Factor(_Part):
 
     of: Quantity
     function: Literal["power", "cos", "sin", "step", "ramp", "bump", "schedule"] = "power"
-    power: int = Field(default=1, ge=-3, le=6)
-    """Of `power`: ((x - at) / scale)^power."""
-    rate: float = 1.0
-    """Of `cos` and `sin`: of rate * x."""
-    at: float = 0.0
-    """Where a step or ramp begins, a bump has its middle, a power is 0."""
+    power: int = Field(default=1, ge=-3, le=6)  # of `power`: ((x - at) / scale)^power
+    rate: float = 1.0  # of `cos` and `sin`: of rate * x
+    at: float = 0.0  # where a step or ramp begins, a bump has its middle, a power is 0
     scale: float = Field(default=1.0, gt=0.0)
     width: float = Field(default=0.0, ge=0.0)
     """Of a `step`, half of (1 + tanh((x - at) / width)), 0 for a sharp one; of a `ramp`, after which it stays, 0 where
     it goes on; of a `bump`, a linear B-spline that is 1 at `at` and 0 so far away."""
-    places: tuple[float, ...] = ()
-    """Of a `schedule`: straight lines through `values` there, constant beyond."""
+    places: tuple[float, ...] = ()  # of a `schedule`: straight lines through `values` there, constant beyond
     values: tuple[float, ...] = ()
 
     @model_validator(mode="after")
@@ -116,13 +112,11 @@ class YamlTerm(_Part):
     axis: Axis
     turn: Turn | None = None
     factors: tuple[Factor, ...] = ()
-    units: str = "1"
-    """Of its coefficient."""
+    units: str = "1"  # of its coefficient
     delay: float = Field(default=0.0, ge=0.0)
     """s: the moment is that of the motion so much earlier, left where it stood in the body; functions of time are of
     the present."""
-    value: float | None = None
-    """The coefficient as it was found."""
+    value: float | None = None  # the coefficient as it was found
 
     @property
     def follows_time(self) -> bool:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import yaml
@@ -111,16 +111,7 @@ class Model(BaseModel):
             table=table.table if isinstance(table, TableSlope) else None,
             schedule=schedule if isinstance(schedule, SlopeSchedule) else None,
             bend=bend if isinstance(bend, StaticBend) else None,
-            record=tuple(
-                SavedRecordError(
-                    effect=a.effect.name,
-                    component=a.component,
-                    value=a.value,
-                    options=a.effect.model_dump(),
-                    flight=a.flight,
-                )
-                for a in self.applied
-            ),
+            record=tuple(SavedRecordError.of(applied) for applied in self.applied),
             files=tuple(
                 MechanismFile(name=m.name, title=m.title, claims=m.claims, source=m.source, terms=m.definition)
                 for m in self.mechanisms.values()
@@ -164,6 +155,8 @@ class SavedColumn(_Saved):
     elsewhere: float | None = None
     flight: int | None = None
 
+    _SHARED: ClassVar[tuple[str, ...]] = ("mechanism", "term", "units", "grouped", "part_of", "flight")
+
     @field_validator("term")
     @classmethod
     def _earlier_name(cls, term: str) -> str:
@@ -172,34 +165,20 @@ class SavedColumn(_Saved):
     @classmethod
     def of(cls, column: Regressor) -> SavedColumn:
         """The column as data."""
+        shared: dict[str, Any] = {name: getattr(column, name) for name in cls._SHARED}
         basis = column.time_basis
-        return cls(
-            mechanism=column.mechanism,
-            term=column.term,
-            units=column.units,
-            theta=dict(column.theta),
-            kind=basis.kind,
-            start=basis.start if math.isfinite(basis.start) else None,
-            stop=basis.stop if math.isfinite(basis.stop) else None,
-            tied=column.grouped,
-            part_of=column.part_of,
-            flight=column.flight,
-        )
+        start, stop = (end if math.isfinite(end) else None for end in (basis.start, basis.stop))
+        return cls(**shared, theta=dict(column.theta), kind=basis.kind, start=start, stop=stop)
 
     def regressor(self, mechanism: Mechanism) -> Regressor:
         """The column that the data hold."""
         start = -math.inf if self.start is None else self.start
         stop = math.inf if self.stop is None else self.stop
         return Regressor(
-            self.mechanism,
-            self.term,
-            tuple(self.theta.items()),
-            TimeBasis(self.kind, start, stop),
-            self.units,
-            self.grouped,
-            delays_among(mechanism.parameters()),
-            self.flight,
-            self.part_of,
+            theta=tuple(self.theta.items()),
+            time_basis=TimeBasis(self.kind, start, stop),
+            late_by=delays_among(mechanism.parameters()),
+            **{name: getattr(self, name) for name in self._SHARED},
         )
 
 
@@ -245,6 +224,12 @@ class SavedRecordError(_Saved):
     value: float
     options: dict[str, Any] = {}
     flight: int = 0
+
+    @classmethod
+    def of(cls, applied: Applied) -> SavedRecordError:
+        """The component as data."""
+        own = applied.model_dump(include={"component", "value", "flight"})
+        return cls(effect=applied.effect.name, options=applied.effect.model_dump(), **own)
 
     def applied(self, flight: Flight) -> Applied:
         """The component as it is taken out of a flight's record; UsageError where nothing installed has it."""

@@ -57,24 +57,16 @@ Vector = tuple[str, str | None, Theta, TimeBasis]
 class Regressor:
     """One candidate: a term of a mechanism at theta, with a basis in time."""
 
-    mechanism: str
-    """Its name."""
-    term: str
-    """The name of the term."""
-    theta: Theta
-    """Nonlinear parameters of the mechanism, by name."""
-    time_basis: TimeBasis
-    """How the coefficient changes in time."""
-    units: str
-    """Of the coefficient."""
-    grouped: bool = False
-    """Whether terms with this time basis are components of one vector and enter together."""
+    mechanism: str  # its name
+    term: str  # the name of the term
+    theta: Theta  # nonlinear parameters of the mechanism, by name
+    time_basis: TimeBasis  # how the coefficient changes in time
+    units: str  # of the coefficient
+    grouped: bool = False  # whether terms with this time basis are components of one vector and enter together
     late_by: tuple[Parameter, ...] = field(default=(), compare=False)
     """Those parameters of theta that the mechanism declares to be delays."""
-    flight: int | None = None
-    """The one flight of several that it acts on; None for all."""
-    part_of: str | None = None
-    """The vector that a grouped term belongs to, where the mechanism has several."""
+    flight: int | None = None  # the one flight of several that it acts on; None for all
+    part_of: str | None = None  # the vector that a grouped term belongs to, where the mechanism has several
 
     @property
     def vector(self) -> Vector:
