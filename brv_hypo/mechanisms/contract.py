@@ -25,21 +25,9 @@ A plugin is a module that an entry point of the group `brv_hypo.mechanisms` name
     [project.entry-points."brv_hypo.mechanisms"]
     ablation = "my_package.ablation"
 
-Class variables say what else is known of the mechanism: how coefficients may change in time,
-whether its terms enter together, and which of them are `characteristic`. Where a fit uses none of those, the
-residual loop prefers a description in generic terms that fits as well, and states the mechanism as its look-alike.
-
-A process is a moment, or an error of the record, with an unknown smooth time history. It is no hypothesis; every
-hypothesis has it. The same hooks give processes:
-
-    class FourLobes(MomentProcess):
-        name, title = "four_lobes", "moment of a four-lobed cross-section"
-        family, splines = "harmonic", 5
-
-        def shapes(self, motion):
-            return (motion.alpha * np.exp(4j * motion.windward_meridian),)
-
-A `RecordProcess` has channels, units and size, and `changed`, which adds a time history to a channel of the record.
+Class variables say what else is known of the mechanism. A process is a moment (`shapes`), or an error of the record
+(`changed`), with an unknown smooth time history: it is no hypothesis, every hypothesis has it. The same hooks give
+processes; `brv-hypo docs mechanism` has examples.
 
 The built-in mechanisms are registered in this way and in no other. `brv-hypo mechanisms new NAME` writes such
 a package, `brv-hypo mechanisms check NAME` tests one against the contract.

@@ -22,6 +22,7 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE
 from brv_hypo.flight.format import Quantity, assemble, save_flight
 from brv_hypo.flight.record import Flight, Record
+from brv_hypo.model.term import delays_among
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.signals import rms
 from brv_hypo.progress import Progress, Report, report_to, silent
@@ -124,13 +125,15 @@ class Trajectory:
 def break_times(system: System) -> FloatArray:
     """Where moments jump or kink (s): region edges, a wind step, and what follows one and two delays later."""
     start, step = system.config.start.time, system.config.environment.wind_step
-    delays = np.unique([0.0, *(delay for item in system.planted for delay in item.delays())])
-    edges = [edge for item in system.planted for edge in item.edges()]
-    first = np.unique(np.array([*edges, *([] if step is None else [step.time])], dtype=float))
+    edges, delays = [] if step is None else [step.time], [0.0]
+    for item in system.planted:
+        edges += [edge for edge in (item.time_basis.start, item.time_basis.stop) if np.isfinite(edge)]
+        delays += [item.theta[each.name] * each.seconds for each in delays_among(item.mechanism.parameters())]
+    first, later_by = np.unique(np.array(edges, dtype=float)), np.unique(delays)
     # The start is a kink only for those who look back at it.
-    kinks = np.concatenate([first, [start]]) if delays.size > 1 else first
-    later = np.unique(kinks[:, None] + delays)
-    return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + delays)]))
+    kinks = np.concatenate([first, [start]]) if later_by.size > 1 else first
+    later = np.unique(kinks[:, None] + later_by)
+    return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + later_by)]))
 
 
 def grid(system: System) -> tuple[FloatArray, BoolArray, IntArray]:

@@ -22,7 +22,7 @@ from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmospher
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
-from brv_hypo.model.term import TimeBasis, delays_among, summed
+from brv_hypo.model.term import TimeBasis, summed
 from brv_hypo.motion.kinematics import angle_rates, body_from_plane, windward_meridian
 from brv_hypo.motion.motion import Motion, nearest_turn
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
@@ -132,14 +132,6 @@ class Planted:
             summed((term.in_plane for term in terms), weights, motion.alpha),
             summed((term.out_of_plane for term in terms), weights, motion.alpha),
         )
-
-    def edges(self) -> list[float]:
-        """Times (s) at which the time basis has a jump or a kink."""
-        return [edge for edge in (self.time_basis.start, self.time_basis.stop) if np.isfinite(edge)]
-
-    def delays(self) -> list[float]:
-        """The delays (s) among theta."""
-        return [self.theta[each.name] * each.seconds for each in delays_among(self.mechanism.parameters())]
 
     def check_terms(self, motion: Motion) -> None:
         """Raise UsageError for a coefficient of a term that the mechanism does not have."""

@@ -63,14 +63,9 @@ class TriadScale(Triad):
 
 def turned(flight: Flight, channels: Sequence[str], axis: str, angle: float) -> Flight:
     """The record with the sensors of these three channels turned by `angle` rad about a body axis: v gains v x m."""
-    x, y, z = (np.asarray(getattr(flight, name), dtype=float) for name in channels)
-    if axis == "x":
-        read = (x, y + angle * z, z - angle * y)
-    elif axis == "y":
-        read = (x - angle * z, y, z + angle * x)
-    else:
-        read = (x + angle * y, y - angle * x, z)
-    return replace(flight, **dict(zip(channels, read, strict=True)))  # type: ignore[arg-type]
+    vectors = np.array([getattr(flight, name) for name in channels], dtype=float)
+    read = vectors + np.cross(vectors, angle * np.eye(3)["xyz".index(axis)], axisa=0, axisc=0)
+    return replace(flight, **dict(zip(channels, read, strict=True)))
 
 
 def sheared(flight: Flight, channels: Sequence[str], pair: str, angle: float) -> Flight:
