@@ -2,6 +2,7 @@
 
 Magnus                C_npalpha (p d / 2V) alpha, out of plane
 cubic static moment   C_malpha3 alpha^3, in plane
+lagged aftbody        a moment that follows alpha a few flow times late: a limit cycle
 Mach, Reynolds        static moment and pitch damping whose coefficients follow Mach or Reynolds number
 unequal stiffness     d alpha (cos 2 phi_w, sin 2 phi_w) in plane axes
 trim                  C_m0, C_n0 constant in the body; a c.g. off the axis
@@ -17,7 +18,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms import Derived, Mechanism, Term, hookimpl
+from brv_hypo.mechanisms import Derived, Mechanism, Parameter, Term, hookimpl
 from brv_hypo.motion.motion import Motion
 
 
@@ -52,6 +53,37 @@ class CubicStiffness(Aerodynamic):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: C_malpha3."""
         return (Term("C_malpha3", motion.alpha**3, np.zeros_like(motion.alpha), "1/rad^3"),)
+
+
+class AftbodyLag(Aerodynamic):
+    """C_N' + i C_Z' += -c / Mach^2 (d / V) (f'(alpha) alpha_dot + i f(alpha) (p - phi_w_dot)), f = a tanh(alpha / a).
+
+    The pressure on the aftbody follows the angle of attack a few flow times d / V late, as the wake needs them; its
+    moment saturates at the angle a and falls with Mach number as a vacuum at the base does, 2 / (gamma Mach^2). This is
+    what the delay changes, to first order: it is milliseconds, less than records resolve. c is the aftbody's slope at
+    Mach 1 times the delay in flow times. Of a stable aftbody (c < 0) it feeds the oscillation below about the angle a:
+    beside a stable C_mq the amplitude tends to a limit cycle, as that of capsules does at Mach 1.5 to 3.
+    """
+
+    name, title = "aftbody_lag", "lagged aftbody moment"
+    claims = "a moment of the aftbody that follows the angle of attack late: damping that is lost at small angles"
+    source = "Schoenenberger and Queen, RTO-MP-AVT-152, 2008; Kazemba, time-lagged aftbody moments, Georgia Tech 2012"
+
+    angles: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The angle a, deg."""
+        bounds = (0.5 * min(self.angles), 2.0 * max(self.angles))
+        return (Parameter("angle", "deg", self.angles, bounds, "angle of attack at which the aftbody saturates"),)
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One term: c."""
+        angle = np.radians(theta["angle"])
+        late = -2.0 * motion.rate_factor / motion.mach**2
+        moment = np.tanh(motion.alpha / angle)
+        in_plane = late * (1.0 - moment**2) * motion.alpha_rate
+        across = late * angle * moment * (motion.p - motion.windward_meridian_rate)
+        return (Term("C_malpha aftbody lag", in_plane, across, "1/rad"),)
 
 
 # ---- Static and damping moments that change with Mach or Reynolds number along the flight ----
@@ -224,4 +256,5 @@ def _body_axes(motion: Motion, about_y: FloatArray, about_z: FloatArray, name: s
 def brv_hypo_mechanisms() -> Sequence[Mechanism]:
     """The effects of this module."""
     by_similarity = [MachStiffness(), ReynoldsStiffness(), MachDamping(), ReynoldsDamping()]
-    return [Magnus(), CubicStiffness(), *by_similarity, StiffnessAsymmetry(), Trim(), DynamicImbalance()]
+    asymmetries = [StiffnessAsymmetry(), Trim(), DynamicImbalance()]
+    return [Magnus(), CubicStiffness(), AftbodyLag(), *by_similarity, *asymmetries]
