@@ -1,6 +1,6 @@
 """Settings from YAML files and mappings, and commented files to start from; any layer may use it.
 
-`settings_of` and `read_settings` have one wording for what is wrong: each setting, the value that it has and
+`settings_of` and `problems_of` have one wording for what is wrong: each setting, the value that it has and
 what is expected. `takes_settings` gives a function the settings as keywords. `commented` writes a YAML file in which
 every setting stands at its default, below its meaning, which is the description of the model's field.
 """
@@ -29,31 +29,28 @@ def settings_of(
 ) -> Settings:
     """Settings as they are, those of a mapping or of a YAML file, or for None the defaults; `keywords` go over them.
 
-    Raises UsageError as below.
-    """
-    if isinstance(source, model):
-        given = {name: getattr(source, name) for name in source.model_fields_set}
-        return read_settings(model, None, **{**given, **keywords}) if keywords else source
-    if isinstance(source, Mapping):
-        return read_settings(model, None, **{**source, **keywords})
-    if source is None or isinstance(source, str | Path):
-        return read_settings(model, source, **keywords)
-    raise UsageError(
-        f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or the "
-        "path of a YAML file."
-    )
-
-
-def read_settings(model: type[Settings], path: str | Path | None, **overrides: Any) -> Settings:
-    """The settings in the YAML file at `path` (defaults where None), with `overrides` set over them.
-
     Raises UsageError that names each wrong setting, what it holds and what is expected.
     """
-    content = {} if path is None else read_yaml(path, "settings")
+    where = "the settings"
+    content: Mapping[str, Any]
+    if isinstance(source, model):
+        if not keywords:
+            return source
+        content = {name: getattr(source, name) for name in source.model_fields_set}
+    elif isinstance(source, Mapping):
+        content = source
+    elif source is None:
+        content = {}
+    elif isinstance(source, str | Path):
+        content, where = read_yaml(source, "settings"), f"the settings in {source}"
+    else:
+        raise UsageError(
+            f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or "
+            "the path of a YAML file."
+        )
     try:
-        return model.model_validate({**content, **overrides})
+        return model.model_validate({**content, **keywords})
     except ValidationError as error:
-        where = "the settings" if path is None else f"the settings in {path}"
         known = tuple(model.model_fields)
         otherwise = f"known are {', '.join(known)}"
         problems = problems_of(error, lambda place: meant(str(place[-1]), known, otherwise, cutoff=0.5))

@@ -5,7 +5,9 @@ as they are; the likelihood adds them up, times their coefficients, as the momen
 simulator evaluates them at the running state; the residual loop tries them against the residual. A record effect is the
 other kind of hypothesis: a perturbation of the record.
 
-A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names. It implements one hook:
+A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names. It implements a hook, or both:
+`brv_hypo_mechanisms` gives moments, `brv_hypo_record_effects` errors of the record, processes with either; one instance
+of each, with default options.
 
     # my_package/ablation.py
     from brv_hypo.mechanisms import Mechanism, Term, hookimpl
@@ -50,6 +52,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.flight.units import to_si
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
+
+ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
+hookimpl = pluggy.HookimplMarker("brv_hypo")
 
 TimeVariation = Literal["constant", "jump", "ramp"]
 
@@ -307,24 +312,3 @@ class RecordProcess(RecordEffect):
 
 
 Process = MomentProcess | RecordProcess
-
-
-# ---- The hooks of a plugin ----
-
-
-ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
-
-hookspec = pluggy.HookspecMarker("brv_hypo")
-hookimpl = pluggy.HookimplMarker("brv_hypo")
-
-
-@hookspec
-def brv_hypo_mechanisms() -> Sequence[Mechanism]:
-    """Moments of the vehicle, functions of the motion, processes too; one instance of each, with default options."""
-    raise NotImplementedError
-
-
-@hookspec
-def brv_hypo_record_effects() -> Sequence[RecordEffect]:
-    """Effects on the record, of instruments or environment: each is a perturbation of the flight record."""
-    raise NotImplementedError

@@ -33,11 +33,10 @@ from brv_hypo.io.files import check_target, make_folder
 from brv_hypo.mechanisms import find, plugin_files, use_plugin_files
 from brv_hypo.motion.signals import rms
 from brv_hypo.progress import Progress, report_to
-from brv_hypo.settings import settings_of, takes_settings
+from brv_hypo.settings import takes_settings
 from brv_hypo.simulation import Truth, simulate
-from brv_hypo.simulation.config import PlantedConfig, config_path
+from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.config import (
-    HOME,
     NONE,
     Draw,
     StudyConfig,
@@ -47,6 +46,7 @@ from brv_hypo.study.config import (
     draws,
     flight_config,
     planted_faults,
+    read_study,
 )
 
 # ---- One flight: simulated, compared, noted ----
@@ -423,8 +423,7 @@ def run_study(
     >>> brv_hypo.run_study(small, "study", compare={"mechanisms": ["lag"]})[0].winner
     'none'
     """
-    source = config_path(study, HOME) if isinstance(study, str | Path) else study
-    chosen, report = settings_of(StudyConfig, source, settings), report_to(progress)
+    chosen, report = read_study(study, **settings), report_to(progress)
     check_names(chosen)
     wanted = draws(chosen)
     with closing(Store(Path(folder), chosen, overwrite=overwrite)) as store:
