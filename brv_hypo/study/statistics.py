@@ -73,7 +73,8 @@ def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[Conf
     """One row for each entry of `planted`, in its order; without those that no flight has."""
     rows = []
     for name in planted:
-        flights = [outcome for outcome in outcomes if outcome.planted == name]
+        if not (flights := [outcome for outcome in outcomes if outcome.planted == name]):
+            continue
         winners = Counter(outcome.winner for outcome in flights if outcome.winner is not None)
         row = ConfusionRow(
             planted=name,
@@ -85,7 +86,7 @@ def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[Conf
             won=_share_of(flights, lambda outcome: outcome.won),
         )
         rows.append(row)
-    return tuple(row for row in rows if row.flights)
+    return tuple(rows)
 
 
 def false_alarms(outcomes: Sequence[Outcome]) -> Share:

@@ -18,8 +18,7 @@ class Lag(Mechanism):
     coefficient is the lagging fraction of the moment, 1 where all of it lags.
     """
 
-    name = "lag"
-    title = "total moment lag"
+    name, title = "lag", "total moment lag"
     claims = "the total moment follows alpha and meridian late; out of plane in step with the meridian rate"
     source = "report, Table 2.1 (d), Figure 2.4"
     bounds: ClassVar[Mapping[str, tuple[float, float]]] = {"lag fraction": (0.0, 1.0)}

@@ -13,10 +13,7 @@ from brv_hypo.simulation import SimulatedFlight, load_config, simulate
 
 TERM = "C_malpha aftbody lag"
 ANGLE, SLOPE, C_MQ = 3.0, -20.0, -5.0  # deg; both large, so that a cycle is reached in seconds
-
-
-def planted(angle: float, slope: float) -> list[dict[str, object]]:
-    return [{"mechanism": "aftbody_lag", "theta": {"angle": angle}, "terms": {TERM: slope}, "kind": "constant"}]
+PLANTED = {"mechanism": "aftbody_lag", "theta": {"angle": ANGLE}, "terms": {TERM: SLOPE}, "kind": "constant"}
 
 
 def test_it_is_a_moment_that_follows_the_angle_of_attack_late() -> None:
@@ -35,13 +32,13 @@ def test_it_is_a_moment_that_follows_the_angle_of_attack_late() -> None:
 
 def circular(alpha: float) -> SimulatedFlight:
     """A circular motion (rad) at a constant Mach number and dynamic pressure."""
-    config = load_config("blunt_capsule").model_dump() | {"duration": 7.0, "sample_rate": 25.0, "step": 0.04}
+    config = load_config("slowing_capsule").model_dump() | {"duration": 7.0, "sample_rate": 25.0, "step": 0.04}
     config["environment"] = {"gravity": 0.0, "constant_density": 0.03}
     config["aerodynamics"] = {"C_malpha": -0.12, "C_mq": C_MQ}
     config["vehicle"] |= {"ixx": 50.0, "iyy": 45.0}
     frequency = np.sqrt(0.12 * 0.5 * 0.03 * 600.0**2 * 1.767 * 1.5 / 45.0)
     start = {"altitude": 3e4, "velocity": 600.0, "flight_path_angle": 0.0, "coning_rate": frequency, "alpha": alpha}
-    return simulate(config | {"start": start, "mechanisms": planted(ANGLE, SLOPE)}, seed=1)
+    return simulate(config | {"start": start, "mechanisms": [PLANTED]}, seed=1)
 
 
 @pytest.mark.parametrize("alpha", [1.0, 12.0])
@@ -57,10 +54,7 @@ def test_small_amplitudes_grow_and_large_ones_shrink_to_the_limit_cycle(alpha: f
 
 @pytest.mark.slow
 def test_trace_finds_it_on_a_capsule_that_slows_through_mach_3_to_1() -> None:
-    config = load_config("blunt_capsule").model_dump() | {"duration": 16.0, "sample_rate": 60.0, "step": 1.0 / 120.0}
-    config["aerodynamics"] |= {"C_malpha": -0.12, "C_mq": -0.4}
-    config["start"] |= {"altitude": 33e3, "velocity": 900.0, "flight_path_angle": -1.2, "coning_rate": 0.3}
-    found = trace(simulate(config | {"mechanisms": planted(ANGLE, -1.5)}, seed=1).flight, maximum_likelihood=False)
+    found = trace(simulate("slowing_capsule", seed=1, plant=["aftbody_lag"]).flight, maximum_likelihood=False)
     assert found.findings == ("aftbody_lag",)
     (term,) = (term for term in found.model.terms if term.name == TERM)
     assert term.value == pytest.approx(-1.5, rel=0.05)
