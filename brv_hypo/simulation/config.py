@@ -123,13 +123,6 @@ class StartConfig(Section):
         return self
 
 
-class WindStep(Section):
-    """From `time` (s) on the air moves with `velocity` (m/s): along the track, to its right, down."""
-
-    time: float
-    velocity: Vector
-
-
 class EnvironmentConfig(Section):
     """Earth, a sphere.
 
@@ -140,7 +133,6 @@ class EnvironmentConfig(Section):
     planet: Literal["earth"] = "earth"
     gravity: NotNegative = 9.80665
     constant_density: NotNegative | None = None
-    wind_step: WindStep | None = None
 
 
 class PlantedConfig(Section):

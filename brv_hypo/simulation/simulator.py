@@ -123,15 +123,14 @@ class Trajectory:
 
 
 def break_times(system: System) -> FloatArray:
-    """Where moments jump or kink (s): region edges, a wind step, and what follows one and two delays later."""
-    start, step = system.config.start.time, system.config.environment.wind_step
-    edges, delays = [] if step is None else [step.time], [0.0]
+    """Where moments jump or kink (s): region edges, and what follows one and two delays later."""
+    edges, delays = [], [0.0]
     for item in system.planted:
         edges += [edge for edge in (item.time_basis.start, item.time_basis.stop) if np.isfinite(edge)]
         delays += [item.theta[each.name] * each.seconds for each in delays_among(item.mechanism.parameters())]
     first, later_by = np.unique(np.array(edges, dtype=float)), np.unique(delays)
     # The start is a kink only for those who look back at it.
-    kinks = np.concatenate([first, [start]]) if later_by.size > 1 else first
+    kinks = np.concatenate([first, [system.config.start.time]]) if later_by.size > 1 else first
     later = np.unique(kinks[:, None] + later_by)
     return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + later_by)]))
 

@@ -311,14 +311,8 @@ class System:
         return down * (self.config.environment.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
 
     def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
-        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2; a step's change is not in it."""
-        change, step = self.config.environment.wind_step, np.zeros((3,) + (1,) * time.ndim)
-        if change is not None:
-            step = np.reshape(change.velocity, step.shape) * (time >= change.time)
-        if self.wind_profile is None:
-            return step, 0.0
-        velocity, rate = self.wind_profile.at(time)
-        return step + velocity, rate
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2."""
+        return (0.0, 0.0) if self.wind_profile is None else self.wind_profile.at(time)
 
     def _specific_force(self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray) -> FloatArray:
         """Axial and normal force per mass, (3, ...) in body axes; the normal force opposes the crossflow."""

@@ -166,22 +166,6 @@ def test_step_halving_shows_fourth_order(plant: str) -> None:
     assert np.log2(coarse / fine) == pytest.approx(4.0, abs=0.15)
 
 
-def test_wind_step_turns_the_air_velocity_at_once() -> None:
-    """Air moving to the right by 70 m/s at 7 km/s: the crossflow jumps by a hundredth, against the wind."""
-    still = {"altitude": 30e3, "velocity": 7000.0, "flight_path_angle": 0.0, "alpha": 0.0}
-    config = body(
-        duration=1.0,
-        start=still,
-        environment={"constant_density": 0.0, "gravity": 0.0, "wind_step": {"time": 0.4, "velocity": [0.0, 70.0, 0.0]}},
-    )
-    equations = system(config)
-    trajectory = flown(equations)
-    air = equations.air_data(trajectory.nodes[:, None], np.moveaxis(trajectory.states, 1, 0))
-    expected = np.where(trajectory.nodes >= 0.4, -0.01, 0.0)
-    np.testing.assert_allclose(air.crossflow[:, 0].real, expected, atol=1e-6)
-    np.testing.assert_allclose(trajectory.states[:, 4, 0], 0.0, atol=1e-9)
-
-
 @pytest.mark.slow
 def test_roll_damping_and_torque_reach_their_balance() -> None:
     """p tends to -2 V C_l0 / (d C_lp) exponentially."""
