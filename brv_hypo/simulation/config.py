@@ -154,16 +154,11 @@ class SensorConfig(Section):
 
 
 class GaugeConfig(SensorConfig):
-    """One scalar channel, with what no record effect says of it alone: bias, and delay (s)."""
+    """One scalar channel, with errors of its own: bias, scale error, and delay (s)."""
 
     bias: float = 0.0
-    delay: float = 0.0
-
-
-class ScaledGaugeConfig(GaugeConfig):
-    """One scalar channel whose scale error is no record effect either."""
-
     scale: float = 0.0
+    delay: float = 0.0
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
@@ -219,10 +214,10 @@ class InstrumentsConfig(TolerancesConfig):
 
     gyro: SensorConfig = SensorConfig()  # all three, rad/s
     accelerometer: SensorConfig = SensorConfig()  # all three, m/s^2
-    velocity: ScaledGaugeConfig = ScaledGaugeConfig()  # m/s
-    dynamic_pressure: GaugeConfig = GaugeConfig()  # pa
-    altitude: ScaledGaugeConfig = ScaledGaugeConfig()  # m
-    roll_rate_mag: ScaledGaugeConfig | None = None  # roll rate by magnetometer, rad/s; None where none is carried
+    velocity: GaugeConfig = GaugeConfig()  # m/s
+    dynamic_pressure: GaugeConfig = GaugeConfig()  # Pa
+    altitude: GaugeConfig = GaugeConfig()  # m
+    roll_rate_mag: GaugeConfig | None = None  # roll rate by magnetometer, rad/s; None where none is carried
     errors: dict[str, dict[str, float]] = Field(default_factory=dict)
     """By record effect and component, SI; planted in the order given."""
     draw: NotNegative = 0.0

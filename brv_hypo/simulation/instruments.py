@@ -20,7 +20,7 @@ from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig
+from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, SimulationConfig
 from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
@@ -141,9 +141,8 @@ def recorded(
         readings += getattr(instruments, stream).noise * streams[stream].standard_normal(readings.shape)
         channels |= dict(zip(names, readings, strict=True))
     for name, gauge in _gauges(config).items():
-        scale = gauge.scale if isinstance(gauge, ScaledGaugeConfig) else 0.0
         noise = gauge.noise * streams[name].standard_normal(time.shape)
-        channels[name] = (1.0 + scale) * getattr(flight, name) + gauge.bias + noise
+        channels[name] = (1.0 + gauge.scale) * getattr(flight, name) + gauge.bias + noise
     for name in ("velocity", "dynamic_pressure"):
         channels[name] = np.maximum(channels[name], 0.0)  # their gauges have a stop at zero
     for spikes in instruments.spikes:
