@@ -35,8 +35,6 @@ from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
 from brv_hypo.settings import problems_of
 
-FORMAT, VERSION = "brv-mechanism", 1
-
 Quantity = Literal["time", "alpha", "windward_meridian", "p", "velocity", "dynamic_pressure", "mach", "log_reynolds"]
 Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z", "along_rates", "across_rates"]
 
@@ -205,5 +203,5 @@ def read_mechanism(path: str | Path) -> YamlMechanism:
 def mechanism_text(content: MechanismFile) -> str:
     """The content as YAML; what is at its default is left out."""
     data = content.model_dump(mode="json", exclude_defaults=True)
-    header = {"format": FORMAT, "format_version": VERSION}
+    header = {"format": content.format, "format_version": content.format_version}
     return yaml.safe_dump({**header, **data}, sort_keys=False, width=100)

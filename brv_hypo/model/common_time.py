@@ -79,10 +79,6 @@ class CommonTime:
         beyond = common - reference.common[end]
         return float(reference.mach[end] + beyond / _mean_pace(reference.time, reference.mach))
 
-    def in_words(self, common: float) -> str:
-        """A common time by its Mach number, to a thousandth of all those flown."""
-        return f"Mach {self.mach(common):.{decimals(self.mach_span)}f}"
-
     def apart(self) -> tuple[int, ...]:
         """Flights that share no Mach number with any other."""
         spans = [(own.common[0], own.common[-1]) for own in self.flights]
@@ -100,8 +96,8 @@ def decimals(values: Sequence[float]) -> int:
 
 
 def at(common: CommonTime | None, time: float) -> str:
-    """A common time (s) in words: by Mach number where flights share it."""
-    return f"{time:.2f} s" if common is None else common.in_words(time)
+    """A common time (s) in words: where flights share it by Mach number, to a thousandth of all those flown."""
+    return f"{time:.2f} s" if common is None else f"Mach {common.mach(time):.{decimals(common.mach_span)}f}"
 
 
 def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> CommonTime | str:
