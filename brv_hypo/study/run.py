@@ -147,56 +147,43 @@ def effect_size(truth: Truth) -> tuple[float, float]:
 
 def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tuple[Estimate, ...]:
     """Each planted parameter beside its estimate, which may be missing."""
-    found: list[Estimate] = []
-    for entry in planted:
-        terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
-        leading = max(terms, key=lambda term: term.f_ratio, default=None)
-        of_the_delay = [term for term in terms if leading and term.delay_s == leading.delay_s]
-        found += [*_thetas(entry, fitted, leading), *_knots(entry, fitted)]
-        found += [*_coefficients(entry, of_the_delay), *_derived(entry, fitted)]
-    return tuple(found)
+    return tuple(each for entry in planted for each in _estimates(entry, fitted))
 
 
-def _thetas(entry: PlantedConfig, fitted: RankedHypothesis, leading: TermEstimate | None) -> Iterator[Estimate]:
-    """The delay of the term with the greatest F; another parameter's first value."""
-    declared = {parameter.name: parameter for parameter in find(entry.mechanism, entry.options).parameters()}
+def _estimates(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
+    """Those of one planted mechanism: theta, knots, coefficients, and what is derived from these."""
+    mechanism = find(entry.mechanism, entry.options)
+    terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
+    leading = max(terms, key=lambda term: term.f_ratio, default=None)
+    # The delay of the term with the greatest F; another parameter's first value.
+    declared = {parameter.name: parameter for parameter in mechanism.parameters()}
     for name, truth in entry.theta.items():
         found = [item for item in fitted.derived if item.name == f"{entry.mechanism} {name}"]
         if declared[name].is_delay and leading is not None and leading.delay_s is not None:
             delay = leading.delay_s / declared[name].seconds
             found.sort(key=lambda item: abs(item.value - delay))
         yield _estimate(name, "theta", declared[name].units, truth, found[0] if found else None)
-
-
-def _knots(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
-    """Onset and end, each with the nearest knot of the fit, no knot serving for both."""
+    # Onset and end, each with the nearest knot of the fit, no knot serving for both.
     knots = [item for item in fitted.derived if item.name == f"{entry.mechanism} knot"]
-    for name, truth in (("onset", entry.start), ("end", entry.stop)):
-        if truth is None:
-            continue
-        item = min(knots, key=lambda knot: abs(knot.value - truth), default=None)
-        knots = [knot for knot in knots if knot is not item]
-        yield _estimate(name, "knot", "s", truth, item)
-
-
-def _coefficients(entry: PlantedConfig, terms: Sequence[TermEstimate]) -> Iterator[Estimate]:
-    """The change of each coefficient at the onset."""
+    for name, time_of in (("onset", entry.start), ("end", entry.stop)):
+        if time_of is not None:
+            knot = min(knots, key=lambda knot: abs(knot.value - time_of), default=None)
+            knots = [each for each in knots if each is not knot]
+            yield _estimate(name, "knot", "s", time_of, knot)
+    # The change of each coefficient at the onset.
+    of_the_delay = [term for term in terms if leading and term.delay_s == leading.delay_s]
     for name, truth in entry.terms.items():
         label = name if entry.start is None else f"{entry.kind} in {name}"
-        item = _nearest(entry, (term for term in terms if term.name == label))
-        yield _estimate(name, "coefficient", "" if item is None else item.units, truth, item)
-
-
-def _derived(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
-    """What the mechanism derives from its coefficients; an angle is taken on the branch next to the truth."""
-    unknown = np.zeros((len(entry.terms), len(entry.terms)))
-    for truth in find(entry.mechanism, entry.options).derived(entry.terms, unknown):
-        item = _nearest(entry, (item for item in fitted.derived if item.name == truth.name))
-        found = _estimate(truth.name, "derived", truth.units, truth.value, item)
-        if found.value is not None and truth.units == "rad":
-            turned = truth.value + float(np.angle(np.exp(1j * (found.value - truth.value))))
-            found = found.model_copy(update={"value": turned})
-        yield found
+        term = _nearest(entry, (term for term in of_the_delay if term.name == label))
+        yield _estimate(name, "coefficient", "" if term is None else term.units, truth, term)
+    # What the mechanism derives from its coefficients; an angle is taken on the branch next to the truth.
+    for derived in mechanism.derived(entry.terms, np.zeros((len(entry.terms), len(entry.terms)))):
+        item = _nearest(entry, (item for item in fitted.derived if item.name == derived.name))
+        beside = _estimate(derived.name, "derived", derived.units, derived.value, item)
+        if beside.value is not None and derived.units == "rad":
+            turned = derived.value + float(np.angle(np.exp(1j * (beside.value - derived.value))))
+            beside = beside.model_copy(update={"value": turned})
+        yield beside
 
 
 def _estimate(
