@@ -53,23 +53,43 @@ def settings_of(
     except ValidationError as error:
         known = tuple(model.model_fields)
         otherwise = f"known are {', '.join(known)}"
-        problems = problems_of(error, lambda place: meant(str(place[-1]), known, otherwise, cutoff=0.5))
+        problems = problems_of(error, lambda place: meant(str(place[-1]), known, otherwise, cutoff=0.5), model)
         raise UsageError(f"{where}: {problems}.") from None
 
 
-def problems_of(error: ValidationError, hint: Callable[[Sequence[str | int]], str] = lambda place: "") -> str:
-    """All that a model finds wrong with its data, each by its place; `hint` says what a key that it lacks may mean."""
-    found = []
+def problems_of(
+    error: ValidationError,
+    hint: Callable[[Sequence[str | int]], str] = lambda place: "",
+    model: type[BaseModel] | None = None,
+) -> str:
+    """All that is wrong with data, by place; `hint` says what an unknown key may mean, `model` what a field is.
+
+    Of a tuple with a wrong element pydantic says besides that it is too short, which is left out.
+    """
+    found, places = [], {detail["loc"] for detail in error.errors()}
     for detail in error.errors():
-        place = ".".join(str(part) for part in detail["loc"]) or "the whole"
+        location, value = detail["loc"], detail["input"]
+        place = ".".join(str(part) for part in location) or "the whole"
+        if any(location == each[: len(location)] != each for each in places):
+            continue
         if detail["type"] == "missing":
             found.append(f"'{place}' is missing")
         elif detail["type"] == "extra_forbidden":
-            meaning = hint(detail["loc"])
+            meaning = hint(location)
             found.append(f"'{place}' is not a known key" + (f" ({meaning})" if meaning else ""))
         else:
-            got = "" if isinstance(detail["input"], dict) else f", got {one_line(repr(detail['input']))}"
-            found.append(f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}")
+            text = "" if isinstance(value, dict) else one_line(repr(value))
+            got = (
+                f", got an object of type {type(value).__name__}"
+                if " at 0x" in text
+                else f", got {text}"
+                if text
+                else ""
+            )
+            field = None if model is None or not location else model.model_fields.get(str(location[0]))
+            words = " ".join((field.description or "").split()).rstrip(".") if field is not None else ""
+            about = f" ({location[0]}: {words})" if words else ""
+            found.append(f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}{about}")
     return "; ".join(found)
 
 
