@@ -123,7 +123,9 @@ def trace_document(result: Trace) -> Document:
         for each in result.account
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    errors = Table(account, "Mean square of the moment error, model by model", ("model",))
+    errors = Table(
+        account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
+    )
     drawn, known = _charts(result), result.record_errors
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
