@@ -29,10 +29,15 @@ from brv_hypo.flight.plausibility import gains, mounting_fault
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
-from brv_hypo.importing.beside import ATTITUDE
 from brv_hypo.importing.formats import clock_fault
 from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, stated_units
-from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, PAD_FEWEST_SAMPLES, clock_offset
+from brv_hypo.importing.rocket_log import (
+    ATTITUDE,
+    DECIMATED_LEAST_GAIN,
+    DECIMATED_PER_CYCLE,
+    PAD_FEWEST_SAMPLES,
+    clock_offset,
+)
 from brv_hypo.io.text import one_line
 
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up

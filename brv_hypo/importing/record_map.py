@@ -69,9 +69,9 @@ from brv_hypo.flight.record import (
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing import rocket_log
-from brv_hypo.importing.beside import ATTITUDE, attitude_of, together
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
+from brv_hypo.importing.rocket_log import ATTITUDE, attitude_of, together
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.text import naming, one_line, refusal
 
