@@ -24,8 +24,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
-from brv_hypo.flight.mounting import nose_axis, relative_axes
-from brv_hypo.flight.plausibility import gains, mounting_fault
+from brv_hypo.flight.plausibility import gains, mounting_fault, nose_axis, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules

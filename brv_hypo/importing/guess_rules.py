@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.mounting import GRAVITY, Tilt
+from brv_hypo.flight.plausibility import GRAVITY, Tilt
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
 from brv_hypo.importing.formats import read_all

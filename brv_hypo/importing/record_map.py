@@ -47,8 +47,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import RawTable, assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
-from brv_hypo.flight.mounting import SCALE_HEIGHT, Tilt, nose_axis
-from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
+from brv_hypo.flight.plausibility import SCALE_HEIGHT, Tilt, contradictions, gyro_fault, mounting_fault, nose_axis
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
@@ -73,6 +72,7 @@ from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest,
 from brv_hypo.importing.guess_rules import stated_units
 from brv_hypo.importing.rocket_log import ATTITUDE, attitude_of, together
 from brv_hypo.io.binary import ColumnTable
+from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import naming, one_line, refusal
 
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
@@ -211,8 +211,6 @@ class RecordMap(Layout):
 
 def read_map(path: str | Path) -> RecordMap:
     """The validated map at `path`. Raises UsageError, naming the entry that is wrong."""
-    from brv_hypo.io.mappings import read_yaml
-
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")
     # A guessed map has null for what no table gives.

@@ -33,7 +33,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import find_spikes, mask_faults, spike_note, without_spikes
 from brv_hypo.flight.clock import MAD_TO_SIGMA, joined, regularise
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmosphere
-from brv_hypo.flight.mounting import GRAVITY
+from brv_hypo.flight.plausibility import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels, Record, RecordFault
 from brv_hypo.flight.tolerances import Instruments
 from brv_hypo.flight.units import Dimension

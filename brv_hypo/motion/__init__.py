@@ -1,9 +1,8 @@
 """Motion relative to the wind, and moments, from a flight record.
 
 reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py; Euler's equations inverted
-    options                                                      config.py
     gyros to attitude, accelerometers to the c.g.                inertial.py
-    the crossflow                                                methods/: joint; velocity, rates, polar: open_loop
+    the crossflow                                                methods/, with the options: joint, open_loop
     what the joint method rests on                               measurement.py, smoother.py
     sensitivity to errors of the record                          responses.py
     the result, and its file                                     reconstruction.py
@@ -14,7 +13,7 @@ on                                                               kinematics.py, 
 """
 
 from brv_hypo.motion.compatibility import try_record as try_record
-from brv_hypo.motion.config import ReconstructionConfig as ReconstructionConfig
+from brv_hypo.motion.methods import ReconstructionConfig as ReconstructionConfig
 from brv_hypo.motion.motion import Motion as Motion
 from brv_hypo.motion.pipeline import reconstruct as reconstruct
 from brv_hypo.motion.reconstruction import EffectEstimate as EffectEstimate

@@ -33,8 +33,15 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.mounting import GRAVITY, fitted_slopes, integral, nose_axis, path_into_force
-from brv_hypo.flight.plausibility import contradictions, mounting_fault
+from brv_hypo.flight.plausibility import (
+    GRAVITY,
+    contradictions,
+    fitted_slopes,
+    integral,
+    mounting_fault,
+    nose_axis,
+    path_into_force,
+)
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import arm_acceleration, gravity_magnitude
 from brv_hypo.motion.signals import differentiated, white_noise_level

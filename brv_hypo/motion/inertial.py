@@ -20,9 +20,9 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.kinematics import body_attitude, unit
+from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, transverse_noise_level
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 

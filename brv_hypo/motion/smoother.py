@@ -20,7 +20,6 @@ from scipy.linalg.lapack import dtbtrs
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import (
     FREE_GRAVITY,
     InertialRecord,
@@ -37,6 +36,7 @@ from brv_hypo.motion.inertial import (
 from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.kinematics import effective, unit
 from brv_hypo.motion.measurement import BENT, LocalScaling, MeasurementModel
+from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.responses import EffectFit, EffectResponses, projected_variance
 from brv_hypo.motion.signals import rms
 

@@ -14,7 +14,7 @@ from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.model import SavedModel
-from brv_hypo.motion.config import Method
+from brv_hypo.motion.methods import Method
 from brv_hypo.results import HasCharts, Row
 
 Baseline = Literal["scheduled", "constant"]

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, inertial_record
 from brv_hypo.motion.measurement import MeasurementModel, force_measurement, moment_measurement
+from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.reconstruction import WindHistory
 from brv_hypo.motion.responses import Perturbation, corrected, effect_responses, no_responses, nonzero_responses
 from brv_hypo.motion.signals import rms, with_smooth_air
