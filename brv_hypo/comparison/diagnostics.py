@@ -21,7 +21,7 @@ from brv_hypo.mechanisms.contract import Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.motion.kinematics import plane_from_body
+from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual

@@ -35,7 +35,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.uncertainty import residual_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.model.term import BASELINE, Regressor, Vector
-from brv_hypo.motion.kinematics import plane_from_body
+from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"

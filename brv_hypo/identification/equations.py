@@ -55,8 +55,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Evaluated, Regressor, evaluated, summed
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
-from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, windward_meridian
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, windward_meridian
 
 # ---- States and inputs at some instants, and what the coefficients multiply there ----
 

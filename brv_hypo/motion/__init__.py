@@ -8,8 +8,8 @@ reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py; Eu
     the result, and its file                                     reconstruction.py
     measured inputs freed of noise                               inputs.py
 try_record(flight) -> flight, RecordTrial                        compatibility.py
-Motion: what a mechanism may know                                motion.py
-on                                                               kinematics.py, signals.py, interpolation.py
+Motion: what a mechanism may know; axes and angles               motion.py
+on                                                               signals.py, interpolation.py
 """
 
 from brv_hypo.motion.compatibility import try_record as try_record

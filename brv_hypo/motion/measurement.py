@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.kinematics import effective, unit
+from brv_hypo.motion.motion import effective, unit
 from brv_hypo.motion.responses import EffectResponses, Responses
 
 # What bends may be as large at this angle of attack (rad, about ten degrees) as what is in proportion (1 sigma).

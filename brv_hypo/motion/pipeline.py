@@ -20,9 +20,8 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, gravity_magnitude, inertial_record
-from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, plane_from_body, windward_meridian
 from brv_hypo.motion.methods import ReconstructionConfig, method_of
-from brv_hypo.motion.motion import Motion, recorded
+from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, plane_from_body, recorded, windward_meridian
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, EffectEstimate, MomentEstimate, Reconstruction, WindHistory
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected
 from brv_hypo.motion.signals import rms

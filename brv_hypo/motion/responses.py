@@ -18,9 +18,9 @@ import numpy as np
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHANNELS, Flight, Vehicle
-from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration
+from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude
 from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, full_grid, running_integral, spacing
-from brv_hypo.motion.kinematics import body_attitude, windward_meridian
+from brv_hypo.motion.motion import windward_meridian
 from brv_hypo.motion.signals import differentiated
 
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart

@@ -34,9 +34,9 @@ from brv_hypo.motion.inertial import (
     wind_to_body,
 )
 from brv_hypo.motion.interpolation import blocks
-from brv_hypo.motion.kinematics import effective, unit
 from brv_hypo.motion.measurement import BENT, LocalScaling, MeasurementModel
 from brv_hypo.motion.methods import ReconstructionConfig
+from brv_hypo.motion.motion import effective, unit
 from brv_hypo.motion.responses import EffectFit, EffectResponses, projected_variance
 from brv_hypo.motion.signals import rms
 

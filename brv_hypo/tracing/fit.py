@@ -54,8 +54,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.kinematics import plane_from_body
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, plane_from_body
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
