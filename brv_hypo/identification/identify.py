@@ -39,7 +39,7 @@ from brv_hypo.linearisation.nuisance import beyond_tolerance
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
-from brv_hypo.motion.measurement import BENT
+from brv_hypo.motion.smoother import BENT
 
 # ---- The estimation problem: options, node records, equations, start values, priors, bounds ----
 

@@ -3,7 +3,7 @@
 reconstruct(flight, config, perturbations) -> Reconstruction     pipeline.py; Euler's equations inverted
     gyros to attitude, accelerometers to the c.g.                inertial.py
     the crossflow                                                methods/, with the options: joint, open_loop
-    what the joint method rests on                               measurement.py, smoother.py
+    what the joint method rests on                               smoother.py
     sensitivity to errors of the record                          responses.py
     the result, and its file                                     reconstruction.py
     measured inputs freed of noise                               inputs.py

@@ -26,7 +26,12 @@ from brv_hypo.motion.signals import differentiated
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
+GRAVITY_PARTS = 3  # unknowns that stand before the errors of the record
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
+
+
+Axes = tuple[FloatArray, FloatArray]
+"""Two axes (n, 3) across the velocity."""
 
 
 @dataclass(frozen=True)
@@ -328,3 +333,36 @@ def _wind(record: InertialRecord) -> FloatArray:
     """The wind (n, 3) m/s that is known, less that of the first sample."""
     wind = record.flight.wind
     return np.zeros((record.time.size, 3)) if wind is None else wind - wind[0]
+
+
+class Drift:
+    """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
+
+    `responses` have the drift of the errors in the axes of the first sample. Gravity turns the velocity by what of it
+    is across the velocity at each instant.
+    """
+
+    def __init__(self, record: InertialRecord, responses: EffectResponses, axes: Axes) -> None:
+        self._responses, self._axes = responses, axes
+        identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
+        self._fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
+        self._whole = self._of(slice(0, record.time.size)) if len(blocks(record.time.size)) == 1 else None
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        return self._of(rows) if self._whole is None else self._whole[rows]
+
+    def _of(self, rows: slice) -> ComplexArray:
+        second, third = (axis[rows] for axis in self._axes)
+        out = np.empty((second.shape[0], GRAVITY_PARTS + len(self._responses.effects)), dtype=complex)
+        out[:, :GRAVITY_PARTS] = np.einsum("ni,nij->nj", second + 1j * third, self._fallen[rows])
+        across = np.stack([second, third], axis=1) @ self._responses.rows.all_of(self._responses.drift, rows)
+        np.negative(across[:, 0], out=out.real[:, GRAVITY_PARTS:])
+        np.negative(across[:, 1], out=out.imag[:, GRAVITY_PARTS:])
+        return out
+
+    def of(self, unknowns: FloatArray) -> ComplexArray:
+        """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
+        of_errors = self._responses.rows.all_of(np.asarray(self._responses.drift @ unknowns[GRAVITY_PARTS:]))
+        moved = self._fallen @ unknowns[:GRAVITY_PARTS] - of_errors
+        second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
+        return np.asarray(second + 1j * third)
