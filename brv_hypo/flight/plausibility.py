@@ -305,7 +305,7 @@ def contradictions(
                     f"{name} gains {recorded:.4g} {unit} in the burn, where the accelerometers make {made:.4g} {unit}: "
                     f"units of {name} or of the accelerometers; correct the map"
                 )
-                found.append(_fault(f"{name}, ax", "units", time, words))
+                found.append(RecordFault.over(time, f"{name}, ax", "units", words, decisive=True))
     found += [_thinning(time, channels)] if earth and {"altitude", "velocity", "ax"} <= set(channels) else []
     drag = _axial_coefficient(channels, vehicle) if vehicle and "dynamic_pressure" in channels else None
     if drag is not None and not limits.DRAG_WITHIN[0] < drag[2] < limits.DRAG_WITHIN[1]:
@@ -314,12 +314,8 @@ def contradictions(
             f"{drag[2]:.3g}, expected {limits.DRAG_WITHIN[0]:g} to {limits.DRAG_WITHIN[1]:g}: units of altitude, "
             "density, velocity or ax, mass or reference area; correct the map"
         )
-        found.append(_fault("ax, dynamic_pressure", "units", time, words))
+        found.append(RecordFault.over(time, "ax, dynamic_pressure", "units", words, decisive=True))
     return tuple(fault for fault in found if fault is not None)
-
-
-def _fault(channel: str, kind: str, time: FloatArray, words: str) -> RecordFault:
-    return RecordFault(channel, kind, float(time[0]), float(time[-1]), words, decisive=True)
 
 
 def _climb(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault | None:
@@ -341,7 +337,7 @@ def _climb(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFault 
                 f"the altitude {'rises' if rate > 0.0 else 'falls'} by {abs(rate):.0f} m/s where the speed is "
                 f"{fastest:.0f} m/s at most: units of altitude or velocity, or a disturbed barometer; correct the map"
             )
-            fault = _fault("altitude, velocity", "units", time[part], words)
+            fault = RecordFault.over(time[part], "altitude, velocity", "units", words, decisive=True)
     return fault
 
 
@@ -361,7 +357,7 @@ def _thinning(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFau
         f"drag over speed squared changes by a factor of {np.exp(abs(power) * change):.3g}, where the density at the "
         f"recorded altitudes changes by {np.exp(change):.3g}: units of altitude; correct the map"
     )
-    return _fault("altitude", "units", time, words)
+    return RecordFault.over(time, "altitude", "units", words, decisive=True)
 
 
 def _fall(time: FloatArray, forces: FloatArray, altitude: FloatArray) -> RecordFault | None:
@@ -384,7 +380,7 @@ def _fall(time: FloatArray, forces: FloatArray, altitude: FloatArray) -> RecordF
         f"the altitude bends by {-np.mean(bend) * factor:.3g} m/s^2 where gravity and drag make "
         f"{-np.mean(bend):.3g} m/s^2: units of altitude or of the accelerometers; correct the map"
     )
-    return _fault("altitude, ax", "units", time, words)
+    return RecordFault.over(time, "altitude, ax", "units", words, decisive=True)
 
 
 def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, tuple[float, float]]:
@@ -424,7 +420,7 @@ def mounting_fault(time: FloatArray, tilt: Tilt | None, tolerance: float = 0.0) 
         f"{tilt.by} lie {np.degrees(tilt.angle):.1f} deg off x, known to {np.degrees(tilt.sigma):.1f} deg: the unit is "
         "turned in the vehicle; put rotation: auto into the map of the whole log"
     )
-    return (_fault("p, q, r, ax, ay, az", "mounting", time, words),)
+    return (RecordFault.over(time, "p, q, r, ax, ay, az", "mounting", words, decisive=True),)
 
 
 def gyro_fault(time: FloatArray, rates: FloatArray, forces: FloatArray) -> tuple[RecordFault, ...]:
@@ -439,4 +435,4 @@ def gyro_fault(time: FloatArray, rates: FloatArray, forces: FloatArray) -> tuple
         f"the forces across the axis follow from the rates as if p, q, r were {', '.join(names)}{found[0]}, leaving "
         f"{found[2]:.2f} of what the next best leaves: correct units, axes and signs of the gyros in the map"
     )
-    return (_fault("p, q, r", "axes" if found[0] == "" else "units", time, words),)
+    return (RecordFault.over(time, "p, q, r", "axes" if found[0] == "" else "units", words, decisive=True),)

@@ -47,6 +47,11 @@ def _of_a_vehicle(value: float) -> float:
     return value
 
 
+def _lower_case(name: str) -> str:
+    return name.strip().lower()
+
+
+Line = Annotated[str, AfterValidator(one_line)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 
@@ -93,6 +98,11 @@ class RecordFault:
     """What was done, or what the user should do, in words."""
     decisive: bool
     """True where the record contradicts itself, and nothing that is fitted to it can be trusted."""
+
+    @classmethod
+    def over(cls, time: FloatArray, channel: str, fault: str, action: str, *, decisive: bool = False) -> RecordFault:
+        """A fault from the first to the last of `time` (n,) s."""
+        return cls(channel, fault, float(time[0]), float(time[-1]), action, decisive)
 
 
 @dataclass(frozen=True)
@@ -287,17 +297,6 @@ LARGEST: dict[Dimension, float] = {
 Model = TypeVar("Model")
 
 
-class Header(BaseModel):
-    """The root attributes but for format and version."""
-
-    model_config = ConfigDict(frozen=True)
-
-    planet: Annotated[str, Field(min_length=1)] = "earth"
-    title: str = ""
-    source: str = ""
-    history: str = ""
-
-
 def checked_vehicle(values: Mapping[str, Any]) -> Vehicle:
     """The vehicle of the group `vehicle`, SI. Raises FlightRecordError for what no vehicle has."""
     vehicle = validated(Vehicle, values, group="vehicle")
@@ -324,9 +323,9 @@ class Record(BaseModel):
     """(n,) each, NaN where a sample is missing."""
     vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
-    planet: str = "earth"
-    title: str = ""
-    source: str = ""
+    planet: Annotated[str, Field(min_length=1), AfterValidator(_lower_case)] = "earth"
+    title: Line = ""
+    source: Line = ""
     path: str = ""
     recorded_units: dict[str, str] = Field(default_factory=dict)
     """Of the channels in the file."""

@@ -138,7 +138,7 @@ def attitude_of(time: FloatArray, channels: Channels, still_s: float) -> Attitud
             f"{100.0 * shares[best]:.0f} % of which it does not follow: axes, signs or units of the gyros, or order "
             "of the quaternion; correct the map"
         )
-        faults = (RecordFault("p, q, r", "attitude", float(at[0]), float(at[-1]), words, decisive=False),)
+        faults = (RecordFault.over(at, "p, q, r", "attitude", words),)
     ground = turns if best == 0 else turns.inv()
     first = ground[: max(int(np.searchsorted(at, still_s)), 1)].mean()
     return Attitude(ground.inv() * first, known, lean, faults)
@@ -167,9 +167,7 @@ def together(
                 larger[key] = 0.5 * size
                 words += ": half of that is taken; check their units, or state larger tolerances"
                 channels = "p, q, r" if key.startswith("gyro") else "ax, ay, az"
-                faults.append(
-                    RecordFault(channels, "tolerance", float(time[0]), float(time[-1]), words, decisive=False)
-                )
+                faults.append(RecordFault.over(time, channels, "tolerance", words))
         notes += [f"{worst[1]}: the most, in stated errors"] if worst[1] else []
     several = {name: [unit[name] for unit in units if name in unit] for name in INERTIAL_CHANNELS if name in first}
     mean = {name: np.ma.masked_invalid(np.stack(each)).mean(axis=0).filled(np.nan) for name, each in several.items()}

@@ -449,7 +449,7 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     try:
         masked, faults = masked_flight(flight)
     except FlightRecordError as error:
-        unusable = _fault(flight, "record", "unusable", str(error))
+        unusable = RecordFault.over(flight.time, "record", "unusable", str(error), decisive=True)
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
         physics = _physics(masked)
@@ -494,10 +494,11 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     if likely and likely[0] is ranked[0][0]:
         best, others = likely[0], "; or ".join(one.words for one in likely[1 : 1 + MOST_OTHERS])
         nearly = f" (nearly as likely: {others})" if others else ""
-        found.append(_fault(flight, ", ".join(best.channels), best.fault, f"{best.words}{nearly}: correct the map"))
+        words = f"{best.words}{nearly}: correct the map"
+        found.append(RecordFault.over(flight.time, ", ".join(best.channels), best.fault, words, decisive=True))
     if "path" in broken and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
-        found.append(_fault(flight, "p, q, r, ay, az", "axes", words))
+        found.append(RecordFault.over(flight.time, "p, q, r, ay, az", "axes", words, decisive=True))
     return tuple(found)
 
 
@@ -535,7 +536,3 @@ def _unrelated(found: Compatibility) -> bool:
     """Whether much of each instrument does not follow from the others, though noise would let it."""
     conclusive = found.informative & (found.noise < limits.COMPATIBILITY_QUIET)
     return bool(conclusive[0] and (found.left[conclusive] > limits.COMPATIBILITY_UNRELATED).all())
-
-
-def _fault(flight: Flight, channel: str, fault: str, action: str) -> RecordFault:
-    return RecordFault(channel, fault, float(flight.time[0]), float(flight.time[-1]), action, decisive=True)
