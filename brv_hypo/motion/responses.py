@@ -11,11 +11,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any, Generic
+from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude
@@ -132,32 +132,6 @@ MOST_NAMED = 3  # errors named where none can be corrected
 
 
 @dataclass(frozen=True)
-class Responses(Generic[Values]):
-    """One quantity's changes by those effects, `which` (m,), that change it at all: `values` (kept, m)."""
-
-    which: IntArray
-    rows: DecimatedGrid
-    values: Values
-
-    def at(self, rows: slice) -> Values:
-        """These rows of the changes (rows, m)."""
-        return self.rows.all_of(self.values, rows)
-
-    def of(self, effects: FloatArray) -> Values:
-        """The change (n,) by effects of these sizes (k,)."""
-        return self.rows.all_of(np.asarray(self.values @ effects[self.which]))
-
-    def variance(self, covariance: FloatArray) -> FloatArray:
-        """Variance (n,) of both parts by effects of that covariance (k, k)."""
-        own = covariance[np.ix_(self.which, self.which)]
-        out = np.empty(self.rows.count)
-        for rows in blocks(out.size):
-            changes = self.at(rows)
-            out[rows] = projected_variance(changes.real, own) + projected_variance(changes.imag, own)
-        return out
-
-
-@dataclass(frozen=True)
 class EffectResponses:
     """Changes of what the record says, for an error of each of k effects of one standard deviation.
 
@@ -170,12 +144,12 @@ class EffectResponses:
     """The samples that are kept."""
     drift: FloatArray
     """Velocity relative to the air in the axes of the first sample, as the body sees it (kept, 3, k), m/s."""
-    force: Responses[ComplexArray]
-    """Transverse force, m/s^2."""
-    pressure: Responses[FloatArray]
-    """Dynamic pressure over itself, which the normal force follows as it follows its slope."""
-    moment: Responses[ComplexArray]
-    """C_m + i C_n."""
+    force: ComplexArray
+    """Transverse force (kept, k), m/s^2."""
+    pressure: FloatArray
+    """Dynamic pressure over itself (kept, k), which the normal force follows as it follows its slope."""
+    moment: ComplexArray
+    """C_m + i C_n (kept, k)."""
 
 
 @dataclass(frozen=True)
@@ -198,10 +172,9 @@ def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
 
 def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
-    rows, none = full_grid(record.time.size), np.zeros(0, dtype=np.int64)
-    nothing = np.zeros((rows.count, 0))
-    unchanged: Responses[ComplexArray] = Responses(none, rows, nothing.astype(complex))
-    return EffectResponses((), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged)
+    nothing = np.zeros((record.time.size, 0))
+    drift, unchanged = np.zeros((record.time.size, 3, 0)), nothing.astype(complex)
+    return EffectResponses((), full_grid(record.time.size), drift, unchanged, nothing, unchanged)
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
@@ -233,35 +206,18 @@ def effect_responses(
     smooth, kept = noise_free(record, force), _kept(record, crossflow)
     width = max(1, AT_ONCE // kept.count)
     drift = np.empty((kept.size, 3, len(effects)))
-    changes: dict[str, dict[int, Any]] = {"force": {}, "pressure": {}, "moment": {}}
+    forces, pressures, moments = (np.empty((kept.size, len(effects)), dtype=kind) for kind in (complex, float, complex))
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
         steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
         records = perturbed(smooth, [effect.apply(smooth.flight, step) for effect, step in steps])
         drifts = kept.of(_drift(smooth, crossflow, records))
-        drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
+        drift[:, :, first : first + width] = (drifts[:, :, : len(some)] - drifts[:, :, len(some) :]) / RESPONSE_STEP
         for k, (more, less) in enumerate(zip(records[: len(some)], records[len(some) :], strict=True), start=first):
-            of_one: dict[str, Any] = {
-                "force": more.transverse_force - less.transverse_force,
-                "pressure": (more.force_scale - less.force_scale) / smooth.force_scale,
-                "moment": more.moment - less.moment,
-            }
-            for name, change in of_one.items():
-                if np.any(change):
-                    changes[name][k] = kept.of(change)
-    drift /= RESPONSE_STEP
-    gathered: dict[str, Any] = {name: _gathered(each, kept) for name, each in changes.items()}
-    return EffectResponses(effects=tuple(effects), rows=kept, drift=drift, **gathered)
-
-
-def _gathered(changes: dict[int, Any], kept: DecimatedGrid) -> Responses[Any]:
-    """Changes (kept,) by effect, per unit of them; they are let go one by one."""
-    which = np.array(list(changes), dtype=np.int64)
-    kind = changes[int(which[0])].dtype if changes else float
-    values: Any = np.empty((kept.size, which.size), dtype=kind, order="F")
-    for place, effect in enumerate(which.tolist()):
-        np.divide(changes.pop(effect), RESPONSE_STEP, out=values[:, place])
-    return Responses(which, kept, values)
+            forces[:, k] = kept.of(more.transverse_force - less.transverse_force) / RESPONSE_STEP
+            pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
+            moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
+    return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments)
 
 
 def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
@@ -274,16 +230,12 @@ def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
 
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything at all."""
-    each: dict[str, Any] = {name: getattr(responses, name) for name in ("force", "pressure", "moment")}
-    nonzero = np.any(responses.drift != 0.0, axis=(0, 1))
-    for one in each.values():
-        nonzero[one.which] = True
+    each: dict[str, Any] = {name: getattr(responses, name) for name in ("drift", "force", "pressure", "moment")}
+    nonzero = np.any([np.any(values, axis=tuple(range(values.ndim - 1))) for values in each.values()], axis=0)
     if np.all(nonzero):
         return responses
-    place = np.cumsum(nonzero) - 1
-    moved = {name: replace(one, which=place[one.which]) for name, one in each.items()}
-    left = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
-    return replace(responses, effects=left, drift=responses.drift[:, :, nonzero], **moved)
+    effects = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
+    return replace(responses, effects=effects, **{name: values[..., nonzero] for name, values in each.items()})
 
 
 def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:

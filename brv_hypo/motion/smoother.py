@@ -28,9 +28,9 @@ from scipy.linalg.lapack import dtbtrs
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.interpolation import blocks
+from brv_hypo.motion.interpolation import DecimatedGrid, blocks
 from brv_hypo.motion.motion import effective, unit
-from brv_hypo.motion.responses import EffectResponses, Responses
+from brv_hypo.motion.responses import EffectResponses
 
 # What bends may be as large at this angle of attack (rad, about ten degrees) as what is in proportion (1 sigma).
 BENT = 0.2
@@ -58,10 +58,12 @@ class MeasurementModel:
     """The slope's time bases (n, k)."""
     nuisance: ComplexArray
     """Columns (n, m) with real coefficients."""
-    effects: Responses[ComplexArray]
-    """What errors of the record of one standard deviation add to the observation at the same crossflow."""
-    factors: Responses[FloatArray] | None
-    """The share that they add to its scale; None where they add none."""
+    kept: DecimatedGrid
+    """The samples of the next two."""
+    effects: ComplexArray
+    """What errors of the record of one standard deviation add to the observation at the same crossflow (kept, e)."""
+    factors: FloatArray | None
+    """The share that they add to its scale (kept, e); None where they add none."""
     sigma: FloatArray
     """Noise (n,) of either part; inf where nothing is measured."""
     complex_slope: bool
@@ -123,9 +125,9 @@ class MeasurementModel:
 
         An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
         """
-        columns[:, self.effects.which] += self.effects.at(rows)
+        columns += self.kept.all_of(self.effects, rows)
         if self.factors is not None:
-            columns[:, self.factors.which] -= self.factors.at(rows) * modelled[rows, np.newaxis]
+            columns -= self.kept.all_of(self.factors, rows) * modelled[rows, np.newaxis]
 
     def with_slope_count(self, time: FloatArray, count: int) -> MeasurementModel:
         """The same model with a slope of `count` coefficients in time."""
@@ -174,6 +176,7 @@ def force_measurement(record: InertialRecord, responses: EffectResponses) -> Mea
         scale=-record.force_scale.astype(complex),
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.zeros((record.time.size, 0), dtype=complex),
+        kept=responses.rows,
         effects=responses.force,
         factors=responses.pressure,
         sigma=np.where(record.flight.measured(SEGMENT_ENDS), record.force_sigma, np.inf),
@@ -193,6 +196,7 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
         scale=np.full(record.time.size, -1j),
         slope_basis=slope_basis(record.time, 1),
         nuisance=np.stack([ones, 1j * ones, rate], axis=1),
+        kept=responses.rows,
         effects=responses.moment,
         factors=None,
         sigma=np.where(record.measured & record.spin_rate.interior, noise, np.inf),
