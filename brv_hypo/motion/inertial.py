@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
@@ -200,9 +199,7 @@ def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatA
     coning = np.zeros(angle.shape)
     share = (np.diff(time) ** 2 / 12.0).reshape(-1, *(1,) * (angle.ndim - 1))
     coning[1:] = share * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
-    a, b = _running_product(*_quaternions(coning, steps))
-    quaternions = np.stack([a.imag, b.real, b.imag, a.real], axis=-1)
-    return np.asarray(Rotation.from_quat(quaternions.reshape(-1, 4)).as_matrix().reshape(*a.shape, 3, 3))
+    return _matrices(*_running_product(*_quaternions(coning, steps)))
 
 
 def rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
@@ -229,7 +226,7 @@ def _quaternions(axial: FloatArray, transverse: ComplexArray) -> tuple[ComplexAr
 
 
 def _running_product(a: ComplexArray, b: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Products of the first 1, 2, ... n of unit quaternions a + b j, by doubling: log2(n) vectorised passes."""
+    """Products of the first 1, 2, ... n of quaternions a + b j, by doubling: log2(n) vectorised passes."""
     reach = 1
     while reach < a.shape[0]:
         before_a, before_b, own_a, own_b = a[:-reach], b[:-reach], a[reach:], b[reach:]
@@ -238,7 +235,19 @@ def _running_product(a: ComplexArray, b: ComplexArray) -> tuple[ComplexArray, Co
             np.concatenate([b[:reach], before_a * own_b + before_b * np.conj(own_a)]),
         )
         reach *= 2
-    return a, b
+    length = np.sqrt(np.abs(a) ** 2 + np.abs(b) ** 2)
+    return a / length, b / length
+
+
+def _matrices(a: ComplexArray, b: ComplexArray) -> FloatArray:
+    """Rotation matrices (n, ..., 3, 3) of unit quaternions a + b j."""
+    w, x, y, z = a.real, a.imag, b.real, b.imag
+    out = np.empty((*a.shape, 3, 3))
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1.0 - 2.0 * (yy + zz), 2.0 * (xy - wz), 2.0 * (xz + wy)
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2.0 * (xy + wz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz - wx)
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2.0 * (xz - wy), 2.0 * (yz + wx), 1.0 - 2.0 * (xx + yy)
+    return out
 
 
 # ---- The velocity from a start, by forces and gravity ----
