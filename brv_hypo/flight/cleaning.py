@@ -246,10 +246,15 @@ def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> F
     return bridge(time, np.where(spikes, np.nan, values), limits.SPIKE_LONGEST) if np.any(spikes) else values
 
 
-def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
-    """What to say of spikes that were replaced in a channel."""
-    at = np.flatnonzero(spikes)
-    return f"{name}: {counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
+def despiked(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Channels, dict[str, BoolArray], list[str]]:
+    """`channels` (n,) with their spikes replaced, which samples those are, where there are any, and notes."""
+    spikes = {name: found for name, values in channels.items() if np.any(found := find_spikes(values))}
+    notes = []
+    for name, found in spikes.items():
+        at = np.flatnonzero(found)
+        words = f"{counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
+        notes.append(f"{name}: {words}")
+    return dict(channels) | {n: without_spikes(time, channels[n], found) for n, found in spikes.items()}, spikes, notes
 
 
 def _candidates(values: FloatArray, length: int) -> IntArray:

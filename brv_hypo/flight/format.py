@@ -18,7 +18,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.cleaning import find_spikes, interpolated_holds, mask_faults, spike_note, without_spikes
+from brv_hypo.flight.cleaning import despiked, interpolated_holds, mask_faults
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
 from brv_hypo.flight.derived import derive
 from brv_hypo.flight.record import (
@@ -70,20 +70,18 @@ def assemble(record: Record) -> Flight:
     stamps, masked, masks = mask_faults(record.time, record.channels)
     masked, holds = interpolated_holds(stamps, masked)
     faults = (*masks, *holds)
-    spikes = {name: find_spikes(values) for name, values in masked.items()}
-    notes = [*record.notes, *(f"{one.channel}: {one.fault}, {one.action}" for one in faults)]
-    notes += [spike_note(name, found, stamps) for name, found in spikes.items() if np.any(found)]
-    despiked = {name: without_spikes(stamps, values, spikes[name]) for name, values in masked.items()}
+    clean, spikes, spike_notes = despiked(stamps, masked)
+    notes = [*record.notes, *(f"{one.channel}: {one.fault}, {one.action}" for one in faults), *spike_notes]
     with naming(record.path):
-        time, recorded, resampled = regularise(stamps, despiked)
+        time, recorded, resampled = regularise(stamps, clean)
         bridged, gap_notes = _bridged(time, recorded)
         channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
         segments, cut_notes = _segments(time, channels)
-    spike_faults = [
-        RecordFault.over(stamps[found], name, "spikes", f"{counted(count, 'sample')} replaced by a cubic spline")
-        for name, found in spikes.items()
-        if name in CHANNELS and (count := int(np.count_nonzero(found)))
-    ]
+    spike_faults = []
+    for name in (name for name in spikes if name in CHANNELS):
+        at = np.flatnonzero(spikes[name])
+        words = f"{counted(at.size, 'sample')} replaced by a cubic spline"
+        spike_faults.append(RecordFault.over(stamps[at], name, "spikes", words))
     first, last = segments[0][0], segments[-1][1]
     whole, filled = _filled(float(time[1] - time[0]), channels, segments)
     arrays: dict[str, Any] = {name: values[first:last] for name, values in {"time": time, **whole}.items()}

@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.cleaning import find_spikes, mask_faults, spike_note, without_spikes
+from brv_hypo.flight.cleaning import despiked, mask_faults
 from brv_hypo.flight.clock import MAD_TO_SIGMA, joined, regularise
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmosphere
 from brv_hypo.flight.plausibility import GRAVITY
@@ -474,13 +474,10 @@ def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float |
     """
     grid, uniform, _ = regularise(time, {name: channels[name] for name in ("q", "r")})
     before = (grid.size - 1) / float(grid[-1] - grid[0])
-    motion = sum(np.array([1.0, 1j])[k] * joined(values) for k, values in enumerate(uniform.values()))
     place = np.linspace(-1.0, 1.0, grid.size)
-    trend = sum(
-        np.array([1.0, 1j])[k] * np.polyval(np.polyfit(place, part, DECIMATED_TREND), place)
-        for k, part in enumerate((motion.real, motion.imag))
-    )
-    power = np.abs(np.fft.fft((motion - trend) * np.hanning(grid.size))) ** 2
+    rates = [joined(uniform[name]) for name in ("q", "r")]
+    q, r = (rate - np.polyval(np.polyfit(place, rate, DECIMATED_TREND), place) for rate in rates)
+    power = np.abs(np.fft.fft((q + 1j * r) * np.hanning(grid.size))) ** 2
     frequency = np.abs(np.fft.fftfreq(grid.size, 1.0 / before))
     # Vibration is faster than any oscillation, and may be stronger; noise is level.
     kept = (frequency < VIBRATION) & (power > DECIMATED_TIMES_NOISE * np.median(power))
@@ -497,12 +494,8 @@ def decimated(record: Record, rate: float) -> tuple[Record, tuple[RecordFault, .
     Faults are masked and spikes replaced before the filter, which would spread them.
     """
     stamps, masked, faults = mask_faults(record.time, record.channels)
-    notes = [f"{one.channel}: {one.fault}, {one.action}" for one in faults]
-    clean = {}
-    for name, values in masked.items():
-        spikes = find_spikes(values)
-        clean[name] = without_spikes(stamps, values, spikes) if np.any(spikes) else values
-        notes += [spike_note(name, spikes, stamps)] if np.any(spikes) else []
+    clean, _, spike_notes = despiked(stamps, masked)
+    notes = [*(f"{one.channel}: {one.fault}, {one.action}" for one in faults), *spike_notes]
     time, uniform, resampled = regularise(stamps, clean)
     before = (time.size - 1) / float(time[-1] - time[0])
     if rate * DECIMATED_WORTH > before:
