@@ -20,6 +20,7 @@ from pydantic import (
     ConfigDict,
     Field,
     SkipValidation,
+    StringConstraints,
     TypeAdapter,
     ValidationError,
     model_validator,
@@ -45,10 +46,6 @@ def _of_a_vehicle(value: float) -> float:
     if value < 1.0 / LARGEST_PROPERTY:
         raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
     return value
-
-
-def _lower_case(name: str) -> str:
-    return name.strip().lower()
 
 
 Line = Annotated[str, AfterValidator(one_line)]
@@ -323,7 +320,7 @@ class Record(BaseModel):
     """(n,) each, NaN where a sample is missing."""
     vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
-    planet: Annotated[str, Field(min_length=1), AfterValidator(_lower_case)] = "earth"
+    planet: Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)] = "earth"
     title: Line = ""
     source: Line = ""
     path: str = ""
