@@ -15,7 +15,6 @@ alpha passes by zero).
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -224,8 +223,6 @@ def nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
 
 _CROSSFLOW = "crossflow"
 _MOMENT = "in_plane_moment"
-# Values of past quantities that are kept, 8 bytes each: the same delays are asked for again and again.
-_KEPT_VALUES = 500_000
 
 
 def recorded(motion: Motion) -> Motion:
@@ -239,64 +236,43 @@ def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
     if not isinstance(past, _Past):
         return recorded(moved)
     splines = {name: each for name, each in past.splines.items() if name != _MOMENT}
-    return replace(moved, history=_Past(replace(moved, history=None), splines, past.kept))
+    return replace(moved, history=_Past(replace(moved, history=None), splines))
 
 
 class _Past:
     """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
 
-    `splines` through the crossflow and other quantities are made when they are first asked for. `kept` are quantities
-    that were asked for lately, by delay and name; all but the in-plane moment, which may be another.
+    `splines` through the crossflow and other quantities are made when they are first asked for.
     """
 
-    def __init__(
-        self,
-        motion: Motion,
-        splines: dict[str, CubicSpline] | None = None,
-        kept: OrderedDict[tuple[float, str], Any] | None = None,
-        ago: float = 0.0,
-    ) -> None:
+    def __init__(self, motion: Motion, splines: dict[str, CubicSpline] | None = None, ago: float = 0.0) -> None:
         self.motion, self.ago = motion, ago
         self.splines = {} if splines is None else splines
-        self.kept = OrderedDict() if kept is None else kept
 
     def __reduce__(self) -> Any:
         """A pickled motion need not hold what can be found again."""
-        return _Past, (self.motion, None, None, self.ago)
+        return _Past, (self.motion, None, self.ago)
 
     def __call__(self, tau: float) -> Motion:
-        past = _Past(self.motion, self.splines, self.kept, self.ago + tau)
+        past = _Past(self.motion, self.splines, self.ago + tau)
         earlier = object.__new__(EarlierMotion)
         vars(earlier).update(past=past, history=past, time=fixed(self.motion.time - past.ago))
         return earlier
 
     def quantity(self, time: FloatArray, name: str) -> Any:
-        """One quantity of the motion at these times (n,), kept for the next time."""
-        key = (self.ago, name)
-        if key in self.kept:
-            return self.kept[key]
-        found = fixed(self._at(time, name))
-        if name != _MOMENT:
-            self.kept[key] = found
-        while len(self.kept) * np.size(found) > _KEPT_VALUES:
-            self.kept.popitem(last=False)
-        return found
-
-    def _at(self, time: FloatArray, name: str) -> Any:
+        """One quantity of the motion at these times (n,)."""
         motion = self.motion
-        if name == "alpha":
-            return angle_of_attack(self._crossflow_at(time))
-        if name == "windward_meridian":
+        if name in ("alpha", "windward_meridian"):
+            parts = self._interpolated(_CROSSFLOW, time)
+            xi = np.asarray(parts[:, 0] + 1j * parts[:, 1], dtype=complex)
+            if name == "alpha":
+                return angle_of_attack(xi)
             before = np.minimum(time - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
-            return _unwrapped_near(windward_meridian(self._crossflow_at(time)) + before, motion.windward_meridian)
+            return _unwrapped_near(windward_meridian(xi) + before, motion.windward_meridian)
         values = getattr(motion, name)
         if name not in (*SMOOTH, _MOMENT) or not np.all(np.isfinite(values)):
             return values  # taken for constant
         return self._interpolated(name, time)
-
-    def _crossflow_at(self, time: FloatArray) -> ComplexArray:
-        found = self._interpolated(_CROSSFLOW, time)
-        return np.asarray(found[:, 0] + 1j * found[:, 1], dtype=complex)
 
     def _interpolated(self, name: str, time: FloatArray) -> FloatArray:
         """Values at these times (n,); before the first sample those of the first."""
@@ -315,7 +291,7 @@ class EarlierMotion(Motion):
         past = vars(self).get("past")
         if past is None or name.startswith("_") or not hasattr(past.motion, name):
             raise AttributeError(f"a motion has no quantity '{name}'")
-        vars(self)[name] = found = past.quantity(self.time, name)
+        vars(self)[name] = found = fixed(past.quantity(self.time, name))
         return found
 
 
