@@ -16,8 +16,7 @@ from brv_hypo.linearisation.channels import Part, Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.model.term import Regressor
-from brv_hypo.tracing.acceptance import Candidate, Tried, adjusted, confounded
-from brv_hypo.tracing.additions import Analysis, Choice
+from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, adjusted, confounded
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Fit, MomentErrors, constrained
 from brv_hypo.tracing.result import Errors, FlightLeftOut, Step, TriedCandidate, lasting_steps
@@ -26,11 +25,11 @@ from brv_hypo.tracing.wording import described
 _REPORTED = 8  # candidates in a step's table
 
 
-def step_of(number: int, here: Analysis, choice: Choice, earlier: Sequence[Step]) -> Step:
+def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
-    fit, leading, accepted = here.fit, choice.leading, choice.accepted
+    leading, accepted = choice.leading, choice.accepted
     reported, chances = choice.reported[:_REPORTED], adjusted(choice.ranked)
-    without_flight, status = None if leading is None else flight_left_out(here, leading.candidate), None
+    without_flight, status = None if leading is None else flight_left_out(fit, leading.candidate), None
     if accepted is not None and choice.named_in is not None:
         generic = accepted.candidate.kind == "discovered" and len(fit.data.records) == 1
         elsewhere = None if without_flight is None else without_flight.ratio
@@ -50,7 +49,7 @@ def step_of(number: int, here: Analysis, choice: Choice, earlier: Sequence[Step]
                 f_ratio=each.f_ratio,
                 p_value_adjusted=chances[each.name],
                 explains=each.explains,
-                description=described(each, here),
+                description=described(each, fit.data.flights),
                 near_equals=confounded(each, reported),
             )
             for each in reported
@@ -64,18 +63,18 @@ def step_of(number: int, here: Analysis, choice: Choice, earlier: Sequence[Step]
         named_in=choice.named_in,
         error_before=_errors(fit.errors, fit.held_out) if leading is None else _errors(*leading.errors_before),
         force_error_before=_force_errors(fit, fit.rest if leading is None else leading.before),
-        **({} if leading is None else _after(leading, here)),
+        **({} if leading is None else _after(leading, fit)),
     )
 
 
-def _after(leading: Tried, here: Analysis) -> dict[str, Any]:
+def _after(leading: Tried, fit: Fit) -> dict[str, Any]:
     """What a step says of the candidate that leads."""
     return {
-        "description": described(leading.candidate, here),
+        "description": described(leading.candidate, fit.data.flights),
         "error_after": _errors(leading.fit.errors, leading.fit.held_out),
         "error_ratio_held_out": leading.ratio,
         "error_ratio_std_error": leading.ratio_error,
-        "force_error_after": _force_errors(here.fit, leading.after),
+        "force_error_after": _force_errors(fit, leading.after),
         "held_out_score": leading.agreement.fall,
     }
 
@@ -101,14 +100,14 @@ def rests_on_hints(earlier: Sequence[Step]) -> bool:
     return any(step.status == "hint" for step in lasting_steps(earlier))
 
 
-def flight_left_out(here: Analysis, candidate: Candidate) -> FlightLeftOut | None:
+def flight_left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
     """Errors on each flight without and with the candidate; None for one flight, or where nothing of it is shared."""
-    problem, found, flights = here.fit.problem, candidate.fit, range(len(here.fit.data.records))
+    problem, found, flights = fit.problem, candidate.fit, range(len(fit.data.records))
     shared = any(column.flight is None and column.mechanism != GIVEN for column in found.selected)
     if len(flights) < 2 or not shared:
         return None
-    before = [_predicted(here.fit, problem.frame, problem.baseline, k) for k in flights]
-    after = [_predicted(here.fit, found.frame, found.columns, k) for k in flights]
+    before = [_predicted(fit, problem.frame, problem.baseline, k) for k in flights]
+    after = [_predicted(fit, found.frame, found.columns, k) for k in flights]
     sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
     return FlightLeftOut(
         before=tuple(each.mean_square for each in before),

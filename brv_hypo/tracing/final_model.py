@@ -32,7 +32,7 @@ from brv_hypo.model.model import TOLERATED, Model, ModelError, SavedModel
 from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.additions import GENERIC
-from brv_hypo.tracing.description import Discovery, as_terms, file_of
+from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Corrected, Fit, as_regressor, converged, noise_floor, with_efficiency
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
@@ -52,7 +52,7 @@ def gathered(
     steps: Sequence[Step],
     account: tuple[Account, ...],
     stopped: Stop,
-    discovery: Discovery | None,
+    discovery: MechanismFile | None,
 ) -> Trace:
     """The result of the contract; `before` are the residual moments of the first model."""
     data, flights, final = fit.data, fit.data.originals, fit.residual
@@ -86,17 +86,17 @@ def gathered(
     )
 
 
-def _described(model: Model, found: Coefficients, discovery: Discovery | None) -> MechanismFile | None:
+def _described(model: Model, found: Coefficients, discovery: MechanismFile | None) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
     names = dict.fromkeys(column.mechanism for column in model.columns if column.mechanism.startswith(GENERIC))
     pieces = {name: piece for name in names if isinstance(piece := model.mechanisms[name], YamlMechanism)}
     if not pieces:
-        return None if discovery is None else discovery.file
+        return discovery
     terms = []
     for name, piece in pieces.items():
         own = [k for k, column in enumerate(found.columns) if column.mechanism == name]
         label = "" if len(pieces) == 1 else f"{name}: "
-        each = as_terms([found.columns[k] for k in own], found.values[own], piece.definition)
+        each = as_terms([found.columns[k] for k in own], found.values[own], piece)
         terms += [term.model_copy(update={"name": f"{label}{term.name}"}) for term in each]
     words = " and ".join(piece.title for piece in pieces.values())
     name = next(iter(pieces)) if len(pieces) == 1 else GENERIC

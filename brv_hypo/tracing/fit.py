@@ -131,6 +131,11 @@ class Corrected:
         """Moment coefficients of derolled rates (rows,)."""
         return residual_moments(self.frame, self.records, rates)
 
+    def errors(self, left: Rows) -> tuple[MomentErrors, MomentErrors]:
+        """Moment errors of a residual (frame rows,) on the fitted part and on the blocks held out."""
+        moments = self.moments(left.rates)
+        return MomentErrors.of(self.fitted, moments), MomentErrors.of(self.held_out, moments)
+
     def linearised(self, model: Model, values: FloatArray) -> Linear:
         """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
         found = []

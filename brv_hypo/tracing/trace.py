@@ -34,6 +34,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.channels import split
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, restored
 from brv_hypo.model.term import TimeBasis, default_knots, term_column
@@ -41,20 +42,21 @@ from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
-from brv_hypo.tracing.acceptance import Candidate, adjusted, confounded, fitted_again
-from brv_hypo.tracing.account import step_of
-from brv_hypo.tracing.additions import (
-    Analysis,
+from brv_hypo.tracing.acceptance import (
+    Candidate,
     Choice,
-    analyse_step,
+    adjusted,
     best_first,
     choose,
+    confounded,
+    fitted_again,
     follows_mach,
     is_schedule,
     schedules_first,
 )
+from brv_hypo.tracing.account import step_of
+from brv_hypo.tracing.additions import analyse_step, with_candidate
 from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
-from brv_hypo.tracing.description import Discovery
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
 from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
@@ -110,7 +112,7 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str]
     loop, turns = _Loop(flights, config, *_effects(config)), list[Turn]()
     say("reconstructing the motion")
     fit = loop.start(config.baseline)
-    discovery: Discovery | None = None
+    discovery: MechanismFile | None = None
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
@@ -150,7 +152,7 @@ class Turn(NamedTuple):
     before: Fit
     after: Fit | None
     reason: Stop
-    discovery: Discovery | None
+    discovery: MechanismFile | None
 
 
 @dataclass(frozen=True)
@@ -214,41 +216,40 @@ class _Loop:
         timed = [m for m in usable if m.time_variation != ("constant",)]
         untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, flights))]
         effects = [e for e in self.effects if not _has_everywhere(e.name, model, flights)]
-        here = analyse_step(fit, untried, effects, self.config.discover)
-        choice, here = self._choice(here)
+        here, choice = self._choice(*analyse_step(fit, untried, effects, self.config.discover))
         if choice.accepted is None and bends:
             # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing
             # else is added, of a model without it.
             bare = fitted_about(fit.data, model.without([StaticBend.name]))
-            named, there = self._choice(analyse_step(bare, bends, ()))
+            there, named = self._choice(*analyse_step(bare, bends, ()))
             if named.accepted is not None:
-                return self._turn(number, there, named, ())
+                here, choice, before = there, named, ()
         return self._turn(number, here, choice, before)
 
-    def _turn(self, number: int, here: Analysis, choice: Choice, before: Sequence[Step]) -> Turn:
-        """The step of a choice, and the model with what was chosen."""
-        accepted, step = choice.accepted, step_of(number, here, choice, before)
+    def _turn(self, number: int, fit: Fit, choice: Choice, before: Sequence[Step]) -> Turn:
+        """The step of a choice beside a fit, and the model with what was chosen."""
+        accepted, step = choice.accepted, step_of(number, fit, choice, before)
         reason: Stop = "white" if step.residual.white else "nothing significant"
         if choice.tried:
             reason = "nothing improves held-out error"
-        after = None if accepted is None else accepted.fit
-        if after is not None and accepted is not None and accepted.candidate.effect is None:
-            # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-            after = self.converged(after.model)
-        others = [each.added for each in before if each.added is not None and each.added != step.added]
-        if after is not None and (gone := unwanted(after, others)):
-            after = self.converged(after.model.without(gone))
-            step = step.model_copy(update={"removed": gone})
-        return Turn(step, here.fit, after, reason, _counting(here.discovery, choice, self.config.significance))
+        after = None
+        if accepted is not None:
+            after = accepted.fit
+            if accepted.candidate.effect is None:
+                # Beside a model that lacked the effect, the errors of the record had taken up some of it.
+                after = self.converged(after.model)
+            others = [each.added for each in before if each.added is not None and each.added != step.added]
+            if gone := unwanted(after, others):
+                after = self.converged(after.model.without(gone))
+                step = step.model_copy(update={"removed": gone})
+        return Turn(step, fit, after, reason, _counting(choice, self.config.significance))
 
-    def _choice(self, here: Analysis) -> tuple[Choice, Analysis]:
-        """What is chosen, and the candidates with their evidence."""
-        fit = here.fit
-        beside = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given)
-        here, known = with_evidence(here, beside), has_schedule(fit.model)
+    def _choice(self, fit: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, Choice]:
+        """What is chosen of the candidates beside a fit, with the evidence that they gain."""
+        beside, known = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given), has_schedule(fit.model)
 
         def add(candidate: Candidate) -> Fit:
-            found = here.with_candidate(candidate)
+            found = with_candidate(fit, candidate)
             if not follows_mach(candidate) or known:
                 return found
             return self.converged(scheduled(found.model, found.data))
@@ -259,24 +260,26 @@ class _Loop:
             gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
             return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
 
-        choice = choose(here, add, weighed)
+        choice = choose(fit, with_evidence(fit, candidates, beside), add, weighed)
         if choice.accepted is None:
-            return choice, here
+            return fit, choice
         offered = [each for each in choice.ranked if each.name not in choice.unwanted]
         if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
             offered = list(schedules_first(offered))
         share = named_in(beside, offered, choice.accepted.candidate.name, fit)
-        return replace(choice, named_in=share), here
+        return fit, replace(choice, named_in=share)
 
 
-def _counting(found: Discovery | None, choice: Choice, significance: float) -> Discovery | None:
+def _counting(choice: Choice, significance: float) -> MechanismFile | None:
     """The description in generic terms, where it is significant and no name took its place."""
-    if found is None:
+    accepted, own = choice.accepted, next((each for each in choice.ranked if each.file is not None), None)
+    if own is None:
         return None
-    own, accepted = found.candidate, choice.accepted
     if accepted is not None and accepted.candidate is not own:
-        return found if own.name in confounded(accepted.candidate, choice.ranked) else None
-    return found if adjusted(choice.ranked)[own.name] <= significance else None
+        counts = own.name in confounded(accepted.candidate, choice.ranked)
+    else:
+        counts = adjusted(choice.ranked)[own.name] <= significance
+    return own.file if counts else None
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
@@ -296,24 +299,22 @@ def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
 # ---- Beside processes: which candidates lead, how often they do, which effects stay ----
 
 
-def with_evidence(here: Analysis, beside: Beside) -> Analysis:
+def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
     """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
 
     So are all that change in time: on a coarse grid any of them may look like nothing.
     """
-
-    def weighed(candidate: Candidate) -> Candidate:
-        gain, columns = beside.likeliest(candidate.fit)
-        if set(columns) != set(candidate.fit.selected):
-            candidate = fitted_again(here.fit.problem, here.fit.null, candidate, columns)
-        return replace(candidate, evidence=gain)
-
-    leading = {each.name for each in here.candidates[:LOOP_WITH_EVIDENCE] if each.gain > 0.0}
-    leading |= {c.name for c in here.candidates if any(m.time_variation != ("constant",) for m in c.fit.mechanisms)}
-    found, discovery = tuple(weighed(c) if c.name in leading else c for c in here.candidates), here.discovery
-    if discovery is not None:
-        discovery = discovery._replace(candidate=weighed(discovery.candidate))
-    return replace(here, candidates=found, discovery=discovery)
+    found = []
+    for place, candidate in enumerate(candidates):
+        changes = any(m.time_variation != ("constant",) for m in candidate.fit.mechanisms)
+        leads = place < LOOP_WITH_EVIDENCE and candidate.gain > 0.0
+        if changes or leads or candidate.kind == "discovered":
+            gain, columns = beside.likeliest(candidate.fit)
+            if set(columns) != set(candidate.fit.selected):
+                candidate = fitted_again(fit.problem, fit.null, candidate, columns)
+            candidate = replace(candidate, evidence=gain)
+        found.append(candidate)
+    return found
 
 
 def named_in(beside: Beside, offered: Sequence[Candidate], name: str, fit: Fit) -> float:

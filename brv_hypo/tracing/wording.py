@@ -12,32 +12,28 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.acceptance import Candidate
-from brv_hypo.tracing.additions import Analysis
 from brv_hypo.tracing.result import Residual
 
 
-def described(candidate: Candidate, here: Analysis) -> str:
-    """What a candidate says of this flight."""
-    if candidate.kind == "discovered" and here.discovery is not None:
-        return here.discovery.file.title
-    flights, effect = here.fit.data.flights, candidate.effect
-
-    def on(number: int | None) -> str:
-        """Which flight a value is of, where there are several; counted from 1."""
-        return "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
-
-    parts = []
+def described(candidate: Candidate, flights: Sequence[Flight]) -> str:
+    """What a candidate says of these flights."""
+    if candidate.file is not None:
+        return candidate.file.title
+    effect, parts = candidate.effect, []
     for column, value in zip(candidate.fit.selected, candidate.fit.values[candidate.fit.baseline_size :], strict=True):
+        name, number, when = column.label, column.flight, ""
         if effect is not None:
-            number, component, _ = here.histories[column.term]
-            parts.append(f"{component.name} {value:.3g} {column.units}{on(number)}")
-            continue
-        start = max(column.time_basis.start, float(flights[column.flight or 0].time[0]))
-        when = "" if column.time_basis.kind == "constant" else f" at {start:.2f} s"
-        parts.append(f"{column.label} {value:.3g}{when}{on(column.flight)}")
+            number, component, *_ = candidate.variant[column.term]
+            name = component.name
+        elif column.time_basis.kind != "constant":
+            when = f" at {max(column.time_basis.start, float(flights[number or 0].time[0])):.2f} s"
+        units = "" if effect is None else f" {column.units}"
+        which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
+        parts.append(f"{name} {value:.3g}{units}{when}{which}")
     time = getattr(effect, "time", None)
-    where = "" if candidate.in_rates > FINDING_SHOWN else " (in the specific force only)"
-    return ", ".join(parts) + ("" if time is None else f" at {time:.3f} s") + ("" if effect is None else where)
+    at = "" if time is None else f" at {time:.3f} s"
+    where = "" if effect is None or candidate.in_rates > FINDING_SHOWN else " (in the specific force only)"
+    return ", ".join(parts) + at + where
 
 
 def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
