@@ -31,8 +31,9 @@ from brv_hypo.prediction.result import ErrorsOfPrediction, ModelSource, Predicti
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
-from brv_hypo.tracing.final_model import Coefficients
+from brv_hypo.tracing.final_model import estimates
 from brv_hypo.tracing.fit import (
+    Coefficients,
     Constrained,
     Corrected,
     Fit,
@@ -139,7 +140,7 @@ def _predict(
     fitted, noise = np.isnan(np.concatenate([freed.fixed, freed.others])), noise_of(fit, measured, within.values)
     sigma = predictive_sigma(fit, covariance[np.ix_(remain, remain)], fitted, noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    terms = Coefficients(columns, frozen.values, covariance).estimates(data)
+    terms = estimates(Coefficients(columns, frozen.values, covariance), data)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -21,20 +21,19 @@ from brv_hypo.constants import LIKELIHOOD_STEPS, MODEL_ERROR_CHANCE, MODEL_ERROR
 from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.inference.derivatives import Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
-from brv_hypo.inference.refinement import FINAL, nonlinear_parameters, prediction_slopes
+from brv_hypo.inference.refinement import FINAL
 from brv_hypo.inference.uncertainty import Regressed, ResidualMoments
-from brv_hypo.linearisation.linear import covariance_of, solve_scaled
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.model import TOLERATED, Model, ModelError, SavedModel
+from brv_hypo.model.model import Model, ModelError, SavedModel
 from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.additions import GENERIC
 from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
-from brv_hypo.tracing.fit import Corrected, Fit, as_regressor, converged, noise_floor, with_efficiency
+from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged, noise_floor
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
 from brv_hypo.tracing.wording import caveats, stability_in_words, unexplained
 
@@ -56,9 +55,9 @@ def gathered(
 ) -> Trace:
     """The result of the contract; `before` are the residual moments of the first model."""
     data, flights, final = fit.data, fit.data.originals, fit.residual
-    whole = WholeRecord.of(fit)
+    whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
-    definition, slopes = _definition(fit, whole), static_slopes(data, found)
+    definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
     findings = names_added(steps, "finding")
     return Trace(
@@ -69,7 +68,7 @@ def gathered(
         hints=tuple(name for name in names_added(steps, "hint") if name not in findings),
         families=steps[0].families,
         account=account,
-        model=ModelSummary(terms=(*found.estimates(data), *whole.record_terms()), definition=definition),
+        model=ModelSummary(terms=(*estimates(found, data), *_record_terms(whole)), definition=definition),
         record_errors=record_errors(beside),
         collinear=collinear(found.columns, found.covariance),
         static_slopes=slopes,
@@ -138,19 +137,11 @@ def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """Columns of moments with their coefficients (columns,) and these' covariance."""
-
-    columns: tuple[Regressor, ...]
-    values: FloatArray
-    covariance: FloatArray
-
-    def estimates(self, data: Corrected) -> tuple[TermEstimate, ...]:
-        """With their standard errors, as a result has them."""
-        sigmas = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist()
-        known = zip(self.columns, self.values.tolist(), sigmas, strict=True)
-        return tuple(_estimate(data, column, value, sigma) for column, value, sigma in known)
+def estimates(found: Coefficients, data: Corrected) -> tuple[TermEstimate, ...]:
+    """Coefficients with their standard errors, as a result has them."""
+    sigmas = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)).tolist()
+    known = zip(found.columns, found.values.tolist(), sigmas, strict=True)
+    return tuple(_estimate(data, column, value, sigma) for column, value, sigma in known)
 
 
 def _estimate(data: Corrected, column: Regressor, value: float, sigma: float) -> TermEstimate:
@@ -178,72 +169,24 @@ def _term(name: str, mechanism: str, channel: str, units: str, value: float, sig
     return TermEstimate.model_validate({**known, "std_error": sigma, "f_ratio": f_ratio})
 
 
-@dataclass(frozen=True)
-class WholeRecord:
-    """A fit, on the whole record: its knots and delays are those of `fit`."""
-
-    fit: Fit
-
-    @classmethod
-    def of(cls, fit: Fit) -> WholeRecord:
-        """With delays and knots where the whole record has them: the sizes that go with them are of all of it."""
-        fit = fit.alone()
-        columns = fit.at_best_knots(with_efficiency(fit.problem, fit.null).on(fit.data.whole), FINAL)
-        if columns is None:
-            return cls(fit)
-        model, problem = fit.model.but(columns=columns), replace(fit.problem, baseline=columns)
-        return cls(replace(fit, model=model, problem=problem))
-
-    @cached_property
-    def solution(self) -> tuple[FloatArray, FloatArray]:
-        """Coefficients and nuisances, and their covariance. Delays and knots are as uncertain as the record leaves
-        them.
-        """
-        null, columns = self.fit.null, self.fit.null.columns
-        problem = with_efficiency(self.fit.problem, null).on(self.fit.data.whole)
-        design, response = problem.whole_design(null.frame, columns), problem.raw_response
-        values = solve_scaled(design, response)
-        left, nonlinear = response - design @ values, nonlinear_parameters(columns, 0, null.frame, problem.knots)
-        if nonlinear:
-            slopes = prediction_slopes(nonlinear, columns, values[: len(columns)], null.frame)
-            design = np.column_stack([design, problem.rows.of_moments(slopes)])
-        covariance = covariance_of(design, left, problem.samples, problem.efficiency)
-        count, constants = len(columns), 2 * len(problem.rows.part.levels)
-        kept = np.r_[:count, count + constants : values.size]
-        return values[kept], covariance[np.ix_(kept, kept)]
-
-    @property
-    def coefficients(self) -> Coefficients:
-        """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
-        (values, covariance), columns, items = self.solution, self.fit.null.columns, self.fit.nuisances
-        places = [k for k, item in enumerate(items) if item.name in TOLERATED]
-        scale = np.array([*np.ones(len(columns)), *(items[k].size for k in places)])
-        chosen = np.array([*range(len(columns)), *(len(columns) + k for k in places)], dtype=int)
-        more = tuple(as_regressor(items[k]) for k in places)
-        covariance = covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale)
-        return Coefficients((*columns, *more), scale * values[chosen], covariance)
-
-    def record_terms(self) -> tuple[TermEstimate, ...]:
-        """What was taken out of the record; its standard errors are those of a further change, moments and motion
-        fitted along.
-        """
-        sigmas = np.sqrt(np.maximum(np.diag(self.solution[1]), 0.0))[len(self.fit.model.columns) :].tolist()
-        pairs = zip(self.fit.nuisances, sigmas, strict=True)
-        of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
-
-        return tuple(
-            _term(a.component + _of_flight(self.fit.data, a.flight), name, "record", a.units, a.value, sigma)
-            for a in self.fit.model.applied
-            for name in [a.effect.name]
-            for sigma in [of[name, a.component, a.flight]]
-        )
+def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
+    """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
+    along.
+    """
+    variances = np.diag(whole.covariance)[len(whole.model.columns) :]
+    pairs = zip(whole.nuisances, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True)
+    of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
+    found = []
+    for a in whole.model.applied:
+        name, sigma = a.component + _of_flight(whole.data, a.flight), of[a.effect.name, a.component, a.flight]
+        found.append(_term(name, a.effect.name, "record", a.units, a.value, sigma))
+    return tuple(found)
 
 
-def _definition(fit: Fit, whole: WholeRecord) -> SavedModel:
-    """The model as its file, with what is known of it where it was found."""
-    found, flights = whole.coefficients, fit.data.originals
-    elsewhere, left = _elsewhere(fit, whole)
-    known = whole.fit.model.but(columns=found.columns).saved()
+def _definition(fit: Fit, model: Model, found: Coefficients) -> SavedModel:
+    """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
+    flights, (elsewhere, left) = fit.data.originals, _elsewhere(fit, model, found)
+    known = model.but(columns=found.columns).saved()
     return known.with_coefficients(found.values, found.covariance, elsewhere.values, elsewhere.covariance).model_copy(
         update={
             "error": model_error(fit.data, fit.left, left),
@@ -266,17 +209,16 @@ def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
     return found | ({"mach": (float(mach.min()), float(mach.max()))} if np.all(np.isfinite(mach)) else {})
 
 
-def _elsewhere(fit: Fit, whole: WholeRecord) -> tuple[Coefficients, ResidualMoments]:
+def _elsewhere(fit: Fit, model: Model, own: Coefficients) -> tuple[Coefficients, ResidualMoments]:
     """The coefficients of the whole model's columns without what belongs to its own flights alone, NaN for what is left
     out (covariance 0), and the residual without it. What stays is fitted anew: it takes over the mean of the rest.
     """
-    model, own = whole.fit.model, whole.coefficients
     lasts = model.lasting
     if np.all(lasts) and not model.applied:
         return own, fit.left
     columns = tuple(itertools.compress(model.columns, lasts))
     fit = converged(fit.data.originals, model.but(columns=columns, applied=()), fit.data.config)
-    found = WholeRecord(fit.alone()).coefficients
+    found = fit.on_whole_record().coefficients
     # What was refined on the way is the same column still.
     place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}
     kept = [j for j, column in enumerate(own.columns) if column in place]
@@ -386,8 +328,7 @@ def maximum_likelihood(fit: Fit) -> MaximumLikelihood:
     regressed = Regressed.of(fit.problem, fit.data.frame, model.columns, *fit.solution).beside([fixed])
     options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS)
     found = identify(data.frame, columns, values, options, regressed=regressed)
-    terms = Coefficients(found.columns, found.values, found.covariance)
-    return likelihood_block(found, terms.estimates(data))
+    return likelihood_block(found, estimates(Coefficients(found.columns, found.values, found.covariance), data))
 
 
 def _known_schedule(fit: Fit) -> KnownSlopeSchedule | None:
@@ -395,7 +336,8 @@ def _known_schedule(fit: Fit) -> KnownSlopeSchedule | None:
     schedule = fit.model.mechanisms.get(SlopeSchedule.name)
     if not isinstance(schedule, SlopeSchedule):
         return None
-    found = schedule.known_schedule(tuple(v for c, v in fit.increments.items() if c.mechanism == schedule.name))
+    pairs = zip(fit.nuisances, fit.solution[1].tolist(), strict=True)
+    found = schedule.known_schedule([value * item.size for item, value in pairs if item.name == schedule.name])
     motion = fit.data.reconstructions[0].motion
     own = found.terms(motion, {})[0].in_plane
     slope = sum(v for c, v in zip(fit.model.columns, fit.values, strict=True) if c.term == "C_malpha")

@@ -38,7 +38,7 @@ from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, refine
+from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.linearisation.channels import Noise, Part, Rows, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels
@@ -237,8 +237,17 @@ class MomentErrors:
 
 
 @dataclass(frozen=True)
+class Coefficients:
+    """Columns of moments with their coefficients (columns,) and these' covariance."""
+
+    columns: tuple[Regressor, ...]
+    values: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True)
 class Fit:
-    """A model on the fitted part of flights; `problem` is its regression, linear about `linear`."""
+    """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`."""
 
     model: Model
     data: Corrected
@@ -255,6 +264,30 @@ class Fit:
         """Coefficients (columns,)."""
         return self.solution[0]
 
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """That of coefficients and then nuisances; delays and knots are as uncertain as the record leaves them."""
+        problem, columns, frame = self.problem, self.model.columns, self.data.frame
+        design, count = problem.whole_design(frame, columns), len(columns)
+        kept = np.r_[:count, count + 2 * len(problem.rows.part.levels) : design.shape[1]]
+        nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
+        if nonlinear:
+            slopes = prediction_slopes(nonlinear, columns, self.values, frame)
+            design = np.column_stack([design, problem.rows.of_moments(slopes)])
+        covariance = covariance_of(design, self.null.residual, problem.samples, problem.efficiency)
+        return np.asarray(covariance[np.ix_(kept, kept)], dtype=float)
+
+    @property
+    def coefficients(self) -> Coefficients:
+        """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
+        (values, others), items, always = self.solution, self.nuisances, TimeBasis("constant")
+        places = [k for k, item in enumerate(items) if item.name in TOLERATED]
+        more = [Regressor(items[k].name, items[k].component, (), always, items[k].units) for k in places]
+        scale = np.array([*np.ones(values.size), *(items[k].size for k in places)])
+        chosen = np.array([*range(values.size), *(values.size + k for k in places)], dtype=int)
+        covariance = self.covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale)
+        return Coefficients((*self.model.columns, *more), scale * np.append(values, others[places]), covariance)
+
     @property
     def record_errors(self) -> tuple[Errors, ...]:
         """What the errors of record and vehicle come to, in SI: one mapping a flight."""
@@ -264,12 +297,6 @@ class Fit:
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Errors of record and vehicle beside the columns, in the order of the unknowns."""
         return self.problem.rows.nuisances.items
-
-    @property
-    def increments(self) -> dict[Regressor, float]:
-        """What the baseline is more within its priors, as columns with their coefficients."""
-        pairs = zip(self.nuisances, self.solution[1].tolist(), strict=True)
-        return {as_regressor(item): value * item.size for item, value in pairs if item.name in TOLERATED}
 
     @cached_property
     def null(self) -> HypothesisFit:
@@ -301,19 +328,26 @@ class Fit:
         """Tests of the residual. White is only what is no larger than noise."""
         return _residual_of(self)
 
-    def alone(self) -> Fit:
-        """The same without histories that may become columns, at the full number of samples."""
+    def on_whole_record(self) -> Fit:
+        """The same on the whole record, with the effective share of samples that the fitted part shows.
+
+        Without histories that may become columns.
+        """
         frame = self.data.frame.with_mechanisms([GivenColumns()])
         problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
-        return replace(self, problem=problem)
+        fitted = replace(self, problem=problem.on(self.data.fitted))
+        return replace(self, problem=with_efficiency(fitted.problem, fitted.null).on(self.data.whole))
 
-    def at_best_knots(self, problem: Problem, steps: Steps = ROUGH) -> tuple[Regressor, ...] | None:
-        """The columns with knots and delays where a regression has them; None where there are none."""
-        columns, frame = self.model.columns, problem.frame
-        nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
+    def at_best_knots(self, steps: Steps = ROUGH) -> Fit:
+        """The same with knots and delays where its regression has them."""
+        columns, problem = self.model.columns, self.problem
+        nonlinear = nonlinear_parameters(columns, 0, problem.frame, problem.knots)
         if not nonlinear:
-            return None
-        return refine(columns, nonlinear, frozenset(), Reduced(replace(problem, baseline=()), frame), steps).columns
+            return self
+        reduced = Reduced(replace(problem, baseline=()), problem.frame)
+        columns = refine(columns, nonlinear, frozenset(), reduced, steps).columns
+        own = self.model.but(columns=columns), self.data.with_in_plane_moment(columns)
+        return Fit(*own, replace(problem, baseline=columns), self.linear)
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
@@ -347,10 +381,7 @@ def _near_its_errors(flights: Sequence[Flight], model: Model, config: TraceConfi
     for _ in range(MODEL_LINEARISATIONS):
         found, before = fit.record_errors, fit.data.corrections
         corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(flights)]
-        nearer = fitted_about(correct(flights, model, config, corrections), model)
-        if (columns := nearer.at_best_knots(nearer.problem)) is not None:
-            own = nearer.model.but(columns=columns), nearer.data.with_in_plane_moment(columns)
-            nearer = Fit(*own, replace(nearer.problem, baseline=columns), nearer.linear)
+        nearer = fitted_about(correct(flights, model, config, corrections), model).at_best_knots()
         if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
             # The errors of the record that were found are none; what was found of the vehicle's moments acts.
             allowed = [{mechanism.name for mechanism in model.tolerated(flight)} for flight in fit.data.flights]
@@ -404,37 +435,32 @@ def refitted(fit: Fit) -> Fit:
 
 def _residual_of(fit: Fit) -> Residual:
     """Of several flights, size and place are those of the one with the largest residual against its noise."""
-    data, ratios = fit.data, [_noise_ratio(fit, k) for k in range(len(fit.data.records))]
+    data, left = fit.data, fit.left
+    every = [rows[left.usable[rows]] for rows in map(data.rows_of, range(len(data.records)))]
+    ratios = [_excess(left.body[rows], left.noise[rows]) if rows.size else 0.0 for rows in every]
     number = int(np.argmax(ratios))
-    rows, samples, motion = data.rows_of(number), data.samples_of(number), data.reconstructions[number].motion
-    usable, sigma, time = fit.left.usable[rows], fit.left.noise[rows], motion.time[samples]
-    body = np.where(usable, fit.left.body[rows], 0.0)
+    motion, body = data.reconstructions[number].motion, left.body[every[number]]
+    samples = data.samples_of(number)
+    time, samples = motion.time[samples], samples[left.usable[data.rows_of(number)]]
     plane = plane_from_body(body, motion.windward_meridian[samples])
     channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
-    p_value, frequency = _whiteness(fit), _dominant(body[usable], float(np.median(np.diff(time))))
+    p_value, frequency = _whiteness(fit), _dominant(body, float(np.median(np.diff(time))))
     return Residual(
         flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
+        rms=float(np.sqrt(np.mean(np.abs(body) ** 2) / 2.0)),
         white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
         p_value=p_value,
         noise_ratio=ratios[number],
-        worst_channel=max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable])),
-        worst_region_s=_worst_region(time, body, usable),
+        worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
+        worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
         dominant_frequency_hz=frequency,
         dominant_frequency_is=_name_frequency(motion, frequency),
     )
 
 
-def _noise_ratio(fit: Fit, number: int) -> float:
-    """Mean square of the residual of one flight over that of its noise."""
-    rows = fit.data.rows_of(number)
-    rows = rows[fit.left.usable[rows]]
-    body, sigma = fit.left.body[rows], fit.left.noise[rows]
-    return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
-
-
-def _excess(values: FloatArray, sigma: FloatArray) -> float:
-    return float(np.mean(values**2) / np.mean(sigma**2))
+def _excess(body: ComplexArray, sigma: FloatArray) -> float:
+    """Mean square of residual moments (n,) over that of their noise."""
+    return float(np.mean(np.abs(body) ** 2) / 2.0 / np.mean(sigma**2))
 
 
 def _whiteness(fit: Fit) -> float:
@@ -455,19 +481,17 @@ def _whiteness(fit: Fit) -> float:
     return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
 
 
-def _worst_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> tuple[float, float]:
-    """Among equal parts of the record, those about the largest mean square that exceed a share of it."""
+def _worst_region(time: FloatArray, usable: FloatArray, squares: FloatArray) -> tuple[float, float]:
+    """Among equal parts of the record's time, those about the largest mean square, at usable times, that exceed a share
+    of it.
+    """
     count = REPORTED_REGIONS
-    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
-    inside = [(which == k) & usable for k in range(count)]
-    size = [float(np.mean(np.abs(body[own]) ** 2)) if own.any() else 0.0 for own in inside]
-    edges = np.linspace(time[0], time[-1], count + 1)
-    first = last = worst = int(np.argmax(size))
-    while first > 0 and size[first - 1] > REPORTED_REGION_SHARE * size[worst]:
-        first -= 1
-    while last < count - 1 and size[last + 1] > REPORTED_REGION_SHARE * size[worst]:
-        last += 1
-    return float(edges[first]), float(edges[last + 1])
+    which = np.clip(((usable - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
+    size = np.bincount(which, squares, count) / np.maximum(np.bincount(which, minlength=count), 1)
+    worst, edges = int(np.argmax(size)), np.linspace(time[0], time[-1], count + 1)
+    small = np.flatnonzero(size <= REPORTED_REGION_SHARE * size[worst])
+    first, last = np.max(small[small < worst], initial=-1) + 1, np.min(small[small > worst], initial=count)
+    return float(edges[first]), float(edges[last])
 
 
 def _dominant(body: ComplexArray, step: float) -> float:
@@ -494,11 +518,6 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
 
 
 # ---- Other fits of the same regression ----
-
-
-def as_regressor(item: Nuisance) -> Regressor:
-    """The column of a moment that is known to a tolerance."""
-    return Regressor(item.name, item.component, (), TimeBasis("constant"), item.units)
 
 
 class Constrained(NamedTuple):
