@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from brv_hypo.constants import FINDING_SHOWN
+from brv_hypo.flight.record import Flight
 from brv_hypo.inference.problem import GIVEN
 from brv_hypo.linearisation.channels import Part, Rows
 from brv_hypo.linearisation.frame import RateFrame
@@ -20,7 +22,6 @@ from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, adjusted, conf
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Fit, MomentErrors, constrained
 from brv_hypo.tracing.result import Errors, FlightLeftOut, Step, TriedCandidate, lasting_steps
-from brv_hypo.tracing.wording import described
 
 _REPORTED = 8  # candidates in a step's table
 
@@ -65,6 +66,27 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
         force_error_before=_force_errors(fit, fit.rest if leading is None else leading.before),
         **({} if leading is None else _after(leading, fit)),
     )
+
+
+def described(candidate: Candidate, flights: Sequence[Flight]) -> str:
+    """What a candidate says of these flights."""
+    if candidate.file is not None:
+        return candidate.file.title
+    effect, parts = candidate.effect, []
+    for column, value in zip(candidate.fit.selected, candidate.fit.values[candidate.fit.baseline_size :], strict=True):
+        name, number, when = column.label, column.flight, ""
+        if effect is not None:
+            number, component, *_ = candidate.variant[column.term]
+            name = component.name
+        elif column.time_basis.kind != "constant":
+            when = f" at {max(column.time_basis.start, float(flights[number or 0].time[0])):.2f} s"
+        units = "" if effect is None else f" {column.units}"
+        which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
+        parts.append(f"{name} {value:.3g}{units}{when}{which}")
+    time = getattr(effect, "time", None)
+    at = "" if time is None else f" at {time:.3f} s"
+    where = "" if effect is None or candidate.in_rates > FINDING_SHOWN else " (in the specific force only)"
+    return ", ".join(parts) + at + where
 
 
 def _after(leading: Tried, fit: Fit) -> dict[str, Any]:

@@ -17,7 +17,17 @@ from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
 from brv_hypo.comparison.summary import flight_summary, likelihood_block
-from brv_hypo.constants import LIKELIHOOD_STEPS, MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS, SCHEDULE_TRIFLE
+from brv_hypo.constants import (
+    LIKELIHOOD_STEPS,
+    MODEL_ERROR_CHANCE,
+    MODEL_ERROR_WEIGHTS,
+    REPORTED_DRAG,
+    REPORTED_MERIDIAN,
+    REPORTED_PER_CYCLE,
+    SCHEDULE_TRIFLE,
+    STABLE_SIGMAS,
+)
+from brv_hypo.flight.record import Flight
 from brv_hypo.identification import IdentificationConfig, identify
 from brv_hypo.inference.derivatives import Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
@@ -30,12 +40,12 @@ from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSched
 from brv_hypo.model.model import Model, ModelError, SavedModel
 from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
 from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged, noise_floor
-from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
-from brv_hypo.tracing.wording import caveats, stability_in_words, unexplained
+from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 # What a static moment may be a function of.
@@ -132,6 +142,83 @@ def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> P
 def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Pitch and yaw of moments (n,), as a result has them."""
     return tuple(values.real.tolist()), tuple(values.imag.tolist())
+
+
+# ---- In words: stability, the residual, and what in the data could pose as an effect ----
+
+
+def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
+    """Where a flight's moment at zero alpha is unstable, or, with `doubt`, not significantly stable; else empty."""
+    several = len(slopes) > 1
+    found = (_of_one(s, f"{moment} of flight {s.flight + 1}" if several else moment, doubt) for s in slopes)
+    return " ".join(filter(None, found))
+
+
+def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
+    values, errors = np.array(slope.at_zero), np.array(slope.at_zero_std_error)
+    doubtful = np.flatnonzero(values + (STABLE_SIGMAS if doubt else -STABLE_SIGMAS) * errors >= 0.0)
+    if doubtful.size == 0:
+        return ""
+    runs = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)
+    worst = int(doubtful[np.argmax((values / np.maximum(errors, 1e-300))[doubtful])])
+    unstable = values[worst] > STABLE_SIGMAS * errors[worst]
+    said = "is unstable" if unstable else "is not significantly stable"
+    return (
+        f"At alpha = 0 the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
+        f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "
+        f"{slope.at_flown[worst]:.2g} ± {slope.at_flown_std_error[worst]:.1g} at the "
+        f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."
+    )
+
+
+def _when(slope: Derivative, run: IntArray) -> str:
+    """Times and, where they are known, Mach numbers of neighbouring places."""
+    first, last = int(run[0]), int(run[-1])
+    mach = f" (Mach {slope.mach[first]:.3g} to {slope.mach[last]:.3g})" if np.isfinite(slope.mach[first]) else ""
+    return f"from {slope.time_s[first]:.4g} to {slope.time_s[last]:.4g} s{mach}"
+
+
+def unexplained(residual: Residual) -> str | None:
+    """The residual in a sentence; None where it is white."""
+    if residual.white:
+        return None
+    start, stop = residual.worst_region_s
+    ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
+    times = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
+    return (
+        f"The residual has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
+        f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
+        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is})."
+    )
+
+
+def caveats(flights: Sequence[Flight], reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
+    """What in the data could pose as an effect."""
+    each = zip(flights, reconstructions, strict=True)
+    return tuple(dict.fromkeys(caveat for pair in each for caveat in _caveats_of(*pair)))
+
+
+def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
+    found, motion = list(reconstruction.warnings), reconstruction.motion
+    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), REPORTED_MERIDIAN))
+    per_cycle = 2.0 * np.pi / ((turning + float(np.mean(np.abs(motion.p)))) * flight.step)
+    if per_cycle < REPORTED_PER_CYCLE:
+        found.append(
+            f"a cycle of the fastest motion (roll and turn of the meridian together) has {per_cycle:.0f} samples: if "
+            "samples are averages over their interval, the motion appears "
+            f"{100.0 * (1.0 - np.sinc(1.0 / per_cycle)):.1f} % too small, and a delay of half a sample may look like "
+            "damping or lag"
+        )
+    share = flight.ax / flight.dynamic_pressure
+    centre = float(np.median(share))
+    drag = None if centre == 0.0 else float(np.std(share) / abs(centre))
+    if drag is not None and drag < REPORTED_DRAG:
+        found.append(
+            f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
+            "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "
+            "that changes along the flight may in part be that coefficient's change"
+        )
+    return found
 
 
 # ---- The model's coefficients on the whole record, and how well they are known ----
