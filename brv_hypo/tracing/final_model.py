@@ -16,7 +16,7 @@ from scipy import stats
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
-from brv_hypo.comparison.summary import flight_summary, likelihood_block
+from brv_hypo.comparison.summary import channel_of, estimate, flight_summary, likelihood_block, motion_histories
 from brv_hypo.constants import (
     LIKELIHOOD_STEPS,
     MODEL_ERROR_CHANCE,
@@ -38,7 +38,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.model import Model, ModelError, SavedModel
-from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
+from brv_hypo.model.term import BASELINE, Regressor, TimeBasis, evaluated
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
@@ -115,27 +115,15 @@ def _described(model: Model, found: Coefficients, discovery: MechanismFile | Non
 def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:
     """Of several flights, that of the one with this number."""
     after, data, measured = fit.left, fit.data, fit.data.moments(fit.data.frame.observed)
-    reconstruction, rows = data.reconstructions[number], data.rows_of(number)
-    kept = (before.usable & after.usable)[rows]
-    samples, rows, motion = data.samples_of(number)[kept], rows[kept], reconstruction.motion
-    histories = {
-        "time_s": motion.time,
-        "alpha_rad": motion.alpha,
-        "alpha_sigma_rad": reconstruction.alpha_sigma,
-        "windward_meridian_rad": motion.windward_meridian,
-        "windward_meridian_sigma_rad": reconstruction.phi_w_sigma,
-        "roll_rate_rad_s": motion.p,
-        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
-        "mach": motion.mach,
-        "dynamic_pressure_pa": motion.dynamic_pressure,
-    }
+    kept = (before.usable & after.usable)[data.rows_of(number)]
+    samples, rows = data.samples_of(number)[kept], data.rows_of(number)[kept]
     return Picture(
         measured=pair(measured.body[rows]),
         before=pair(before.body[rows]),
         after=pair(after.body[rows]),
         sigma=tuple(after.noise[rows].tolist()),
         whitened=whitened(own, number),
-        **{name: tuple(values[samples].tolist()) for name, values in histories.items()},
+        **motion_histories(data.reconstructions[number], samples),
     )
 
 
@@ -233,27 +221,23 @@ def estimates(found: Coefficients, data: Corrected) -> tuple[TermEstimate, ...]:
 
 def _estimate(data: Corrected, column: Regressor, value: float, sigma: float) -> TermEstimate:
     basis, number = column.time_basis, column.flight or 0
-    motion, time = data.reconstructions[number].motion, data.flights[number].time
-    terms = data.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-    term = next(term for term in terms if term.name == column.term)
-    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
-    channel = "both" if inside and outside else "out-of-plane" if outside else "in-plane"
-    mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
+    time = data.flights[number].time
     acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
-    more = {"region_s": None if basis.kind == "constant" else acts, "delay_s": column.delay}
-    name, own = column.label + _of_flight(data, column.flight), (mechanism, channel, column.units)
-    return _term(name, *own, value, sigma).model_copy(update=more)
+    return estimate(
+        column.label + _of_flight(data, column.flight),
+        BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism,
+        value,
+        sigma,
+        column.units,
+        channel=channel_of(column, data.frame.mechanisms, data.reconstructions[number].motion),
+        region_s=None if basis.kind == "constant" else acts,
+        delay_s=column.delay,
+    )
 
 
 def _of_flight(data: Corrected, number: int | None) -> str:
     """Which flight a term is of, where there are several; counted from 1."""
     return "" if number is None or len(data.records) == 1 else f" [flight {number + 1}]"
-
-
-def _term(name: str, mechanism: str, channel: str, units: str, value: float, sigma: float) -> TermEstimate:
-    known = {"name": name, "mechanism": mechanism, "channel": channel, "units": units, "value": value}
-    f_ratio = (value / sigma) ** 2 if sigma > 0.0 else float("nan")
-    return TermEstimate.model_validate({**known, "std_error": sigma, "f_ratio": f_ratio})
 
 
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
@@ -266,7 +250,7 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     found = []
     for a in whole.model.applied:
         name, sigma = a.component + _of_flight(whole.data, a.flight), of[a.effect.name, a.component, a.flight]
-        found.append(_term(name, a.effect.name, "record", a.units, a.value, sigma))
+        found.append(estimate(name, a.effect.name, a.value, sigma, a.units, channel="record"))
     return tuple(found)
 
 
@@ -369,17 +353,14 @@ def slopes_at(
     data: Corrected, motion: Motion, columns: Sequence[Regressor], number: int, alpha: FloatArray
 ) -> FloatArray:
     """d C_m,in/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
-    out = np.zeros((motion.time.size, len(columns)))
-    more, less = (replace(motion, alpha=alpha + side * _STEP, history=None) for side in (1.0, 0.0))
-    known: dict[tuple[str, Theta], dict[str, FloatArray]] = {}
-    for j, column in enumerate(columns):
-        mechanism, key = data.frame.mechanisms[column.mechanism], (column.mechanism, column.theta)
-        if not (column.acts_on(number) and _is_static(mechanism)):
-            continue
-        if key not in known:
-            ends = (mechanism.terms(each, dict(column.theta)) for each in (more, less))
-            known[key] = {high.name: (high.in_plane - low.in_plane) / _STEP for high, low in zip(*ends, strict=True)}
-        out[:, j] = known[key][column.term] * column.time_basis(motion.coefficient_time)
+    out, mechanisms = np.zeros((motion.time.size, len(columns))), data.frame.mechanisms
+    places = [j for j, c in enumerate(columns) if c.acts_on(number) and _is_static(mechanisms[c.mechanism])]
+    chosen = [columns[j] for j in places]
+    more, less = (
+        evaluated(chosen, mechanisms, replace(motion, alpha=alpha + side, history=None)) for side in (_STEP, 0.0)
+    )
+    for j, column, high, low in zip(places, chosen, more, less, strict=True):
+        out[:, j] = (high.in_plane - low.in_plane) / _STEP * column.time_basis(motion.coefficient_time)
     return out
 
 
