@@ -251,13 +251,6 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
     return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
 
 
-def ratio(before: MomentErrors, after: MomentErrors) -> tuple[float, float]:
-    """Ratio of mean squares, after over before, and its standard error by the jackknife over stretches."""
-    kept = ~np.eye(before.squares.size, dtype=bool)
-    means = ([float(each.squares[k].sum() / each.sizes[k].sum()) for k in kept] for each in (after, before))
-    return after.mean_square / before.mean_square, jackknife_error(np.divide(*map(np.array, means)))
-
-
 @dataclass(frozen=True)
 class Tried:
     """A candidate with the model that it makes, and what it did to the held-out part: `agreement` in both channels,
@@ -406,17 +399,16 @@ def choose(
 
 def _try(fit: Fit, candidate: Candidate, certain: bool, add: Callable[[Candidate], Fit]) -> Tried:
     problem, data = fit.problem, fit.data
-    added, errors, before = add(candidate), (fit.errors, fit.held_out), fit.rest
-    tolerance = has_tolerance(problem, candidate.name)
+    added, before, tolerance = add(candidate), fit.rest, has_tolerance(problem, candidate.name)
     if tolerance:  # without it: fixed at zero
         others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
         free = np.full(len(problem.baseline), np.nan)
         before = constrained(problem, problem.frame, problem.baseline, free, np.array(others)).left
-        errors = data.errors(before)
-    own = candidate.fit
+    own, errors = candidate.fit, data.errors(before)
     after = problem.left(own.frame, own.columns, *problem.solution(own.frame, own.columns))
-    agrees, change = agreement(problem, data.held_out, before, after), ratio(errors[1], added.held_out)
-    return Tried(candidate, added, agrees, *change, before, after, errors, certain, tolerance)
+    agrees = agreement(problem, data.held_out, before, after)
+    ratio, error = added.held_out.mean_square / errors[1].mean_square, added.held_out.left_out / errors[1].left_out
+    return Tried(candidate, added, agrees, ratio, jackknife_error(error), before, after, errors, certain, tolerance)
 
 
 def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:

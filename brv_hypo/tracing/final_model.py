@@ -69,7 +69,7 @@ def gathered(
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
-    findings = names_added(steps, "finding")
+    findings, pairs = names_added(steps, "finding"), zip(flights, data.reconstructions, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -87,7 +87,7 @@ def gathered(
         dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=stopped,
         unexplained=unexplained(final),
-        caveats=caveats(flights, data.reconstructions),
+        caveats=tuple(dict.fromkeys(each for pair in pairs for each in _caveats_of(*pair))),
         noise=noise_floor(data.held_out, fit.left),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
@@ -180,13 +180,8 @@ def unexplained(residual: Residual) -> str | None:
     )
 
 
-def caveats(flights: Sequence[Flight], reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]:
-    """What in the data could pose as an effect."""
-    each = zip(flights, reconstructions, strict=True)
-    return tuple(dict.fromkeys(caveat for pair in each for caveat in _caveats_of(*pair)))
-
-
 def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
+    """What in the data could pose as an effect."""
     found, motion = list(reconstruction.warnings), reconstruction.motion
     turning = float(np.percentile(np.abs(motion.windward_meridian_rate), REPORTED_MERIDIAN))
     per_cycle = 2.0 * np.pi / ((turning + float(np.mean(np.abs(motion.p)))) * flight.step)
@@ -198,9 +193,8 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
             "damping or lag"
         )
     share = flight.ax / flight.dynamic_pressure
-    centre = float(np.median(share))
-    drag = None if centre == 0.0 else float(np.std(share) / abs(centre))
-    if drag is not None and drag < REPORTED_DRAG:
+    drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
+    if drag < REPORTED_DRAG:
         found.append(
             f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
             "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "

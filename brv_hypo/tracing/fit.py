@@ -34,7 +34,6 @@ from brv_hypo.constants import (
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import linearised, on_rows, with_vehicle
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
@@ -230,10 +229,9 @@ class MomentErrors:
         return float(1.0 / np.sqrt(max(self.sizes.sum(), 1.0)))
 
     @property
-    def std_error(self) -> float:
-        """Of the mean square, by the jackknife over stretches."""
-        others = (self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0)
-        return jackknife_error(others)
+    def left_out(self) -> FloatArray:
+        """The mean square without each of the stretches."""
+        return np.asarray((self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0))
 
 
 @dataclass(frozen=True)

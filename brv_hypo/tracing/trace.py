@@ -30,6 +30,7 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.channels import split
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
@@ -135,15 +136,14 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str]
 
 def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
     """Those that are tried: of the moments, and of the records."""
-    if config.effects is None:
-        return mechanisms("mechanism") + mechanisms("aerodynamic"), record_effects()
-    items = [find_installed(name) for name in config.effects]
+    installed = (*mechanisms("mechanism"), *mechanisms("aerodynamic"), *record_effects())
+    items = installed if config.effects is None else [find_installed(name) for name in config.effects]
     of_moments = tuple(item for item in items if isinstance(item, Mechanism))
     return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
 
 
 class Turn(NamedTuple):
-    """One step with the fit that it started from, the one that it led to, and why the loop may end here.
+    """One step with the fit that it started from, and the one that it led to.
 
     `discovery`: the description in generic terms, where it is significant and no name took its place.
     """
@@ -151,8 +151,14 @@ class Turn(NamedTuple):
     step: Step
     before: Fit
     after: Fit | None
-    reason: Stop
     discovery: MechanismFile | None
+
+    @property
+    def reason(self) -> Stop:
+        """Why the loop ends with a step that led to nothing."""
+        if self.step.refused:
+            return "nothing improves held-out error"
+        return "white" if self.step.residual.white else "nothing significant"
 
 
 @dataclass(frozen=True)
@@ -201,7 +207,10 @@ class _Loop:
             models, start = [(start, self.start("constant").held_out)], "scheduled"
         errors = [*(turn.before.held_out for turn in turns[: len(added)]), last.held_out]
         models += zip((start, *added), errors, strict=True)
-        return tuple(Account(model=name, held_out=each.mean_square, std_error=each.std_error) for name, each in models)
+        return tuple(
+            Account(model=name, held_out=each.mean_square, std_error=jackknife_error(each.left_out))
+            for name, each in models
+        )
 
     def turn(self, number: int, fit: Fit, before: Sequence[Step]) -> Turn:
         """One step: the residual, the candidates, and the model with the best of them if it is needed.
@@ -229,9 +238,6 @@ class _Loop:
     def _turn(self, number: int, fit: Fit, choice: Choice, before: Sequence[Step]) -> Turn:
         """The step of a choice beside a fit, and the model with what was chosen."""
         accepted, step = choice.accepted, step_of(number, fit, choice, before)
-        reason: Stop = "white" if step.residual.white else "nothing significant"
-        if choice.tried:
-            reason = "nothing improves held-out error"
         after = None
         if accepted is not None:
             after = accepted.fit
@@ -242,7 +248,7 @@ class _Loop:
             if gone := unwanted(after, others):
                 after = self.converged(after.model.without(gone))
                 step = step.model_copy(update={"removed": gone})
-        return Turn(step, fit, after, reason, _counting(choice, self.config.significance))
+        return Turn(step, fit, after, _counting(choice, self.config.significance))
 
     def _choice(self, fit: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, Choice]:
         """What is chosen of the candidates beside a fit, with the evidence that they gain."""
@@ -275,11 +281,9 @@ def _counting(choice: Choice, significance: float) -> MechanismFile | None:
     accepted, own = choice.accepted, next((each for each in choice.ranked if each.file is not None), None)
     if own is None:
         return None
-    if accepted is not None and accepted.candidate is not own:
-        counts = own.name in confounded(accepted.candidate, choice.ranked)
-    else:
-        counts = adjusted(choice.ranked)[own.name] <= significance
-    return own.file if counts else None
+    if accepted is None or accepted.candidate is own:
+        return own.file if adjusted(choice.ranked)[own.name] <= significance else None
+    return own.file if own.name in confounded(accepted.candidate, choice.ranked) else None
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
