@@ -137,7 +137,7 @@ def _predict(
     model = _frozen(flight, content, refit, config)
     fit, data, tolerated = model.fit, model.fit.data, _tolerated(flight)
     freed, columns = model.freed(tolerated), model.fit.model.columns
-    frozen, within = model.solved(model.fixed), freed.solved(freed.fixed)
+    frozen, within = model.solved(), freed.solved()
     measured = data.moments(data.frame.observed)
     left, own, left_within = (
         data.moments(each.left.rates) for each in (frozen, model.solved(np.full(len(columns), np.nan)), within)
@@ -201,8 +201,8 @@ class _Frozen:
     fit: Fit
     fixed: FloatArray
     others: FloatArray
-    left_out: tuple[str, ...] = ()
-    elsewhere: bool = True
+    left_out: tuple[str, ...]
+    elsewhere: bool
 
     def freed(self, names: tuple[str, ...]) -> _Frozen:
         """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
@@ -210,12 +210,14 @@ class _Frozen:
         errors = np.array([item.name in names for item in self.fit.nuisances], dtype=bool)
         return replace(self, fixed=np.where(own, np.nan, self.fixed), others=np.where(errors, np.nan, self.others))
 
-    def solved(self, fixed: FloatArray) -> Constrained:
-        """With these coefficients (columns,) fixed instead."""
+    def solved(self, fixed: FloatArray | None = None) -> Constrained:
+        """What is fitted here, with the frozen coefficients fixed or others (columns,)."""
+        fixed = self.fixed if fixed is None else fixed
         return constrained(self.fit.problem, self.fit.data.frame, self.fit.model.columns, fixed, self.others)
 
 
 def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Frozen:
+    """What is fitted here is fitted where the model is known, if that is enough of the record."""
     model, here = restored(content, (flight,), frozen=True), _is_found_on(content, flight)
     columns, lasts = model.columns, model.lasting
     values = {
@@ -229,14 +231,26 @@ def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config:
     model, effects = _with_refitted(model, refit, flight, config)
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in values}
     fixed = np.array([np.nan if c in free else values[c] for c in model.columns], dtype=float)
+
+    def read_with(corrections: Errors) -> _Frozen:
+        """The model where these are taken out of the record and `effects` are free within their tolerances."""
+        data = correct((flight,), model, config, (corrections,))
+        there = _flown(content.flown, data)
+        part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
+        fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
+        # What has no prior was found on this very record, and is taken out of it.
+        known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
+        others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
+        return _Frozen(replace(fit, problem=fit.problem.on(part)), fixed, others, left_out, not here)
+
     corrections: Errors = {}
-    found = _read_with(flight, model, fixed, effects, corrections, config, content.flown)
+    found = read_with(corrections)
     for _ in range(PREDICTED_LINEARISATIONS if effects else 0):
-        errors = found.fit.problem.rows.nuisances.values(found.solved(fixed).others, 1)[0]
+        errors = found.fit.problem.rows.nuisances.values(found.solved().others, 1)[0]
         own = {name: value for name, value in errors.items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
-        found = _read_with(flight, model, fixed, effects, corrections, config, content.flown)
-    return replace(found, left_out=left_out, elsewhere=not here)
+        found = read_with(corrections)
+    return found
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:
@@ -246,29 +260,6 @@ def _is_found_on(content: SavedModel, flight: Flight) -> bool:
         Path(flight.path).resolve() == Path(name).resolve() and start <= first and last <= stop
         for name, (start, stop) in zip(content.found_on, content.times, strict=False)
     )
-
-
-def _read_with(
-    flight: Flight,
-    model: Model,
-    fixed: FloatArray,
-    effects: tuple[str, ...],
-    corrections: Errors,
-    config: TraceConfig,
-    flown: Mapping[str, tuple[float, float]],
-) -> _Frozen:
-    """The model where `corrections` is taken out of the record and `effects` are free within their tolerances.
-
-    What is fitted here is fitted where the model is known, if that is enough of the record.
-    """
-    data = correct((flight,), model, config, (corrections,))
-    there = _flown(flown, data)
-    part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
-    fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
-    # What has no prior was found on this very record, and is taken out of it.
-    known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
-    others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
-    return _Frozen(replace(fit, problem=fit.problem.on(part)), fixed, others)
 
 
 def _tolerated(flight: Flight) -> tuple[str, ...]:
