@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -55,17 +55,7 @@ from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.final_model import estimates, pair, slopes_at
-from brv_hypo.tracing.fit import (
-    Coefficients,
-    Constrained,
-    Corrected,
-    Fit,
-    constrained,
-    correct,
-    fitted_about,
-    next_corrections,
-    noise_floor,
-)
+from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, correct, fitted_about, next_corrections, noise_floor
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
 _REGIONS = 8  # stretches of the record whose errors are reported apart
@@ -134,35 +124,32 @@ def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
 ) -> Prediction:
-    model = _frozen(flight, content, refit, config)
-    fit, data, tolerated = model.fit, model.fit.data, _tolerated(flight)
-    freed, columns = model.freed(tolerated), model.fit.model.columns
-    frozen, within = model.solved(), freed.solved()
+    fit, left_out, elsewhere = _frozen(flight, content, refit, config)
+    data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
+    within = _freed(fit, tolerated)
     measured = data.moments(data.frame.observed)
-    left, own, left_within = (
-        data.moments(each.left.rates) for each in (frozen, model.solved(np.full(len(columns), np.nan)), within)
-    )
+    left, own, left_within = fit.left, replace(fit, fixed=np.zeros(0)).left, within.left
     errors = ErrorsOfPrediction(
         without=_mean_square(measured),
         frozen=_mean_square(left),
         own=_mean_square(own),
         noise=noise_floor(data.whole, measured),
     )
-    covariance, known = frozen.covariance.copy(), np.flatnonzero(np.isfinite(model.fixed))
-    covariance[np.ix_(known, known)] = _covariance_of(content, model, known)
+    covariance, known = fit.covariance[: len(columns), : len(columns)].copy(), np.flatnonzero(np.isfinite(fit.fixed))
+    covariance[np.ix_(known, known)] = _covariance_of(content, fit, known, elsewhere)
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
-    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=model.elsewhere)
+    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=elsewhere)
     whole = data.regression(fit.model, fit.linear, None, first_noise(fit.linear), record_processes())
     alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
     known_by = covariance[np.ix_(known, known)]
-    change = find_local_change(fixed_within(alone, columns, model.fixed, known_by))
+    change = find_local_change(fixed_within(alone, columns, fit.fixed, known_by))
     better = max(alone, beside, key=lambda each: each.level)
-    difference = find_difference(better, columns, model.fixed, known_by)
-    remain = np.flatnonzero(np.isfinite(freed.fixed))
-    fitted, noise = np.isnan(np.concatenate([freed.fixed, freed.others])), noise_of(fit, measured, within.values)
+    difference = find_difference(better, columns, fit.fixed, known_by)
+    remain = np.flatnonzero(np.isfinite(within.fixed))
+    fitted, noise = np.isnan(np.concatenate([within.fixed, within.others])), noise_of(fit, measured, within.values)
     sigma = predictive_sigma(fit, covariance[np.ix_(remain, remain)], fitted, noise, beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    terms = estimates(Coefficients(columns, frozen.values, covariance), data)
+    terms = estimates(Coefficients(columns, fit.values, covariance), data)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
@@ -177,10 +164,10 @@ def _predict(
         local_change=change,
         difference=difference,
         refused=change is not None or (difference is not None and difference.p_value < REFUSED),
-        left_out=model.left_out,
+        left_out=left_out,
         reason="",
     )
-    of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(model, refit, tolerated)
+    of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(fit, refit, tolerated)
     rest, freely = (_beyond(e, errors.without, errors.noise) for e in (errors.frozen, _mean_square(left_within)))
     said = reason(found, of_own, rest, freely, remedy)
     return found.model_copy(update={"reason": said})
@@ -189,31 +176,24 @@ def _predict(
 # ---- The frozen model on this flight ----
 
 
-@dataclass(frozen=True)
-class _Frozen:
-    """The model on this flight; `fixed` (columns,) are its frozen coefficients, `others` (unknowns,) errors of record
-    and vehicle, both NaN where they are fitted here.
+class _Frozen(NamedTuple):
+    """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
+    here.
 
     `left_out` are the mechanisms of columns that belong to the times of the model's own flights; `elsewhere` says that
     this is none of them.
     """
 
     fit: Fit
-    fixed: FloatArray
-    others: FloatArray
     left_out: tuple[str, ...]
     elsewhere: bool
 
-    def freed(self, names: tuple[str, ...]) -> _Frozen:
-        """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
-        own = np.array([column.mechanism in names for column in self.fit.model.columns], dtype=bool)
-        errors = np.array([item.name in names for item in self.fit.nuisances], dtype=bool)
-        return replace(self, fixed=np.where(own, np.nan, self.fixed), others=np.where(errors, np.nan, self.others))
 
-    def solved(self, fixed: FloatArray | None = None) -> Constrained:
-        """What is fitted here, with the frozen coefficients fixed or others (columns,)."""
-        fixed = self.fixed if fixed is None else fixed
-        return constrained(self.fit.problem, self.fit.data.frame, self.fit.model.columns, fixed, self.others)
+def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
+    """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
+    own = np.array([column.mechanism in names for column in fit.model.columns], dtype=bool)
+    errors = np.array([item.name in names for item in fit.nuisances], dtype=bool)
+    return replace(fit, fixed=np.where(own, np.nan, fit.fixed), others=np.where(errors, np.nan, fit.others))
 
 
 def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Frozen:
@@ -232,7 +212,7 @@ def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config:
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in values}
     fixed = np.array([np.nan if c in free else values[c] for c in model.columns], dtype=float)
 
-    def read_with(corrections: Errors) -> _Frozen:
+    def read_with(corrections: Errors) -> Fit:
         """The model where these are taken out of the record and `effects` are free within their tolerances."""
         data = correct((flight,), model, config, (corrections,))
         there = _flown(content.flown, data)
@@ -241,16 +221,15 @@ def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config:
         # What has no prior was found on this very record, and is taken out of it.
         known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
         others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
-        return _Frozen(replace(fit, problem=fit.problem.on(part)), fixed, others, left_out, not here)
+        return replace(fit, problem=fit.problem.on(part), fixed=fixed, others=others)
 
     corrections: Errors = {}
     found = read_with(corrections)
     for _ in range(PREDICTED_LINEARISATIONS if effects else 0):
-        errors = found.fit.problem.rows.nuisances.values(found.solved().others, 1)[0]
-        own = {name: value for name, value in errors.items() if name[0] in effects}
+        own = {name: value for name, value in found.record_errors[0].items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
         found = read_with(corrections)
-    return found
+    return _Frozen(found, left_out, not here)
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:
@@ -267,9 +246,9 @@ def _tolerated(flight: Flight) -> tuple[str, ...]:
     return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
 
 
-def _remedy(model: _Frozen, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
+def _remedy(fit: Fit, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
     """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
-    columns = zip(model.fit.model.columns, model.fixed, strict=True)
+    columns = zip(fit.model.columns, fit.fixed, strict=True)
     fixed = {column.mechanism for column, value in columns if np.isfinite(value)}
     more = [*(name for name in tolerated if name in fixed), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
     return ",".join((*refit, *more)) if more else ""
@@ -295,16 +274,16 @@ def _with_refitted(
     return model, tuple(effects)
 
 
-def _covariance_of(content: SavedModel, model: _Frozen, known: IntArray) -> FloatArray:
+def _covariance_of(content: SavedModel, fit: Fit, known: IntArray, elsewhere: bool) -> FloatArray:
     """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none.
 
     Not on its own flights, it is that of the coefficients that were fitted without what belongs to those alone.
     """
-    stated = (content.covariance_elsewhere or content.covariance) if model.elsewhere else content.covariance
+    stated = (content.covariance_elsewhere or content.covariance) if elsewhere else content.covariance
     errors = np.array([column.std_error or 0.0 for column in content.columns])
-    whole, mechanisms = np.array(stated) if stated else np.diag(errors**2), model.fit.data.frame.mechanisms
+    whole, mechanisms = np.array(stated) if stated else np.diag(errors**2), fit.data.frame.mechanisms
     place = {column.regressor(mechanisms[column.mechanism]): k for k, column in enumerate(content.columns)}
-    order = [place[model.fit.model.columns[k]] for k in known]
+    order = [place[fit.model.columns[k]] for k in known]
     return np.asarray(whole[np.ix_(order, order)], dtype=float)
 
 

@@ -46,7 +46,7 @@ from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule
-from brv_hypo.tracing.fit import Fit, MomentErrors, constrained, has_tolerance
+from brv_hypo.tracing.fit import Fit, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
 
 _SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
@@ -256,8 +256,8 @@ class Tried:
     """A candidate with the model that it makes, and what it did to the held-out part: `agreement` in both channels,
     `ratio` of the moments' mean squares, `after` (frame rows,) its residual as a candidate.
 
-    `before` (frame rows,) is the residual without the effect, and `errors_before` its moment errors, fitted and held
-    out: an effect with a tolerance is then fixed at zero, though every other fit has it within its tolerance.
+    `before` is the fit without the effect: one with a tolerance is fixed at zero there, though every other fit has it
+    within its tolerance.
     """
 
     candidate: Candidate
@@ -265,9 +265,8 @@ class Tried:
     agreement: Agreement
     ratio: float
     ratio_error: float
-    before: Rows
+    before: Fit
     after: Rows
-    errors_before: tuple[MomentErrors, MomentErrors]
     certain: bool
     """Whether the fitted part leaves no doubt of it."""
     has_tolerance: bool
@@ -299,7 +298,7 @@ class Tried:
         fitted part alone. Worse by less than noise scatters such an error is not worse: the record is read anew with
         the effect taken out, which the stretches' own scatter does not know of.
         """
-        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.errors_before[1].scatter)
+        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out.scatter)
         if self.has_tolerance:
             return no_worse
         if self.certain:
@@ -398,17 +397,15 @@ def choose(
 
 
 def _try(fit: Fit, candidate: Candidate, certain: bool, add: Callable[[Candidate], Fit]) -> Tried:
-    problem, data = fit.problem, fit.data
-    added, before, tolerance = add(candidate), fit.rest, has_tolerance(problem, candidate.name)
+    problem, own, added, before = fit.problem, candidate.fit, add(candidate), fit
+    tolerance = has_tolerance(problem, candidate.name)
     if tolerance:  # without it: fixed at zero
         others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
-        free = np.full(len(problem.baseline), np.nan)
-        before = constrained(problem, problem.frame, problem.baseline, free, np.array(others)).left
-    own, errors = candidate.fit, data.errors(before)
+        before = replace(fit, others=np.array(others))
     after = problem.left(own.frame, own.columns, *problem.solution(own.frame, own.columns))
-    agrees = agreement(problem, data.held_out, before, after)
-    ratio, error = added.held_out.mean_square / errors[1].mean_square, added.held_out.left_out / errors[1].left_out
-    return Tried(candidate, added, agrees, ratio, jackknife_error(error), before, after, errors, certain, tolerance)
+    agrees, (new, old) = agreement(problem, fit.data.held_out, before.rest, after), (added.held_out, before.held_out)
+    ratio, error = new.mean_square / old.mean_square, jackknife_error(new.left_out / old.left_out)
+    return Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
 
 
 def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:

@@ -7,6 +7,7 @@ needs what was added without having had a part in choosing it (`flight_left_out`
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,10 @@ from brv_hypo.constants import FINDING_SHOWN
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.problem import GIVEN
 from brv_hypo.linearisation.channels import Part, Rows
-from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import FAMILIES
-from brv_hypo.model.term import Regressor
 from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, adjusted, confounded
 from brv_hypo.tracing.families import beside_processes
-from brv_hypo.tracing.fit import Fit, MomentErrors, constrained
+from brv_hypo.tracing.fit import Fit, MomentErrors
 from brv_hypo.tracing.result import Errors, FlightLeftOut, Step, TriedCandidate, lasting_steps
 
 _REPORTED = 8  # candidates in a step's table
@@ -29,6 +28,7 @@ _REPORTED = 8  # candidates in a step's table
 def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
     leading, accepted = choice.leading, choice.accepted
+    before = fit if leading is None else leading.before
     reported, chances = choice.reported[:_REPORTED], adjusted(choice.ranked)
     without_flight, status = None if leading is None else flight_left_out(fit, leading.candidate), None
     if accepted is not None and choice.named_in is not None:
@@ -62,8 +62,8 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
         standing=status,
         flight_left_out=without_flight,
         named_in=choice.named_in,
-        error_before=_errors(fit.errors, fit.held_out) if leading is None else _errors(*leading.errors_before),
-        force_error_before=_force_errors(fit, fit.rest if leading is None else leading.before),
+        error_before=_errors(before),
+        force_error_before=_force_errors(fit, before.rest),
         **({} if leading is None else _after(leading, fit)),
     )
 
@@ -93,7 +93,7 @@ def _after(leading: Tried, fit: Fit) -> dict[str, Any]:
     """What a step says of the candidate that leads."""
     return {
         "description": described(leading.candidate, fit.data.flights),
-        "error_after": _errors(leading.fit.errors, leading.fit.held_out),
+        "error_after": _errors(leading.fit),
         "error_ratio_held_out": leading.ratio,
         "error_ratio_std_error": leading.ratio_error,
         "force_error_after": _force_errors(fit, leading.after),
@@ -101,8 +101,8 @@ def _after(leading: Tried, fit: Fit) -> dict[str, Any]:
     }
 
 
-def _errors(fitted: MomentErrors, held_out: MomentErrors) -> Errors:
-    return Errors(fit=fitted.mean_square, held_out=held_out.mean_square)
+def _errors(fit: Fit) -> Errors:
+    return Errors(fit=fit.errors.mean_square, held_out=fit.held_out.mean_square)
 
 
 def _force_errors(fit: Fit, left: Rows) -> Errors:
@@ -128,8 +128,11 @@ def flight_left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
     shared = any(column.flight is None and column.mechanism != GIVEN for column in found.selected)
     if len(flights) < 2 or not shared:
         return None
-    before = [_predicted(fit, problem.frame, problem.baseline, k) for k in flights]
-    after = [_predicted(fit, found.frame, found.columns, k) for k in flights]
+    fits = [
+        replace(fit, model=fit.model.but(columns=columns), data=replace(fit.data, frame=frame))
+        for frame, columns in ((problem.frame, problem.baseline), (found.frame, found.columns))
+    ]
+    before, after = ([_predicted(each, number) for number in flights] for each in fits)
     sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
     return FlightLeftOut(
         before=tuple(each.mean_square for each in before),
@@ -138,16 +141,17 @@ def flight_left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
     )
 
 
-def _predicted(fit: Fit, frame: RateFrame, columns: Sequence[Regressor], number: int) -> MomentErrors:
+def _predicted(fit: Fit, number: int) -> MomentErrors:
     """Errors on one flight of the shared coefficients that the others have: 0 is fixed, NaN free."""
-    data, items = fit.data, fit.problem.rows.nuisances.items
-    flights = [np.array([-1 if each.flight is None else each.flight for each in some]) for some in (columns, items)]
-    others = fit.problem.on(data.part_where(data.frame.flight_of_row != number))
-    known = constrained(others, frame, columns, *(np.where(each == number, 0.0, np.nan) for each in flights))
+    data, inside = fit.data, fit.data.frame.flight_of_row == number
+    numbers = ([each.flight for each in some] for some in (fit.model.columns, fit.nuisances))
+    flights = [np.array([-1 if each is None else each for each in some]) for some in numbers]
+    without = [np.where(each == number, 0.0, np.nan) for each in flights]
+    known = replace(fit, problem=fit.problem.on(data.part_where(~inside)), fixed=without[0], others=without[1])
     fixed = [
         np.where(each == -1, found, np.where(each == number, np.nan, 0.0))
-        for each, found in zip(flights, (known.values, known.others), strict=True)
+        for each, found in zip(flights, known.solution, strict=True)
     ]
-    part = data.part_where(data.frame.flight_of_row == number)
-    left = constrained(fit.problem.on(part), frame, columns, *fixed).left
-    return MomentErrors.of(part, data.moments(left.rates))
+    part = data.part_where(inside)
+    there = replace(fit, problem=fit.problem.on(part), fixed=fixed[0], others=fixed[1])
+    return MomentErrors.of(part, there.left)

@@ -8,9 +8,8 @@ are nearly taken out, and about the model's own coefficients.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -37,7 +36,7 @@ from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.inference.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.linearisation.channels import Noise, Part, Rows, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels
@@ -129,11 +128,6 @@ class Corrected:
     def moments(self, rates: ComplexArray) -> ResidualMoments:
         """Moment coefficients of derolled rates (rows,)."""
         return residual_moments(self.frame, self.records, rates)
-
-    def errors(self, left: Rows) -> tuple[MomentErrors, MomentErrors]:
-        """Moment errors of a residual (frame rows,) on the fitted part and on the blocks held out."""
-        moments = self.moments(left.rates)
-        return MomentErrors.of(self.fitted, moments), MomentErrors.of(self.held_out, moments)
 
     def linearised(self, model: Model, values: FloatArray) -> Linear:
         """Each flight, linearised about the model with coefficients (columns,) and its vehicle's known errors."""
@@ -245,17 +239,26 @@ class Coefficients:
 
 @dataclass(frozen=True)
 class Fit:
-    """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`."""
+    """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`.
+
+    `fixed` (columns,) are coefficients and `others` (unknowns,) nuisances that are not fitted, NaN for those that are;
+    empty where all are.
+    """
 
     model: Model
     data: Corrected
     problem: Problem
     linear: Linear
+    fixed: FloatArray = field(default_factory=lambda: np.zeros(0))
+    others: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def solution(self) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,)."""
-        return self.problem.solution(self.data.frame, self.model.columns)
+        if not (self.fixed.size or self.others.size):
+            return self.problem.solution(self.data.frame, self.model.columns)
+        _, values, _ = self._constrained
+        return values[: len(self.model.columns)], values[values.size - len(self.nuisances) :]
 
     @property
     def values(self) -> FloatArray:
@@ -263,16 +266,38 @@ class Fit:
         return self.solution[0]
 
     @cached_property
+    def _constrained(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Columns, constants of integration and nuisances (rows, all), what they come to, and which are fitted."""
+        design = self.problem.whole_design(self.data.frame, self.model.columns)
+        values = np.full(design.shape[1], np.nan)
+        values[: self.fixed.size] = self.fixed
+        values[values.size - self.others.size :] = self.others
+        free, values = np.isnan(values), np.nan_to_num(values)
+        values[free] = solve_scaled(design[:, free], self.problem.raw_response - design @ values)
+        return design, values, free
+
+    @cached_property
     def covariance(self) -> FloatArray:
-        """That of coefficients and then nuisances; delays and knots are as uncertain as the record leaves them."""
-        problem, columns, frame = self.problem, self.model.columns, self.data.frame
-        design, count = problem.whole_design(frame, columns), len(columns)
-        kept = np.r_[:count, count + 2 * len(problem.rows.part.levels) : design.shape[1]]
-        nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
+        """That of coefficients and then nuisances, 0 for those that are fixed; where none is, delays and knots are as
+        uncertain as the record leaves them.
+        """
+        problem, columns, frame, nonlinear = self.problem, self.model.columns, self.data.frame, tuple[Nonlinear, ...]()
+        if not (self.fixed.size or self.others.size):
+            design, residual, efficiency = problem.whole_design(frame, columns), self.null.residual, problem.efficiency
+            free = np.ones(design.shape[1], dtype=bool)
+            nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
+        else:
+            design, values, free = self._constrained
+            residual = problem.raw_response - design @ values
+            efficiency = problem.efficiency_of(residual)
+        fitted = design[:, free]
         if nonlinear:
             slopes = prediction_slopes(nonlinear, columns, self.values, frame)
-            design = np.column_stack([design, problem.rows.of_moments(slopes)])
-        covariance = covariance_of(design, self.null.residual, problem.samples, problem.efficiency)
+            fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
+        covariance, count = np.zeros((free.size, free.size)), int(free.sum())
+        found = covariance_of(fitted, residual, problem.samples, efficiency)
+        covariance[np.ix_(free, free)] = found[:count, :count]
+        kept = np.r_[: len(columns), free.size - len(self.nuisances) : free.size]
         return np.asarray(covariance[np.ix_(kept, kept)], dtype=float)
 
     @property
@@ -513,43 +538,6 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
     )
     near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
     return name if near else "not a multiple of the roll or meridian rate"
-
-
-# ---- Other fits of the same regression ----
-
-
-class Constrained(NamedTuple):
-    """Coefficients (columns,), their covariance (0 for those that were fixed), and the residual (frame rows,).
-
-    `others` (unknowns,) are the nuisances.
-    """
-
-    values: FloatArray
-    others: FloatArray
-    covariance: FloatArray
-    left: Rows
-
-
-def constrained(
-    problem: Problem, frame: RateFrame, columns: Sequence[Regressor], fixed: FloatArray, others: FloatArray
-) -> Constrained:
-    """Columns and nuisances fitted together, those `fixed` (columns,), `others` (unknowns,) at their values, NaN where
-    they are free.
-    """
-    count, constants = len(columns), 2 * len(problem.rows.part.levels)
-    values = np.concatenate([fixed, np.full(constants, np.nan), others])
-    free, values = np.isnan(values), np.nan_to_num(values)
-    design = problem.whole_design(frame, columns)
-    response = problem.raw_response - design @ values
-    values[free] = solve_scaled(design[:, free], response)
-    error = problem.raw_response - design @ values
-    covariance = np.zeros((values.size, values.size))
-    covariance[np.ix_(free, free)] = covariance_of(
-        design[:, free], error, problem.samples, problem.efficiency_of(error)
-    )
-    found = values[count + constants :]
-    left = problem.left(frame, columns, values[:count], found)
-    return Constrained(values[:count], found, covariance[:count, :count], left)
 
 
 def has_tolerance(problem: Problem, effect: str) -> bool:

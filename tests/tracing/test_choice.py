@@ -41,8 +41,8 @@ def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried
     """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
     nothing: Any = None
     error = MomentErrors(np.ones(4), np.full(4, 0.25 / SCATTER**2))
-    errors = (error, error)
-    return Tried(one, nothing, agreement, ratio, 0.1, nothing, nothing, errors, certain, has_tolerance=False)
+    before: Any = SimpleNamespace(held_out=error)
+    return Tried(one, nothing, agreement, ratio, 0.1, before, nothing, certain, has_tolerance=False)
 
 
 def beside_nothing(*found: Candidate, white: bool = False, scheduled: bool = True) -> Choice:
