@@ -254,10 +254,10 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
 @dataclass(frozen=True)
 class Tried:
     """A candidate with the model that it makes, and what it did to the held-out part: `agreement` in both channels,
-    `ratio` of the moments' mean squares, `after` (frame rows,) its residual as a candidate.
+    `ratio` of the moments' mean squares.
 
-    `before` is the fit without the effect: one with a tolerance is fixed at zero there, though every other fit has it
-    within its tolerance.
+    `before` is the regression without the effect, `after` with its columns: an effect with a tolerance is fixed at zero
+    before, though every other fit has it within its tolerance.
     """
 
     candidate: Candidate
@@ -266,7 +266,7 @@ class Tried:
     ratio: float
     ratio_error: float
     before: Fit
-    after: Rows
+    after: Fit
     certain: bool
     """Whether the fitted part leaves no doubt of it."""
     has_tolerance: bool
@@ -397,15 +397,20 @@ def choose(
 
 
 def _try(fit: Fit, candidate: Candidate, certain: bool, add: Callable[[Candidate], Fit]) -> Tried:
-    problem, own, added, before = fit.problem, candidate.fit, add(candidate), fit
-    tolerance = has_tolerance(problem, candidate.name)
-    if tolerance:  # without it: fixed at zero
+    added, before, after = add(candidate), fit, with_columns(fit, candidate)
+    if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
         others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
         before = replace(fit, others=np.array(others))
-    after = problem.left(own.frame, own.columns, *problem.solution(own.frame, own.columns))
-    agrees, (new, old) = agreement(problem, fit.data.held_out, before.rest, after), (added.held_out, before.held_out)
+    agrees = agreement(fit.problem, fit.data.held_out, before.rest, after.rest)
+    new, old = added.held_out, before.held_out
     ratio, error = new.mean_square / old.mean_square, jackknife_error(new.left_out / old.left_out)
     return Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
+
+
+def with_columns(fit: Fit, candidate: Candidate) -> Fit:
+    """The same regression with a candidate's columns."""
+    own = candidate.fit
+    return replace(fit, model=fit.model.but(columns=own.columns), data=replace(fit.data, frame=own.frame))
 
 
 def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:

@@ -15,9 +15,8 @@ import numpy as np
 from brv_hypo.constants import FINDING_SHOWN
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.problem import GIVEN
-from brv_hypo.linearisation.channels import Part, Rows
 from brv_hypo.mechanisms.contract import FAMILIES
-from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, adjusted, confounded
+from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, adjusted, confounded, with_columns
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Fit, MomentErrors
 from brv_hypo.tracing.result import Errors, FlightLeftOut, Step, TriedCandidate, lasting_steps
@@ -63,8 +62,8 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
         flight_left_out=without_flight,
         named_in=choice.named_in,
         error_before=_errors(before),
-        force_error_before=_force_errors(fit, before.rest),
-        **({} if leading is None else _after(leading, fit)),
+        force_error_before=_force_errors(before),
+        **({} if leading is None else _after(leading)),
     )
 
 
@@ -89,14 +88,14 @@ def described(candidate: Candidate, flights: Sequence[Flight]) -> str:
     return ", ".join(parts) + at + where
 
 
-def _after(leading: Tried, fit: Fit) -> dict[str, Any]:
+def _after(leading: Tried) -> dict[str, Any]:
     """What a step says of the candidate that leads."""
     return {
-        "description": described(leading.candidate, fit.data.flights),
+        "description": described(leading.candidate, leading.before.data.flights),
         "error_after": _errors(leading.fit),
         "error_ratio_held_out": leading.ratio,
         "error_ratio_std_error": leading.ratio_error,
-        "force_error_after": _force_errors(fit, leading.after),
+        "force_error_after": _force_errors(leading.after),
         "held_out_score": leading.agreement.fall,
     }
 
@@ -105,13 +104,11 @@ def _errors(fit: Fit) -> Errors:
     return Errors(fit=fit.errors.mean_square, held_out=fit.held_out.mean_square)
 
 
-def _force_errors(fit: Fit, left: Rows) -> Errors:
-    """Mean squares (m/s^2)^2 of the transverse specific force's residual (frame rows,), both axes together."""
-
-    def mean(part: Part) -> float:
-        return float(np.mean(np.abs(left.force[part.rows][part.valid]) ** 2) / 2.0)
-
-    return Errors(fit=mean(fit.data.fitted), held_out=mean(fit.data.held_out))
+def _force_errors(fit: Fit) -> Errors:
+    """Mean squares (m/s^2)^2 of the transverse specific force's residual, both axes together."""
+    parts = [fit.rest.force[part.rows][part.valid] for part in (fit.data.fitted, fit.data.held_out)]
+    fitted, held_out = (float(np.mean(np.abs(part) ** 2) / 2.0) for part in parts)
+    return Errors(fit=fitted, held_out=held_out)
 
 
 def rests_on_hints(earlier: Sequence[Step]) -> bool:
@@ -124,14 +121,11 @@ def rests_on_hints(earlier: Sequence[Step]) -> bool:
 
 def flight_left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
     """Errors on each flight without and with the candidate; None for one flight, or where nothing of it is shared."""
-    problem, found, flights = fit.problem, candidate.fit, range(len(fit.data.records))
-    shared = any(column.flight is None and column.mechanism != GIVEN for column in found.selected)
+    flights = range(len(fit.data.records))
+    shared = any(column.flight is None and column.mechanism != GIVEN for column in candidate.fit.selected)
     if len(flights) < 2 or not shared:
         return None
-    fits = [
-        replace(fit, model=fit.model.but(columns=columns), data=replace(fit.data, frame=frame))
-        for frame, columns in ((problem.frame, problem.baseline), (found.frame, found.columns))
-    ]
+    fits = (fit, with_columns(fit, candidate))
     before, after = ([_predicted(each, number) for number in flights] for each in fits)
     sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
     return FlightLeftOut(
