@@ -38,7 +38,6 @@ from brv_hypo.constants import (
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.uncertainty import ResidualMoments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
@@ -139,7 +138,7 @@ def _predict(
     covariance[np.ix_(known, known)] = _covariance_of(content, fit, known, elsewhere)
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=elsewhere)
-    whole = data.regression(fit.model, fit.linear, None, first_noise(fit.linear), record_processes())
+    whole = data.regression(fit.model, fit.linear, processes=record_processes())
     alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
     known_by = covariance[np.ix_(known, known)]
     change = find_local_change(fixed_within(alone, columns, fit.fixed, known_by))

@@ -11,7 +11,7 @@ import numpy as np
 
 from brv_hypo.constants import MODEL_TRIFLE, RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
-from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
+from brv_hypo.inference.noise import estimated_noise, raised_noise
 from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.channels import Rows
@@ -71,7 +71,7 @@ def analyse_step(
         known = {applied.flight for applied in model.applied if applied.effect.name == effect.name}
         others = {number: flight for number, flight in enumerate(linear) if number not in known}
         catalogue[effect.name] = _variants_of(frame, others, effect)
-    plain = fit.data.regression(model, linear, _histories(*catalogue.values()), first_noise(linear))
+    plain = fit.data.regression(model, linear, _histories(*catalogue.values()))
     sharp = plain.under(estimated_noise(plain))
     fit = replace(fit, problem=sharp.under(raised_noise(sharp)))
     tried = [_try_mechanism(fit, sharp, mechanism) for mechanism in mechanisms]

@@ -26,7 +26,6 @@ from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
-from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
@@ -224,7 +223,7 @@ def beside_processes(
         corrections[each.flight][key] = corrections[each.flight].get(key, 0.0) + each.value
     bare = model.but(columns=base, applied=before.applied, mechanisms=before.mechanisms)
     read = replace(data, corrections=tuple(corrections))
-    problem = read.regression(bare, linear, histories, first_noise(linear), record_processes()).on(part or data.whole)
+    problem = read.regression(bare, linear, histories, record_processes()).on(part or data.whole)
     mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
     frame = problem.frame.with_mechanisms(mechanisms)
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)

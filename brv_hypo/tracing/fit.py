@@ -144,13 +144,12 @@ class Corrected:
         model: Model,
         linear: Linear,
         given: Mapping[str, Rows] | None = None,
-        noise: Noise | None = None,
         processes: Sequence[RecordEffect] = (),
     ) -> Problem:
-        """The model's regression on the fitted part; `given` are histories that may become columns.
+        """The model's regression on the fitted part, under white noise; `given` are histories that may become columns.
 
-        Components of record effects that the model holds are free, all others bounded by their tolerances. Without a
-        `noise`, it is what the record itself says, raised to what the model leaves. `processes` of the record may act.
+        Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
+        of the record may act.
         """
         frame, config, flights = self.frame, self.config, len(linear)
         free = [
@@ -159,18 +158,17 @@ class Corrected:
         ]
         effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
         unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
-        problem = Problem(
+        return Problem(
             frame=frame.with_mechanisms([GivenColumns()]),
             records=self.records,
             force=on_rows(frame, linear)[0],
-            rows=WhitenedRows(self.fitted, noise or first_noise(linear), unknown),
+            rows=WhitenedRows(self.fitted, first_noise(linear), unknown),
             baseline=model.columns,
             knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
             max_terms=config.max_terms * flights,
             exact_terms=config.max_terms,
             given=dict(given or {}),
         )
-        return problem if noise is not None else problem.under(raised_noise(problem.under(estimated_noise(problem))))
 
 
 def correct(
@@ -374,9 +372,14 @@ class Fit:
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
-    """The fit of a model, linearised about coefficients (columns,), or about plain ones; under a noise, or its own."""
+    """The fit of a model, linearised about coefficients (columns,), or about plain ones.
+
+    Without a `noise`, it is what the record itself says, raised to what the model leaves.
+    """
     linear = data.linearised(model, data.values(data.fitted, model.columns) if values is None else values)
-    return Fit(model, data, data.regression(model, linear, noise=noise), linear)
+    problem = data.regression(model, linear)
+    noise = raised_noise(problem.under(estimated_noise(problem))) if noise is None else noise
+    return Fit(model, data, problem.under(noise), linear)
 
 
 def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -60,7 +60,7 @@ from brv_hypo.tracing.additions import analyse_step, with_candidate
 from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
+from brv_hypo.tracing.fit import Corrected, Fit, converged, correct, fitted_about, refitted
 from brv_hypo.tracing.result import Account, Baseline, Step, Stop, Trace, TraceConfig, TraceSettings
 
 
@@ -110,14 +110,14 @@ def trace(
 
 def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str], None]) -> Trace:
     begun = clock.perf_counter()
-    loop, turns = _Loop(flights, config, *_effects(config)), list[Turn]()
+    tried, turns = _effects(config), list[Turn]()
     say("reconstructing the motion")
-    fit = loop.start(config.baseline)
+    fit = _start(flights, config, config.baseline)
     discovery: MechanismFile | None = None
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = loop.turn(number, fit, [each.step for each in turns])
+        turn = _turn(number, fit, *tried, [each.step for each in turns])
         turns.append(turn)
         if turn.discovery is not None and (turn.after is not None or discovery is None):
             discovery = turn.discovery
@@ -127,7 +127,7 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str]
             break
     first, fit = turns[0].before, refitted(fit)
     steps = confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
-    result = gathered(fit, first.left, steps, loop.account(turns, fit), stopped, discovery)
+    result = gathered(fit, first.left, steps, _account(turns, fit), stopped, discovery)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
         result = result.model_copy(update={"ml": maximum_likelihood(fit)})
@@ -140,6 +140,52 @@ def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEf
     items = installed if config.effects is None else [find_installed(name) for name in config.effects]
     of_moments = tuple(item for item in items if isinstance(item, Mechanism))
     return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
+
+
+def _start(flights: tuple[Flight, ...], config: TraceConfig, baseline: Baseline) -> Fit:
+    """The model that the trace starts from."""
+    start = config.start
+    if not isinstance(start, str):
+        return converged(flights, restored(start, flights), config)
+    known = parse_hypothesis(start)
+    model = start_model(flights, known, baseline, config.aero)
+    data = correct(flights, model, config)
+    columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
+    model = with_priors(model.but(columns=columns, added=added), data)
+    chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
+    motion, each = data.reconstructions[0].motion, range(len(flights)) if len(flights) > 1 else [None]
+    declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
+        term_column(mechanism, term, (), TimeBasis("constant"), flight)
+        for mechanism in known
+        if mechanism not in chosen
+        for flight in (each if mechanism.of_each_flight(data.flights[0]) else [None])
+        for term in mechanism.terms(motion, {})
+    )
+    model = model + Model(columns=declared)
+    if chosen:
+        problem = converged(flights, model, config).problem
+        model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)
+    return converged(flights, model, config)
+
+
+def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
+    """The held-out error of one model after another, from constant coefficients to the last."""
+    first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
+    flights, config = first.data.originals, first.data.config
+    start, models = "constant", list[tuple[str, Fit]]()
+    if config.start != "none" or config.aero is not None:
+        start = "the model given"
+    elif has_schedule(first.model):
+        models, start = [(start, _start(flights, config, "constant"))], "scheduled"
+    models += zip((start, *added), [*(turn.before for turn in turns[: len(added)]), last], strict=True)
+    errors = [(name, fit.held_out) for name, fit in models]
+    return tuple(
+        Account(model=name, held_out=each.mean_square, std_error=jackknife_error(each.left_out))
+        for name, each in errors
+    )
+
+
+# ---- One step ----
 
 
 class Turn(NamedTuple):
@@ -161,119 +207,65 @@ class Turn(NamedTuple):
         return "white" if self.step.residual.white else "nothing significant"
 
 
-@dataclass(frozen=True)
-class _Loop:
-    """What stays the same over the steps."""
+def _turn(
+    number: int, fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], before: Sequence[Step]
+) -> Turn:
+    """One step: the residual, the candidates, and the model with the best of them if it is needed.
 
-    flights: tuple[Flight, ...]
-    config: TraceConfig
-    mechanisms: tuple[Mechanism, ...]
-    effects: tuple[RecordEffect, ...]
+    What steps `before` added and is not wanted beside it is removed.
+    """
+    model, flights, config = fit.model, fit.data.originals, fit.data.config
+    usable = tuple(m for m in mechanisms if _applicable(m, fit.data))
+    bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, fit.data.frame.motions[0])]
+    # What changes in time may be described better by more columns of it.
+    timed = [m for m in usable if m.time_variation != ("constant",)]
+    untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, len(flights)))]
+    others = [e for e in effects if not _has_everywhere(e.name, model, len(flights))]
+    here, choice = _choice(*analyse_step(fit, untried, others, config.discover))
+    if choice.accepted is None and bends:
+        # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing else is
+        # added, of a model without it.
+        bare = fitted_about(fit.data, model.without([StaticBend.name]))
+        there, named = _choice(*analyse_step(bare, bends, ()))
+        if named.accepted is not None:
+            here, choice, before = there, named, ()
+    step, after = step_of(number, here, choice, before), None
+    if choice.accepted is not None:
+        after = choice.accepted.fit
+        if choice.accepted.candidate.effect is None:
+            # Beside a model that lacked the effect, the errors of the record had taken up some of it.
+            after = converged(flights, after.model, config)
+        earlier = [each.added for each in before if each.added is not None and each.added != step.added]
+        if gone := unwanted(after, earlier):
+            after = converged(flights, after.model.without(gone), config)
+            step = step.model_copy(update={"removed": gone})
+    return Turn(step, here, after, _counting(choice, config.significance))
 
-    def converged(self, model: Model) -> Fit:
-        return converged(self.flights, model, self.config)
 
-    def start(self, baseline: Baseline) -> Fit:
-        """The model that the trace starts from."""
-        start = self.config.start
-        if not isinstance(start, str):
-            return self.converged(restored(start, self.flights))
-        known = parse_hypothesis(start)
-        model = start_model(self.flights, known, baseline, self.config.aero)
-        data = correct(self.flights, model, self.config)
-        columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
-        model = with_priors(model.but(columns=columns, added=added), data)
-        chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
-        motion, each = data.reconstructions[0].motion, range(len(self.flights)) if len(self.flights) > 1 else [None]
-        declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
-            term_column(mechanism, term, (), TimeBasis("constant"), flight)
-            for mechanism in known
-            if mechanism not in chosen
-            for flight in (each if mechanism.of_each_flight(data.flights[0]) else [None])
-            for term in mechanism.terms(motion, {})
-        )
-        model = model + Model(columns=declared)
-        if chosen:
-            model = model.but(columns=fit_hypothesis(self.converged(model).problem, "start", chosen).columns)
-        return self.converged(model)
+def _choice(fit: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, Choice]:
+    """What is chosen of the candidates beside a fit, with the evidence that they gain."""
+    beside, known = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given), has_schedule(fit.model)
 
-    def account(self, turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
-        """The held-out error of one model after another, from constant coefficients to the last."""
-        first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
-        start, models = "constant", list[tuple[str, MomentErrors]]()
-        if self.config.start != "none" or self.config.aero is not None:
-            start = "the model given"
-        elif has_schedule(first.model):
-            models, start = [(start, self.start("constant").held_out)], "scheduled"
-        errors = [*(turn.before.held_out for turn in turns[: len(added)]), last.held_out]
-        models += zip((start, *added), errors, strict=True)
-        return tuple(
-            Account(model=name, held_out=each.mean_square, std_error=jackknife_error(each.left_out))
-            for name, each in models
-        )
+    def add(candidate: Candidate) -> Fit:
+        found = with_candidate(fit, candidate)
+        if not follows_mach(candidate) or known:
+            return found
+        return converged(fit.data.originals, scheduled(found.model, found.data), fit.data.config)
 
-    def turn(self, number: int, fit: Fit, before: Sequence[Step]) -> Turn:
-        """One step: the residual, the candidates, and the model with the best of them if it is needed.
+    def weighed(found: Fit) -> tuple[float, bool]:
+        there = beside_processes(found, fit.model, found.data.fitted)
+        gain = there.gain(own := found.model.added[-1])
+        gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
+        return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
 
-        What steps `before` added and is not wanted beside it is removed.
-        """
-        model, flights = fit.model, len(self.flights)
-        usable = tuple(m for m in self.mechanisms if _applicable(m, fit.data))
-        motion = fit.data.frame.motions[0]
-        bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, motion)]
-        # What changes in time may be described better by more columns of it.
-        timed = [m for m in usable if m.time_variation != ("constant",)]
-        untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, flights))]
-        effects = [e for e in self.effects if not _has_everywhere(e.name, model, flights)]
-        here, choice = self._choice(*analyse_step(fit, untried, effects, self.config.discover))
-        if choice.accepted is None and bends:
-            # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing
-            # else is added, of a model without it.
-            bare = fitted_about(fit.data, model.without([StaticBend.name]))
-            there, named = self._choice(*analyse_step(bare, bends, ()))
-            if named.accepted is not None:
-                here, choice, before = there, named, ()
-        return self._turn(number, here, choice, before)
-
-    def _turn(self, number: int, fit: Fit, choice: Choice, before: Sequence[Step]) -> Turn:
-        """The step of a choice beside a fit, and the model with what was chosen."""
-        accepted, step = choice.accepted, step_of(number, fit, choice, before)
-        after = None
-        if accepted is not None:
-            after = accepted.fit
-            if accepted.candidate.effect is None:
-                # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-                after = self.converged(after.model)
-            others = [each.added for each in before if each.added is not None and each.added != step.added]
-            if gone := unwanted(after, others):
-                after = self.converged(after.model.without(gone))
-                step = step.model_copy(update={"removed": gone})
-        return Turn(step, fit, after, _counting(choice, self.config.significance))
-
-    def _choice(self, fit: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, Choice]:
-        """What is chosen of the candidates beside a fit, with the evidence that they gain."""
-        beside, known = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given), has_schedule(fit.model)
-
-        def add(candidate: Candidate) -> Fit:
-            found = with_candidate(fit, candidate)
-            if not follows_mach(candidate) or known:
-                return found
-            return self.converged(scheduled(found.model, found.data))
-
-        def weighed(found: Fit) -> tuple[float, bool]:
-            there = beside_processes(found, fit.model, found.data.fitted)
-            gain = there.gain(own := found.model.added[-1])
-            gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
-            return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
-
-        choice = choose(fit, with_evidence(fit, candidates, beside), add, weighed)
-        if choice.accepted is None:
-            return fit, choice
-        offered = [each for each in choice.ranked if each.name not in choice.unwanted]
-        if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
-            offered = list(schedules_first(offered))
-        share = named_in(beside, offered, choice.accepted.candidate.name, fit)
-        return fit, replace(choice, named_in=share)
+    choice = choose(fit, with_evidence(fit, candidates, beside), add, weighed)
+    if choice.accepted is None:
+        return fit, choice
+    offered = [each for each in choice.ranked if each.name not in choice.unwanted]
+    if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
+        offered = list(schedules_first(offered))
+    share = named_in(beside, offered, choice.accepted.candidate.name, fit)
+    return fit, replace(choice, named_in=share)
 
 
 def _counting(choice: Choice, significance: float) -> MechanismFile | None:
