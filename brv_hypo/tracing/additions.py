@@ -129,8 +129,8 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
     found: list[tuple[HypothesisFit, Variant]] = []
     for variant in filter(None, variants):
         effect = next(iter(variant.values())).effect
-        groups = [(given_column(name, each.component.units),) for name, each in variant.items()]
-        for own in forward(problem, effect.name, (), problem.frame, groups, searched):
+        columns = [given_column(name, each.component.units) for name, each in variant.items()]
+        for own in forward(problem, effect.name, (), problem.frame, columns, searched):
             values = zip(own.selected, own.values[own.baseline_size :], strict=True)
             if all(abs(v) <= RECORD_EFFECT_LARGEST * variant[c.term].component.size for c, v in values):
                 found.append((own, variant))
@@ -175,7 +175,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
         offered = [_offered(problem, frame, mechanism, thetas) for thetas in together]
         searched = len({column for offer in offered for column in offer})
         own = mechanism.name, (mechanism,), frame
-        fits = [each for offer in offered for each in forward(problem, *own, _groups_of(offer), searched)]
+        fits = [each for offer in offered for each in forward(problem, *own, offer, searched)]
     return candidate_of(problem, fit.null, likeliest(fits), mechanism.name, "mechanism") if fits else None
 
 
@@ -199,43 +199,35 @@ def _offered(
     return offered
 
 
-def _groups_of(columns: Sequence[Regressor]) -> list[tuple[Regressor, ...]]:
-    """Columns that enter together."""
-    found: dict[object, list[Regressor]] = {}
-    for column in columns:
-        found.setdefault(column.choice, []).append(column)
-    return [tuple(group) for group in found.values()]
-
-
 def forward(
     problem: Problem,
     name: str,
     mechanisms: tuple[Mechanism, ...],
     frame: RateFrame,
-    groups: Sequence[tuple[Regressor, ...]],
+    columns: Sequence[Regressor],
     searched: int,
 ) -> list[HypothesisFit]:
-    """Fits of 1, 2, ... groups of columns, each the one before with the group that lowers the error most."""
+    """Fits of 1, 2, ... choices of columns, each the one before with the choice that lowers the error most."""
     reduced = Reduced(problem, frame)
-    batch = reduced.batch([column for group in groups for column in group])
+    batch = reduced.batch(columns)
     triangle = reduced.triangle(batch)  # has the same products as the rows, and is small
     free, left, least = triangle[:, :-1], triangle[:, -1], _SPENT * np.sqrt(batch.squares)
-    ends = np.cumsum([0, *(len(group) for group in groups)])
-    offered = {tuple(group): slice(a, b) for group, (a, b) in zip(groups, itertools.pairwise(ends), strict=True)}
+    offered: dict[object, list[int]] = {}
+    for place, column in enumerate(columns):
+        offered.setdefault(column.choice, []).append(place)
     chosen: tuple[Regressor, ...] = ()
     found: list[HypothesisFit] = []
     while offered and len(chosen) < problem.max_terms:
         bases = {
-            group: np.linalg.qr(free[:, place])[0]
-            for group, place in offered.items()
-            if np.all(np.linalg.norm(free[:, place], axis=0) > least[place])
+            choice: np.linalg.qr(free[:, places])[0]
+            for choice, places in offered.items()
+            if np.all(np.linalg.norm(free[:, places], axis=0) > least[places])
         }
-        gains = {group: float(np.sum((basis.T @ left) ** 2)) for group, basis in bases.items()}
-        best = max(gains, key=gains.__getitem__, default=())
-        if not gains or gains[best] <= 0.0:
+        gains = {choice: float(np.sum((basis.T @ left) ** 2)) for choice, basis in bases.items()}
+        best = max(gains, key=gains.__getitem__, default=None)
+        if best is None or gains[best] <= 0.0:
             break
-        basis, chosen = bases[best], (*chosen, *best)
-        del offered[best]
-        left, free = (rows - basis @ (basis.T @ rows) for rows in (left, free))
+        chosen = (*chosen, *(columns[place] for place in offered.pop(best)))
+        left, free = (rows - bases[best] @ (bases[best].T @ rows) for rows in (left, free))
         found.append(solved(reduced, name, mechanisms, (*problem.baseline, *chosen), searched))
     return found

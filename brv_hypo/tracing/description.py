@@ -83,8 +83,8 @@ _QUANTITIES: dict[Quantity, str] = {"mach": "Mach", "log_reynolds": "log10 of Re
 class Entry:
     """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
 
-    `at(position)` is the same entry elsewhere. What `may_change` may begin, end and jump in time; the others are
-    functions of a quantity themselves, `follows`, of a `form` wherever they lie.
+    `at(position)` is the same entry elsewhere. Some are functions of a quantity, `follows`, of a `form` wherever they
+    lie; the others may begin, end and jump in time.
     """
 
     words: str
@@ -92,7 +92,6 @@ class Entry:
     position: float = 0.0
     spacing: float = 0.0
     at: Callable[[float], Entry] | None = None
-    may_change: bool = False
     follows: Quantity | None = None
     form: str = ""
 
@@ -134,7 +133,7 @@ def _turning(motion: Motion) -> list[Entry]:
         turn = Turn(of="time", rate=rate)
         terms = tuple(_term(f"turns at {rate:.12g} rad/s, {axis}", axis, turn=turn) for axis in _BODY)
         words = f"a body-fixed moment that turns at {rate:.3g} rad/s ({rate / 2 / np.pi:.3g} Hz{roll})"
-        return Entry(words, terms, rate, step, entry, may_change=True)
+        return Entry(words, terms, rate, step, entry)
 
     return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
 
@@ -144,10 +143,9 @@ def _harmonics() -> list[Entry]:
     found = []
     for harmonic, power, axis in itertools.product((1, 2, 3, 4), (0, 1), _PLANE):
         waves = [Factor(of="windward_meridian", function=function, rate=float(harmonic)) for function in _WAVES]
-        names = [f"{axis} {wave.function} {harmonic} phi_w{_POWER[power]}" for wave in waves]
-        terms = tuple(_term(name, axis, power, (wave,)) for name, wave in zip(names, waves, strict=True))
+        terms = tuple(_term(f"{axis} {w.function} {harmonic} phi_w{_POWER[power]}", axis, power, (w,)) for w in waves)
         words = f"{_SIDES[axis]} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}"
-        found.append(Entry(words, terms, may_change=True))
+        found.append(Entry(words, terms))
     return found
 
 
@@ -161,7 +159,7 @@ def _round_the_body() -> list[Entry]:
         turn, name = Turn(of="windward_meridian", rate=float(times)), f"turned by {times} phi_w{_POWER[power]}"
         terms = tuple(_term(f"{axis} {name}", axis, power, turn=turn) for axis in _PLANE)
         turns = f"turns {_TIMES[abs(times)]} {'against' if times < 0 else 'with'} the windward meridian"
-        found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms, may_change=True))
+        found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms))
     return found
 
 
@@ -172,7 +170,7 @@ def _powers() -> list[Entry]:
         for power in powers:
             how = _POWER[power].replace(" times", " with") or ", constant"
             words = f"{_SIDES[axis]} moment{how}"
-            found.append(Entry(words, (_term(f"{axis}{_POWER[power]}", axis, power),), may_change=True))
+            found.append(Entry(words, (_term(f"{axis}{_POWER[power]}", axis, power),)))
     return found
 
 
@@ -325,7 +323,7 @@ class _Search:
         """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them
         with times anew at its own place: beside a place a jump more makes up for what is off.
         """
-        offered = [entry for entry in self.offered if entry.may_change]
+        offered = [entry for entry in self.offered if entry.follows is None]
         found = [self._timed(entry) for entry in self._over_stretches(offered)]
         if not found:
             return found
