@@ -145,8 +145,7 @@ def _predict(
     better = max(alone, beside, key=lambda each: each.level)
     difference = find_difference(better, columns, fit.fixed, known_by)
     remain = np.flatnonzero(np.isfinite(within.fixed))
-    fitted, noise = np.isnan(np.concatenate([within.fixed, within.others])), noise_of(fit, measured, within.values)
-    sigma = predictive_sigma(fit, covariance[np.ix_(remain, remain)], fitted, noise, beyond)
+    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     terms = estimates(Coefficients(columns, fit.values, covariance), data)
     found = Prediction(
@@ -305,35 +304,29 @@ def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> Fl
     return np.asarray(1.0 + 2.0 * first * turned + second * turned**2, dtype=float)
 
 
-def noise_of(fit: Fit, measured: ResidualMoments, values: FloatArray) -> FloatArray:
-    """1-sigma (rows,) of the gyros' noise in the residual moments, the coefficients being `values` (columns,)."""
+def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
+    """1-sigma (rows,) of the gyros' noise in the residual moments."""
     record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
-    slopes = slopes_at(fit.data, motion, fit.model.columns, 0, motion.alpha) @ values
+    slopes = slopes_at(fit.data, motion, fit.model.columns, 0, motion.alpha) @ fit.values
     stiffness = (slopes * record.moment_scale)[fit.data.samples_of(0)]
     modes = fit.problem.rows.nuisances.correlated.size // 2
     return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
 
 
-def predictive_sigma(
-    fit: Fit, covariance: FloatArray, fitted: BoolArray, noise_sigma: FloatArray, beyond: FloatArray
-) -> ComplexArray:
+def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, beyond: FloatArray) -> ComplexArray:
     """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
 
-    `covariance` is that of the fixed coefficients (fixed columns, fixed columns); `fitted` (columns + nuisances,) what
-    is fitted here; `noise_sigma` (rows,) is of the moments' noise, `beyond` (rows,) of what the model lacks.
+    `covariance` is that of the fixed coefficients (fixed columns, fixed columns); `noise_sigma` (rows,) is of the
+    moments' noise, `beyond` (rows,) of what the model lacks.
     """
-    problem, frame, count = fit.problem, fit.data.frame, len(fit.model.columns)
-    constants = 2 * len(problem.rows.part.levels)
-    design = problem.whole_design(frame, fit.model.columns)
-    free = np.concatenate([fitted[:count], np.ones(constants, dtype=bool), fitted[count:]])
+    problem, frame, (design, _, free) = fit.problem, fit.data.frame, fit.all_unknowns
     scale = lengths(design[:, free])
     solved = np.linalg.pinv(design[:, free] / scale, rcond=_CUTOFF) / scale[:, np.newaxis]
-    unknowns = [history.rates for _, history in problem.rows.nuisances.histories.batches()]
-    moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), *unknowns])).body
-    of_columns, of_others = moments[:, :count][:, fitted[:count]], moments[:, count:][:, fitted[count:]]
-    none = np.zeros((len(moments), constants))  # constants of integration show in no moment
-    of_fitted = np.column_stack([of_columns, none, of_others])
-    slopes = moments[:, ~fitted] - of_fitted @ (solved @ design[:, ~free])
+    constants = np.zeros((frame.observed.size, 2 * len(problem.rows.part.levels)))  # show in no moment
+    nuisances = [history.rates for _, history in problem.rows.nuisances.histories.batches()]
+    moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), constants, *nuisances])).body
+    of_fitted = moments[:, free]
+    slopes = moments[:, ~free] - of_fitted @ (solved @ design[:, ~free])
     known = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))
     # The level of the noise that the rates are weighed with, over that of the gyros.
     raised = problem.rows.noise.rates.sigma / float(np.median([record.gyro_sigma for record in problem.records]))

@@ -36,7 +36,7 @@ from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import ROUGH, Nonlinear, Steps, nonlinear_parameters, prediction_slopes, refine
+from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.linearisation.channels import Noise, Part, Rows, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels
@@ -255,7 +255,7 @@ class Fit:
         """Coefficients (columns,) and nuisances (unknowns,)."""
         if not (self.fixed.size or self.others.size):
             return self.problem.solution(self.data.frame, self.model.columns)
-        _, values, _ = self._constrained
+        _, values, _ = self.all_unknowns
         return values[: len(self.model.columns)], values[values.size - len(self.nuisances) :]
 
     @property
@@ -264,7 +264,7 @@ class Fit:
         return self.solution[0]
 
     @cached_property
-    def _constrained(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def all_unknowns(self) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Columns, constants of integration and nuisances (rows, all), what they come to, and which are fitted."""
         design = self.problem.whole_design(self.data.frame, self.model.columns)
         values = np.full(design.shape[1], np.nan)
@@ -279,17 +279,12 @@ class Fit:
         """That of coefficients and then nuisances, 0 for those that are fixed; where none is, delays and knots are as
         uncertain as the record leaves them.
         """
-        problem, columns, frame, nonlinear = self.problem, self.model.columns, self.data.frame, tuple[Nonlinear, ...]()
-        if not (self.fixed.size or self.others.size):
-            design, residual, efficiency = problem.whole_design(frame, columns), self.null.residual, problem.efficiency
-            free = np.ones(design.shape[1], dtype=bool)
-            nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
-        else:
-            design, values, free = self._constrained
-            residual = problem.raw_response - design @ values
+        problem, columns, frame = self.problem, self.model.columns, self.data.frame
+        design, values, free = self.all_unknowns
+        residual, fitted, efficiency = problem.raw_response - design @ values, design[:, free], problem.efficiency
+        if not free.all():
             efficiency = problem.efficiency_of(residual)
-        fitted = design[:, free]
-        if nonlinear:
+        elif nonlinear := nonlinear_parameters(columns, 0, frame, problem.knots):
             slopes = prediction_slopes(nonlinear, columns, self.values, frame)
             fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
         covariance, count = np.zeros((free.size, free.size)), int(free.sum())
