@@ -7,7 +7,7 @@ acceptance     a candidate's F-ratio and p-value, the test on the blocks held ou
 description    the dictionary of generic terms, and the entry that describes a residual best
 additions      every candidate beside a model
 families       the model beside all processes: which family holds the residual, which effects are wanted
-account        the residual's tests, and a step with its errors before and after
+account        a step of the result: candidates, families, errors before and after
 final_model    coefficients on the whole record, and the result as it is gathered
 trace          the loop
 """

@@ -20,6 +20,7 @@ from itertools import combinations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.diagnostics import process_history
 from brv_hypo.comparison.judgement import NORMAL_95
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
@@ -38,7 +39,6 @@ from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
-from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
 from brv_hypo.tracing.fit import Fit, has_tolerance
@@ -266,21 +266,14 @@ def _label(applied: Applied) -> str:
 
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
     """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
-    count = process.splines
-    if isinstance(process, MomentProcess):
-        unit, kinds = rms_of_shapes(process, motion), len(process.shapes(motion))
-    else:
-        unit, kinds = 1.0, len(process.channels)
-    own_values, own_errors = (
-        each[: count * kinds].reshape(kinds, count) / unit for each in own.spline_coefficients(number)
-    )
+    unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
     places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
-    splines = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), count)
-    paths = splines @ own_values.T
-    sigmas = np.sqrt(splines**2 @ own_errors.T**2)
-    length = np.linalg.norm(paths, axis=1)
-    value = paths[:, 0] if kinds == 1 else length
-    sigma = sigmas[:, 0] if kinds == 1 else np.linalg.norm(paths * sigmas, axis=1) / np.maximum(length, 1e-300)
+    shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
+    values, errors = (each / unit for each in process_history(own, number, process.splines, 0, shares))
+    value = np.linalg.norm(values, axis=0)
+    sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
+    if len(values) == 1:
+        (value,), (sigma,) = values, errors
     return ProcessHistory(
         process=process.name,
         title=process.title,
