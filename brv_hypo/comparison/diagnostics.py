@@ -164,17 +164,23 @@ def _channels(judged: Judged, flight: int, moments: Sequence[ComplexArray]) -> d
 def _histories(own: Evidence, flight: int) -> dict[str, Any]:
     """Of each process by name, at even times of a flight."""
     processes: tuple[Process, ...] = (*record_processes(), *moment_processes())
-    splines = {each.name: time_splines(np.linspace(0.0, 1.0, _TIMES), 0.0, 1.0, each.splines).T for each in processes}
-    found = {}
+    splines, found = {each.name: each.splines for each in processes}, {}
     for place, group in enumerate(own.rows.groups):
-        known = splines[group.name]
-        value, sigma = (
-            np.split(each, len(own.rows.blocks))[flight].reshape(-1, known.shape[0])
-            for each in own.spline_coefficients(place)
-        )
-        pairs = zip((value @ known).tolist(), np.sqrt(sigma**2 @ known**2).tolist(), strict=True)
+        known = process_history(own, place, splines[group.name], flight, np.linspace(0.0, 1.0, _TIMES))
+        pairs = zip(*(each.tolist() for each in known), strict=True)
         found[group.name] = tuple((tuple(each), tuple(error)) for each, error in pairs)
     return found
+
+
+def process_history(
+    own: Evidence, place: int, splines: int, flight: int, shares: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A process of so many splines at shares of a flight's time: each shape or channel (kinds, times), and errors."""
+    known = time_splines(shares, 0.0, 1.0, splines).T
+    values, sigmas = (
+        np.split(each, len(own.rows.blocks))[flight].reshape(-1, splines) for each in own.spline_coefficients(place)
+    )
+    return values @ known, np.sqrt(sigmas**2 @ known**2)
 
 
 def whitened(own: Evidence, flight: int) -> dict[str, tuple[float, ...]]:

@@ -270,26 +270,32 @@ class Seconds(NullIsNaN):
     total: float
 
 
-class Series(NullIsNaN):
-    """Histories for pictures, of one flight: not part of the JSON.
-
-    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`; what is fitted includes the errors
-    of record and vehicle beside the mechanism, and both are NaN at the ends, where rates cannot be differentiated.
-    Standard deviations, rates and Mach number are empty where they are not known.
-    """
+class MotionHistories(NullIsNaN):
+    """Histories for pictures, of one flight: not part of the JSON. Empty where they are not known."""
 
     time_s: tuple[float, ...]
-    alpha_rad: tuple[float, ...]
-    windward_meridian_rad: tuple[float, ...]
-    measured: tuple[tuple[float, ...], tuple[float, ...]]
-    sigma: tuple[float, ...]
-    fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
+    alpha_rad: tuple[float, ...] = ()
+    windward_meridian_rad: tuple[float, ...] = ()
     alpha_sigma_rad: tuple[float, ...] = ()
     windward_meridian_sigma_rad: tuple[float, ...] = ()
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
     mach: tuple[float, ...] = ()
     dynamic_pressure_pa: tuple[float, ...] = ()
+    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+    """Of model and processes, by channel: the residual at unit noise, in axes that do not roll."""
+
+
+class Series(MotionHistories):
+    """What was measured and fitted, of one flight.
+
+    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`; what is fitted includes the errors
+    of record and vehicle beside the mechanism, and both are NaN at the ends, where rates cannot be differentiated.
+    """
+
+    measured: tuple[tuple[float, ...], tuple[float, ...]]
+    sigma: tuple[float, ...]
+    fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
     channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
     """Of the leader, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled, processes left out.
     """
@@ -297,8 +303,6 @@ class Series(NullIsNaN):
     """As `measured` less the leader's baseline, processes and errors of the record; and of its mechanisms. Empty where
     the baseline only leads.
     """
-    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
-    """Of the leader and processes, by channel: the residual at unit noise, in axes that do not roll."""
     histories: dict[str, tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = Field(default_factory=dict)
     """Of processes beside the leader, by name, at even times: value and standard error of each shape or channel, in the
     process's units; of moments as a moment coefficient, by the rms of the shape.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray
+from brv_hypo.arrays import ComplexArray, IntArray
 from brv_hypo.comparison.intervals import intervals
 from brv_hypo.comparison.maximum_likelihood import Likelihoods
 from brv_hypo.comparison.result import (
@@ -34,8 +34,10 @@ from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.uncertainty import residual_moments
 from brv_hypo.io.text import hypothesis
-from brv_hypo.model.term import BASELINE, Regressor, Vector
-from brv_hypo.motion.motion import plane_from_body
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import BASELINE, Regressor, Vector, evaluated
+from brv_hypo.motion.motion import Motion, plane_from_body
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
@@ -199,12 +201,16 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
         column, value = fit.columns[j], float(fit.values[j])
         sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
         mechanism = BASELINE if j < fit.baseline_size else column.mechanism
-        where = {"channel": _channel(fit, column), "region_s": _region(fit, column), "delay_s": column.delay}
-        found.append(_term(column.label, mechanism, value, sigma, column.units, **where))
+        where = {
+            "channel": channel_of(column, fit.frame.mechanisms, fit.frame.motions[0]),
+            "region_s": _region(fit, column),
+            "delay_s": column.delay,
+        }
+        found.append(estimate(column.label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
 
 
-def _term(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
+def estimate(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
     """An estimate; `where`: its channel, region and delay."""
     f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
     known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
@@ -240,8 +246,10 @@ def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
     found = []
     for each in intervals(fit):
         where = {"channel": "both", "region_s": (each.start, each.stop)}
-        net = [_term(n.term, n.mechanism, n.value, n.std_error, n.units, delay_s=n.delay, **where) for n in each.values]
-        net += [_term(d.name, name, d.value, d.std_error, d.units, **where) for name, d in each.derived]
+        net = [
+            estimate(n.term, n.mechanism, n.value, n.std_error, n.units, delay_s=n.delay, **where) for n in each.values
+        ]
+        net += [estimate(d.name, name, d.value, d.std_error, d.units, **where) for name, d in each.derived]
         found.append(NetInterval(start_s=each.start, stop_s=each.stop, values=tuple(net)))
     return tuple(found)
 
@@ -279,17 +287,15 @@ def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> 
             DerivedEstimate(name=e.name, value=e.value, std_error=e.std_error, units=e.units) for e in found.nonlinear
         ),
         instrument=tuple(
-            _term(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
+            estimate(e.name, "instrument", e.value, e.std_error, e.units, channel="record") for e in found.instruments
         ),
         seconds=found.seconds,
     )
 
 
-def _channel(fit: HypothesisFit, column: Regressor) -> str:
+def channel_of(column: Regressor, mechanisms: Mapping[str, Mechanism], motion: Motion) -> str:
     """In which plane the column acts."""
-    motion = fit.frame.motions[0]
-    terms = fit.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-    term = next(term for term in terms if term.name == column.term)
+    (term,) = evaluated([column], mechanisms, motion)
     inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
     return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
 
@@ -341,27 +347,36 @@ def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ..
         pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]
         rows = np.concatenate([np.arange(a, b)[drawn(b - a)] for _, (a, b) in pieces])
         kept = np.concatenate([np.arange(s.rows.start, s.rows.stop)[drawn(b - a)] for s, (a, b) in pieces])
-        phi_w = motion.windward_meridian[kept]
 
         def plane(
-            body: np.ndarray, phi_w: np.ndarray = phi_w, rows: np.ndarray = rows
+            body: np.ndarray, phi_w: np.ndarray = motion.windward_meridian[kept], rows: np.ndarray = rows
         ) -> tuple[tuple[float, ...], tuple[float, ...]]:
             both = plane_from_body(body[rows], phi_w)
             return tuple(both.real.tolist()), tuple(both.imag.tolist())
 
         found.append(
             Series(
-                time_s=tuple(motion.time[kept].tolist()),
-                alpha_rad=tuple(motion.alpha[kept].tolist()),
-                windward_meridian_rad=tuple(phi_w.tolist()),
                 measured=plane(measured),
                 sigma=tuple(known.noise[rows].tolist()),
                 fitted={name: plane(body) for name, body in fitted.items()},
-                alpha_sigma_rad=tuple(frame.reconstructions[index].alpha_sigma[kept].tolist()),
-                windward_meridian_sigma_rad=tuple(frame.reconstructions[index].phi_w_sigma[kept].tolist()),
-                roll_rate_rad_s=tuple(motion.p[kept].tolist()),
-                windward_meridian_rate_rad_s=tuple(motion.windward_meridian_rate[kept].tolist()),
-                mach=tuple(motion.mach[kept].tolist()),
+                **motion_histories(frame.reconstructions[index], kept),
             )
         )
     return tuple(found)
+
+
+def motion_histories(reconstruction: Reconstruction, kept: IntArray) -> dict[str, Any]:
+    """Fields of `MotionHistories` at some samples of a flight."""
+    motion = reconstruction.motion
+    histories = {
+        "time_s": motion.time,
+        "alpha_rad": motion.alpha,
+        "alpha_sigma_rad": reconstruction.alpha_sigma,
+        "windward_meridian_rad": motion.windward_meridian,
+        "windward_meridian_sigma_rad": reconstruction.phi_w_sigma,
+        "roll_rate_rad_s": motion.p,
+        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
+        "mach": motion.mach,
+        "dynamic_pressure_pa": motion.dynamic_pressure,
+    }
+    return {name: tuple(values[kept].tolist()) for name, values in histories.items()}

@@ -7,7 +7,15 @@ from typing import Literal, TypedDict
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from brv_hypo.comparison.result import FlightSummary, MaximumLikelihood, RecordError, RecordSummary, TermEstimate
+from brv_hypo.comparison.result import (
+    FlightSummary,
+    Interval,
+    MaximumLikelihood,
+    MotionHistories,
+    RecordError,
+    RecordSummary,
+    TermEstimate,
+)
 from brv_hypo.constants import TRACED_BLOCKS, TRACED_KNOTS, TRACED_SIGNIFICANCE, TRACED_STEPS, TRACED_TERMS
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.json_result import NullIsNaN, Result
@@ -63,9 +71,6 @@ TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
 
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
-
-
-Interval = tuple[float, float]
 
 
 Status = Literal["finding", "hint"]
@@ -222,27 +227,13 @@ class ModelSummary(NullIsNaN):
     definition: SavedModel
 
 
-class Picture(NullIsNaN):
-    """Residual moments (pitch, yaw) before and after, for pictures of the report: not part of the JSON.
+class Picture(MotionHistories):
+    """Residual moments (pitch, yaw) before and after, of one flight."""
 
-    Angles and rates of the motion are empty where they are not known.
-    """
-
-    time_s: tuple[float, ...]
     measured: tuple[tuple[float, ...], tuple[float, ...]]
     before: tuple[tuple[float, ...], tuple[float, ...]]
     after: tuple[tuple[float, ...], tuple[float, ...]]
     sigma: tuple[float, ...]
-    alpha_rad: tuple[float, ...] = ()
-    alpha_sigma_rad: tuple[float, ...] = ()
-    windward_meridian_rad: tuple[float, ...] = ()
-    windward_meridian_sigma_rad: tuple[float, ...] = ()
-    roll_rate_rad_s: tuple[float, ...] = ()
-    windward_meridian_rate_rad_s: tuple[float, ...] = ()
-    mach: tuple[float, ...] = ()
-    dynamic_pressure_pa: tuple[float, ...] = ()
-    whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
-    """As that of a comparison's `Series`."""
 
 
 class Trace(HasCharts, Result):
