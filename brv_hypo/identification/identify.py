@@ -30,8 +30,7 @@ from brv_hypo.identification.parameters import (
     unique,
 )
 from brv_hypo.inference.uncertainty import Regressed
-from brv_hypo.likelihood import FitResult, Segment, fit
-from brv_hypo.likelihood.derivatives import PartialJacobian
+from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
 from brv_hypo.likelihood.uncertainty import Whiteness
 from brv_hypo.linearisation.frame import RateFrame
@@ -157,8 +156,8 @@ class Problem:
     ) -> FitResult:
         """Maximum likelihood, with some parameters `fixed`."""
         return fit(
-            PartialJacobian(self.model.dynamics, self.model.dynamics_slopes, self.affine),
-            PartialJacobian(self.model.outputs, self.model.outputs_slopes, self.affine),
+            Differenced(self.model.dynamics, self.affine),
+            Differenced(self.model.outputs, self.affine),
             self.segments(),
             self.theta,
             bounds=self.bounds | {name: (self.theta[name], self.theta[name]) for name in fixed},

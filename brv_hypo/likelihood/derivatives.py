@@ -1,9 +1,8 @@
 """First derivatives of the user's functions, all samples at once.
 
 The complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) for functions that accept complex arrays
-and are analytic: no abs, no comparison of complex values, no arctan2. Else, and where a function comes with some of its
-derivatives (`PartialJacobian`), central differences are taken, each step scaled by the variable that it changes.
-`evaluate` and `jacobian` are the entrance.
+and are analytic: no abs, no comparison of complex values, no arctan2. Else, and for a function that is `Differenced`,
+central differences are taken, each step scaled by the variable that it changes. Entrances: `evaluate`, `jacobian`.
 """
 
 from __future__ import annotations
@@ -22,14 +21,10 @@ from brv_hypo.likelihood.segment import SampledParameter
 
 
 @dataclass(frozen=True)
-class PartialJacobian:
-    """A function (x, u, theta, t[, delayed]) -> (m, n), of whose derivatives something is known; those that are not
-    are central differences.
-    """
+class Differenced:
+    """A function (x, u, theta, t[, delayed]) -> (m, n) whose derivatives are central differences."""
 
     function: Callable[..., Any]
-    slopes: Callable[..., Mapping[str, FloatArray]]
-    """Of the same arguments: derivatives (m, n) by some parameters and time-varying ones, by name, taken as right."""
     affine: frozenset[str] = frozenset()
     """Parameters and time-varying ones in which the function is affine, all else held: one difference is exact."""
 
@@ -106,11 +101,7 @@ def jacobian(
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
     # The complex step has the value in its real part.
     value = [] if method == "complex" else [np.asarray(_call(function, points.x, points, theta, points.delayed))]
-    known: dict[str, FloatArray] = {}
-    affine: Collection[str] = ()
-    if isinstance(function, PartialJacobian):
-        slopes = _call(function.slopes, points.x, points, theta, points.delayed)
-        known, affine = {name: slope.T for name, slope in slopes.items()}, function.affine
+    affine = function.affine if isinstance(function, Differenced) else frozenset[str]()
 
     def derivative(move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False) -> FloatArray:
         if method == "complex":
@@ -149,17 +140,13 @@ def jacobian(
     for varying in points.time_varying:
         if any(weight in names for weight in varying.weights):
             size = partial(_largest_size, varying.weights, theta, scale)
-            own = known.get(varying.name)
-            if own is None:
-                own = derivative(along_parameter(varying.name), size, varying.name in affine)
+            own = derivative(along_parameter(varying.name), size, varying.name in affine)
             for w, shape in zip(varying.weights, varying.shapes, strict=True):
                 part = own * shape[:, None]
                 through[w] = through[w] + part if w in through else part
     columns += [
         through[name]
         if name in through
-        else known[name]
-        if name in known
         else derivative(along_parameter(name), partial(_largest_size, (name,), theta, scale), name in affine)
         for name in names
     ]
@@ -183,7 +170,7 @@ def choose_method(
     scale: Mapping[str, float],
 ) -> Method:
     """The complex step where every function takes it and central differences agree; else those."""
-    if any(isinstance(function, PartialJacobian) for function in functions):
+    if any(isinstance(function, Differenced) for function in functions):
         return "central"
     for function in functions:
         central = jacobian(function, points, theta, names, "central", scale)

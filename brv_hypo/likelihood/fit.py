@@ -64,7 +64,7 @@ def fit(
     dynamics : callable
         f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs, n), theta name to
         value, t (n,), s. Analytic functions that accept complex x and theta get exact derivatives; others, and those
-        that come as a `PartialJacobian`, central differences.
+        that come as `Differenced`, central differences.
     outputs : callable
         h(x, u, theta, t) -> (n_outputs, n).
     segments, theta0 : sequence of Segment, mapping of str to float

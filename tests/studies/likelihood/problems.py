@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.derivatives import Function, PartialJacobian
+from brv_hypo.likelihood.derivatives import Differenced, Function
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.segment import Hold, Segment
 
@@ -26,7 +26,7 @@ _SUBSTEPS = 8
 
 def by_central_differences(function: Function) -> Function:
     """The function, differentiated by central differences."""
-    return PartialJacobian(function, lambda *arguments: {})
+    return Differenced(function)
 
 
 @dataclass(frozen=True)
