@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import Generic, Literal, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -52,7 +52,7 @@ from brv_hypo.identification.parameters import (
 from brv_hypo.likelihood import Delayed
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import OwnTime
-from brv_hypo.model.term import Evaluated, Regressor, evaluated, summed
+from brv_hypo.model.term import Evaluated, Regressor, Theta, evaluated, summed
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, windward_meridian
 from brv_hypo.motion.motion import Motion
@@ -146,9 +146,6 @@ class Shapes:
 
 Values = Mapping[str, float]
 AtDelays = Mapping[str, Delayed]  # states and inputs at the delays that are parameters, by name
-RateUse = Literal["unused", "affine", "other"]
-
-_ROUNDING = 1e-9
 
 
 def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
@@ -165,11 +162,11 @@ def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
 
 @dataclass(frozen=True)
 class MomentModel:
-    """What the columns of a structure are at any motion; `rates`: how they change with those of alpha and meridian."""
+    """What the columns of a structure are at any motion; `uses_rates`: whether those of alpha and meridian change them."""
 
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
-    rates: RateUse = "other"
+    uses_rates: bool = True
     _known: Memory[tuple[Motion, Evaluated]] = field(default_factory=Memory, compare=False, repr=False)
 
     @cached_property
@@ -219,23 +216,17 @@ class MomentModel:
         return self._known((id(motion),), lambda: (motion, {}))[1]
 
 
-def use_of_rates(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> RateUse:
-    """How the columns change with the rates of alpha and of the meridian, tried on a recorded motion."""
-    rng, found = np.random.default_rng(0), set()
+def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> bool:
+    """Whether the columns change with the rates of alpha and of the meridian, tried on a recorded motion."""
+    rng = np.random.default_rng(0)
     changes = {name: rng.standard_normal(motion.time.size) for name in ("alpha_rate", "windward_meridian_rate")}
-    motions = [
-        replace(motion, **{name: getattr(motion, name) + times * change for name, change in changes.items()})
-        for times in (0.0, 1.0, 2.0)
-    ]
-    for mechanism, theta in {(column.mechanism, column.theta) for column in columns}:
-        each = (mechanisms[mechanism].terms(m, dict(theta)) for m in motions)
-        now, once, twice = (np.array([(term.in_plane, term.out_of_plane) for term in terms]) for terms in each)
-        if not np.array_equal(now, once):
-            bent = np.max(np.abs(twice - 2.0 * once + now), initial=0.0)
-            # A mechanism with parameters may multiply what C_mw has of the rates by what it has itself.
-            straight = bent <= _ROUNDING * np.max(np.abs(once - now)) and not mechanisms[mechanism].parameters()
-            found.add("affine" if straight else "other")
-    return "other" if "other" in found else "affine" if found else "unused"
+    changed = replace(motion, **{name: getattr(motion, name) + change for name, change in changes.items()})
+
+    def terms(mechanism: str, theta: Theta, motion: Motion) -> list[tuple[FloatArray, FloatArray]]:
+        return [(term.in_plane, term.out_of_plane) for term in mechanisms[mechanism].terms(motion, dict(theta))]
+
+    kinds = {(column.mechanism, column.theta) for column in columns}
+    return any(not np.array_equal(terms(*kind, motion), terms(*kind, changed)) for kind in kinds)
 
 
 # ---- Equations of motion and measurement equations of Section 4.4, as the likelihood takes them ----
@@ -295,7 +286,7 @@ class VehicleModel:
         """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
         feel these.
         """
-        if self.moments.rates == "unused":
+        if not self.moments.uses_rates:
             return ()
         return (*self.forces, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
 

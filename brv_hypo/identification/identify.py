@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, use_of_rates
+from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, rates_used
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
 from brv_hypo.identification.parameters import (
     READ,
@@ -142,8 +142,7 @@ class Problem:
         time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}
         gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
         bent = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
-        if self.model.moments.rates == "affine":
-            bent = {of_flight(ROLL_RATE_ERROR, flight) for flight in self.flights}  # its square acts on the lever
+        bent |= {of_flight(ROLL_RATE_ERROR, flight) for flight in self.flights}  # its square acts on the lever
         return frozenset({*self.structure.names, *self.model.forces, *time_varying, *gravity} - bent)
 
     @property
@@ -196,7 +195,7 @@ def build_problem(
     structure = structure_of(columns, frame.mechanisms, *span)
     forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(IDENTIFIED_FORCE_DEGREE + 1))
     model = VehicleModel(
-        MomentModel(structure, frame.mechanisms, use_of_rates(columns, frame.mechanisms, frame.motions[0])),
+        MomentModel(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
         forces,
         span,
