@@ -162,7 +162,7 @@ def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
 
 @dataclass(frozen=True)
 class MomentModel:
-    """What the columns of a structure are at any motion; `uses_rates`: whether those of alpha and meridian change them."""
+    """What the columns of a structure are at any motion; `uses_rates`: whether rates of its angles change them."""
 
     structure: Structure
     mechanisms: Mapping[str, Mechanism]

@@ -19,16 +19,7 @@ from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, rates_used
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
-from brv_hypo.identification.parameters import (
-    READ,
-    ROLL_RATE_ERROR,
-    Structure,
-    Tolerated,
-    input_error,
-    of_flight,
-    structure_of,
-    unique,
-)
+from brv_hypo.identification.parameters import READ, Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
 from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
@@ -142,7 +133,6 @@ class Problem:
         time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}
         gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
         bent = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
-        bent |= {of_flight(ROLL_RATE_ERROR, flight) for flight in self.flights}  # its square acts on the lever
         return frozenset({*self.structure.names, *self.model.forces, *time_varying, *gravity} - bent)
 
     @property

@@ -50,13 +50,13 @@ def agree(function: Function, other: Function, points: Points, theta: dict[str, 
     assert not [name for name, wrong in zip(theta, apart, strict=True) if wrong]
 
 
-@pytest.mark.parametrize("case", ["bodyfixed", pytest.param("damping", marks=pytest.mark.thorough)])
-@settings(max_examples=3, deadline=None)
+@pytest.mark.thorough
+@settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_one_difference_is_enough_by_what_the_equations_are_affine_in(case: str, seed: int) -> None:
-    made, points, theta = moved(case, seed)
+def test_one_difference_is_enough_by_what_the_equations_are_affine_in(seed: int) -> None:
+    made, points, theta = moved("damping", seed)
     assert "error of q [flight 0]" in made.affine
-    assert (f"{GRAVITY[0]} [flight 0]" in made.affine) == (case == "bodyfixed")
+    assert f"{GRAVITY[0]} [flight 0]" not in made.affine
     for function in (made.model.dynamics, made.model.outputs):
         agree(Differenced(function, made.affine), function, points, theta)
 
