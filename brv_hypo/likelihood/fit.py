@@ -243,16 +243,17 @@ class _Task:
         unknown = sorted(set(self.delays) - set(theta))
         if unknown:
             raise UsageError(f"delays names {unknown}, which theta0 does not have; it has {sorted(theta)}")
+        model = Model(self.dynamics, self.outputs, self.delays)
         for grid in grids:
-            points = start_points(grid, theta, self.delays)
+            points = start_points(model, grid, theta)
             check_shape(self.dynamics, points, theta, grid.start.shape[0], "dynamics")
             check_shape(self.outputs, points, theta, grid.y.shape[0], "outputs")
         functions = (self.dynamics, self.outputs)
-        points = start_points(grids[0], theta, self.delays)
+        points = start_points(model, grids[0], theta)
         priors = {name: std for name, (_, std) in self.priors.items() if np.isfinite(std)}
         scale = parameter_scales(functions, points, theta, parameters.names, priors)
         method = choose_method(functions, points, theta, parameters.names, scale)
-        return Model(self.dynamics, self.outputs, self.delays, method, scale)
+        return replace(model, method=method, scale=scale)
 
 
 _LONGEST = 100_000  # samples up to which a second starting point is tried

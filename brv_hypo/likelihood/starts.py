@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Model, linearise_segment, parts_of
+from brv_hypo.likelihood.collocation import Model, linearise_segment
 from brv_hypo.likelihood.derivatives import Points, evaluate
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
@@ -99,13 +99,9 @@ def states_from_outputs(
             continue
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
         measured = _without_gaps(grid)
-        moved = np.empty_like(x)
-        for part in parts_of(grid.n):
-            linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), (), part)
-            pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(part.start), rcond=1e-6)
-            difference = measured[:, part] - linear.output.T
-            moved[:, part] = x[:, part] + np.einsum("nij,jn->in", pseudo_inverse, difference)
-        histories.append(moved)
+        linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), ())
+        pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(), rcond=1e-6)
+        histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, measured - linear.output.T))
     return tuple(histories)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from brv_hypo.identification import IdentificationConfig
 from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.identify import Problem, build_problem
-from brv_hypo.likelihood.collocation import start_points
+from brv_hypo.likelihood.collocation import Model, start_points
 from brv_hypo.likelihood.derivatives import Differenced, Function, Points, evaluate, jacobian
 from brv_hypo.likelihood.segment import build_grid
 from tests.studies.identification.study import flights, trial
@@ -33,7 +33,8 @@ def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
         name: value + (0.0 if name in nonlinear_parameters else 0.1 * max(abs(value), 1.0) * rng.standard_normal())
         for name, value in made.theta.items()
     }
-    points = start_points(build_grid(made.segments()[0], 0), theta, made.structure.delays)
+    model = Model(made.model.dynamics, made.model.outputs, made.structure.delays)
+    points = start_points(model, build_grid(made.segments()[0], 0), theta)
     points.x[:] *= 1.0 + 0.1 * rng.standard_normal((4, 1))
     return made, points, theta
 
