@@ -234,7 +234,7 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
             continue
         orthogonal = _ill_conditioned(board.frame, piece, effort.kernel)
         board.widen(piece.rounding_margin(orthogonal=orthogonal))
-        budget = np.inf if orthogonal else allowed
+        budget = np.inf if orthogonal or board.frame.constraints.active else allowed
         if late or nodes >= budget:
             left.append(OpenSubtree(piece.included, tuple(piece.undecided.tolist()), piece.bound))
             continue

@@ -20,31 +20,20 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.frame import Constraints
 from brv_hypo.subset.incumbents import Board
 from brv_hypo.subset.kernel import (
-    BRANCHED,
-    DROPPED,
-    FORCED,
     HITS,
-    INCLUDED,
     LEVEL,
-    NEW,
     NODES,
     NONE,
-    UNDECIDED,
     Work,
     compiled,
     compiled_part,
-    implied,
-    leave,
-    mark_dropped,
     packed_quota,
     padded,
     quota_of,
     record,
     score,
-    score_fours,
     score_triples,
     whole_vectors,
 )
@@ -64,7 +53,7 @@ def rises(w: Work, level: int, m: int, out: Any) -> None:
 
 
 @compiled_part
-def place(w: Work, level: int, j: int, m: int) -> int:
+def place(w: Work, level: int, j: int, m: int) -> None:
     """Move the column to branch on to the last place."""
     S, H, c, beta, ids = w.A[level], w.B[level], w.x[level], w.beta[level], w.ids[level]
     if not w.owns[level]:
@@ -80,7 +69,6 @@ def place(w: Work, level: int, j: int, m: int) -> int:
         c[j], c[last] = c[last], c[j]
         beta[j], beta[last] = beta[last], beta[j]
         ids[j], ids[last] = ids[last], ids[j]
-    return last
 
 
 @compiled_part
@@ -136,7 +124,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
     ``limits[k]``: a subset of size k is of interest below it; ``loosest[k]``: the largest limit from size k
     on. The level in ``w.state`` is -1 when the tree is done.
     """
-    constrained = w.requires.size > 0
     rise = w.scratch[0]
     stop = w.state[NODES] + budget
     while w.state[LEVEL] >= 0 and w.state[NODES] < stop:
@@ -147,57 +134,44 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
             stop = min(stop, w.state[NODES] + PATIENCE)
             if w.state[HITS] + m * m > w.hits.shape[0]:
                 return
-        if w.phase[level] == FORCED:
-            leave(w, level)
-            continue
-        if w.phase[level] == BRANCHED:
-            if constrained:
-                mark_dropped(w, w.ids[level, w.at[level]], level)
-            drop(w, level, w.at[level])
+        if w.branched[level]:
+            drop(w, level, m - 1)
             m = w.count[level] = m - 1
-            w.phase[level] = NEW
+            w.branched[level] = False
             if w.bound[level] > loosest[size + 1]:
-                leave(w, level)
+                w.state[LEVEL] = level - 1
                 continue
         w.state[NODES] += 1
         rises(w, level, m, rise)
         quota = quota_of(rise, m, w.bound[level], limits, size, w.most[level])
         quota = packed_quota(w, level, m, rise, quota, limits)
         w.most[level] = size + quota
-        if (quota == 3 or (quota == 4 and score_fours(w, level, m, limits))) and score_triples(
-            w, level, m, rise, limits
-        ):
-            leave(w, level)
-            continue
+        if quota == 3:
+            hits = w.state[HITS]
+            pairs = quota_of(rise, m, w.bound[level], limits, size, size + 2) == 2
+            score(w, level, m, pairs, limits)
+            if score_triples(w, level, m, limits):
+                w.state[LEVEL] = level - 1
+                continue
+            w.state[HITS] = hits
         if quota <= 2:
             if quota > 0:
                 score(w, level, m, quota == 2, limits)
-            leave(w, level)
+            w.state[LEVEL] = level - 1
             continue
         j = 0
         for i in range(1, m):
             if rise[i] > rise[j]:
                 j = i
-        w.phase[level] = BRANCHED
-        verdict = 0
-        if constrained:
-            forced, verdict = implied(w, w.ids[level], m)
-            if verdict == INCLUDED:
-                w.phase[level] = FORCED
-            j = forced if verdict else j
-        j = place(w, level, j, m)
-        w.at[level] = j
-        if verdict == DROPPED:
-            continue
-        include(w, level, j)
+        w.branched[level] = True
+        place(w, level, j, m)
+        include(w, level, m - 1)
         w.bound[level + 1] = w.bound[level]
         w.count[level + 1] = m - 1
-        w.phase[level + 1] = NEW
+        w.branched[level + 1] = False
         w.owns[level + 1] = False
         w.most[level + 1] = w.most[level]
-        w.chosen[size] = w.ids[level, j]
-        if constrained:
-            w.status[w.ids[level, j]] = INCLUDED
+        w.chosen[size] = w.ids[level, m - 1]
         if w.rss[level + 1] <= limits[size + 1]:
             record(w, size + 1, NONE, NONE)
         w.state[LEVEL] = level + 1
@@ -209,9 +183,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
 HIT_ROOM = 512
 # Bytes of a cache line.
 LINE = 64
-# Nodes with no more columns to go are scored, not ruled out by sets of columns first; and fours from no more beginnings
-# of three columns, above which it is quicker to branch (``python -m tests.studies.subset.study``).
-SCORED, MOST_PREFIXES = 4, 3000
 
 
 class CompiledSearch:
@@ -244,18 +215,16 @@ class CompiledSearch:
         w = self._work
         rest = []
         for level in range(int(w.state[LEVEL]) + 1):
-            if w.phase[level] == FORCED:
-                continue
             undecided = w.ids[level, : w.count[level]].tolist()
-            if w.phase[level] == BRANCHED:
-                del undecided[int(w.at[level])]
+            if w.branched[level]:
+                del undecided[-1]
             included = tuple(w.chosen[: w.base + level].tolist())
             rest.append(OpenSubtree(included, tuple(undecided), float(w.bound[level])))
         return rest
 
 
 def _working_arrays(board: Board, piece: Node) -> Work:
-    base, m, n = len(piece.included), piece.undecided.size, board.frame.n_candidates
+    base, m = len(piece.included), piece.undecided.size
     levels = board.max_size - base + 2
     width = whole_vectors(m)
     A = _aligned(levels, m, width)
@@ -273,19 +242,13 @@ def _working_arrays(board: Board, piece: Node) -> Work:
     owns[0] = True
     chosen = np.full(board.max_size + 1, -1, dtype=np.int64)
     chosen[:base] = piece.included
-    status = np.full(n, DROPPED, dtype=np.int8)
-    status[list(piece.included)] = INCLUDED
-    status[piece.undecided] = UNDECIDED
-    requires, excludes = _rules(board.frame.constraints)
     return Work(
-        A=A, B=B, x=x, beta=beta, ids=ids, count=count, phase=np.zeros(levels, dtype=np.int64),
-        at=np.zeros(levels, dtype=np.int64), owns=owns, rss=rss, bound=bound, chosen=chosen, status=status,
-        trail=np.zeros((n + 1, 2), dtype=np.int64), requires=requires, excludes=excludes,
+        A=A, B=B, x=x, beta=beta, ids=ids, count=count, branched=np.zeros(levels, dtype=np.bool_),
+        owns=owns, rss=rss, bound=bound, chosen=chosen,
         hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), scratch=_aligned(5, width),
         most=np.full(levels, board.max_size, dtype=np.int64), packing=_aligned(5, width), factor=_aligned(m, width),
-        sets=np.empty((4, m), dtype=np.int64), place=np.arange(float(width)),
-        state=np.zeros(4, dtype=np.int64), base=base, slack=board.margin,
-        scored=SCORED, prefixes=MOST_PREFIXES,
+        sets=np.empty((3, m), dtype=np.int64), place=np.arange(float(width)),
+        state=np.zeros(3, dtype=np.int64), base=base, slack=board.margin,
     )  # fmt: skip
 
 
@@ -294,15 +257,6 @@ def _aligned(*shape: int) -> FloatArray:
     room = np.zeros(prod(shape) + LINE // 8)
     start = -room.ctypes.data % LINE // 8
     return room[start : start + prod(shape)].reshape(shape)
-
-
-def _rules(constraints: Constraints) -> tuple[Any, Any]:
-    if not constraints.active:
-        none = np.empty((0, 0), dtype=np.int8)
-        return none, none
-    requires = constraints.requires.astype(np.int8)
-    np.fill_diagonal(requires, constraints.requires.sum(axis=1))
-    return requires, constraints.excludes.astype(np.int8)
 
 
 # Nodes between looks at the clock, the board and the other workers: some tens of milliseconds.
