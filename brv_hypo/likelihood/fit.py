@@ -169,23 +169,23 @@ class _Task:
             near = replace(
                 self, theta0=theta, process_noise=driving, first_noise=before.noise_covariance, near_start=True
             )
-            return near._solve(segments, steps)[0]
-        found, model = self._solve(segments, steps)
+            return near._solve(segments, steps)
+        found = self._solve(segments, steps)
         driven = self.process_noise is not None and np.any(self.process_noise)
         between = () if self.near_start or self.delays or driven else stretches(segments)
         if not between:
             return found
         pieces = pieces_of(segments, between)
-        part, _ = self._solve(pieces, steps)
+        part = self._solve(pieces, steps)
         if not part.converged:
             return found
         times = [np.asarray(piece.t, dtype=float)[::steps] for piece in pieces]
         theta = {name: part.theta[name] for name in self.theta0}
-        whole = bridged(segments, between, times, part.states, model, theta)
-        again, _ = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
+        whole = bridged(segments, between, times, part.states)
+        again = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
         return chosen({"the whole record": found, "the stretches between gaps": again})
 
-    def _solve(self, segments: Sequence[Segment], steps: int) -> tuple[FitResult, Model]:
+    def _solve(self, segments: Sequence[Segment], steps: int) -> FitResult:
         grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
         if not grids:
             raise UsageError("no segments were given; expected at least one")
@@ -221,7 +221,7 @@ class _Task:
         if self.near_start and self.first_noise is not None:
             noises = {"an earlier fit": _covariance(self.first_noise, len(y))} | noises
         alone = self.near_start or y.shape[1] > _LONGEST
-        return best_of(noises, run, alone=alone, known=known is not None), model
+        return best_of(noises, run, alone=alone, known=known is not None)
 
     def _driving(self, n_states: int) -> FloatArray:
         """Process noise of each state, (n_states,)."""

@@ -136,10 +136,9 @@ def residual(frame: Frame, subset: Sequence[int]) -> float | None:
 
 
 def seed_board(board: Board) -> None:
-    """Fill the board with good subsets of every size; exactness never depends on them."""
+    """Fill the board with good subsets of every size, where no rules restrict them; exactness never depends on it."""
     frame = board.frame
     if frame.constraints.active:
-        _constrained_forward(board)
         return
     work = _Workspace(frame)
     best: list[list[int]] = [[]]
@@ -234,23 +233,3 @@ def _inverse(M: FloatArray) -> FloatArray:
 def _gain(d: FloatArray, c: FloatArray) -> FloatArray:
     solid = d > 1e-11
     return np.asarray(np.where(solid, c**2 / np.where(solid, d, 1.0), -1.0))
-
-
-def _constrained_forward(board: Board) -> None:
-    """Forward selection by whole closures: each step takes the first allowed, best gain first."""
-    frame = board.frame
-    work = _Workspace(frame)
-    included: tuple[int, ...] = ()
-    undecided = tuple(range(frame.n_candidates))
-    while undecided:
-        for candidate in work.additions(list(included)).tolist():
-            if candidate not in undecided:
-                continue
-            others = [u for u in undecided if u != candidate]
-            allowed = frame.constraints.propagated((*included, candidate), others)
-            if allowed is not None and len(allowed[0]) <= board.max_size:
-                included, undecided = allowed
-                board.offer(included)
-                break
-        else:
-            return
