@@ -3,17 +3,15 @@
 The column to branch on is moved to the last place; including it is a rank-one step on S into the next level, dropping
 it one on H in place. Both are stored in full, as `kernel` reads rows; a level copies H from its parent when it first
 branches. `CompiledSearch` builds the working arrays of one subproblem, runs the kernel on and reads out what is left;
-`search_compiled` is the entrance: serially at first, on several threads once a search has proved long. Imported only
-when the compiled kernel is wanted: importing numba costs more than most searches.
+`search_compiled` is the entrance. Imported when the compiled kernel is wanted: numba takes longer than most searches.
 """
 
 from __future__ import annotations
 
-import heapq
 import threading
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from math import prod
 from typing import Any
 
@@ -259,97 +257,48 @@ def _aligned(*shape: int) -> FloatArray:
     return room[start : start + prod(shape)].reshape(shape)
 
 
-# Nodes between looks at the clock, the board and the other workers: some tens of milliseconds.
+# Nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds.
 TURN = 10_000
-SERIAL_S = 0.1
 
 
 def search_compiled(
     board: Board, subtrees: Sequence[OpenSubtree], deadline: float, threads: int
 ) -> tuple[int, list[OpenSubtree]]:
-    """Search all subtrees: nodes visited, and what is left at the deadline."""
-    pool = _Pool(board, subtrees, threads)
-    pool.until = min(deadline, time.perf_counter() + SERIAL_S) if threads > 1 else deadline
-    pool.work()
-    pool.until = deadline
-    if pool.waiting and time.perf_counter() < deadline:
-        with ThreadPoolExecutor(threads) as crew:
-            try:
-                for worker in as_completed([crew.submit(pool.work) for _ in range(threads)]):
-                    worker.result()
-            except BaseException:
-                pool.until = -np.inf  # the others end too
-                raise
-    return pool.nodes, pool.waiting
+    """Search all subtrees, lowest bound first: nodes visited, and what is left at the deadline.
 
+    Several threads take a turn each on as many subtrees, and give back what is left of these for the next turn.
+    """
+    nodes, left = 0, list(subtrees)
+    lock, until = threading.Lock(), deadline
 
-class _Pool:
-    """Subtrees waiting, lowest bound first; workers take them, and give parts back when others are idle."""
-
-    def __init__(self, board: Board, subtrees: Sequence[OpenSubtree], threads: int) -> None:
-        self._board = board
-        self._threads = threads
-        self._change = threading.Condition()
-        self._heap: list[tuple[float, int, OpenSubtree]] = []
-        self._serial = 0
-        self._busy = 0
-        self.until = np.inf
-        self.nodes = 0
-        for subtree in subtrees:
-            self._push(subtree)
-
-    @property
-    def waiting(self) -> list[OpenSubtree]:
-        """Subtrees that nobody has searched."""
-        return [subtree for _, _, subtree in self._heap]
-
-    def work(self) -> None:
-        """Search subtrees until none is left or the time is up."""
-        while (subtree := self._take()) is not None:
-            try:
-                self._search(subtree)
-            finally:
-                with self._change:
-                    self._busy -= 1
-                    self._change.notify_all()
-
-    def _take(self) -> OpenSubtree | None:
-        with self._change:
-            while not self._heap and self._busy:
-                self._change.wait()
-            if not self._heap or time.perf_counter() >= self.until:
-                return None
-            self._busy += 1
-            return heapq.heappop(self._heap)[2]
-
-    def _push(self, subtree: OpenSubtree) -> None:
-        self._serial += 1
-        heapq.heappush(self._heap, (subtree.bound, self._serial, subtree))
-
-    def _search(self, subtree: OpenSubtree) -> None:
-        piece = make_node(self._board.frame, subtree.included, subtree.undecided)
+    def searched(subtree: OpenSubtree) -> tuple[int, list[OpenSubtree]]:
+        """Nodes of the subtree visited, and what is left of it at the end of the turn."""
+        piece = make_node(board.frame, subtree.included, subtree.undecided)
         if piece is None:
-            return
-        if piece.dependency:
-            with self._change:
-                NumpyTree(self._board, spend=lambda: None).score(subtree)
-            return
-        with self._change:
-            self._board.offer(piece.included)
-        if not piece.undecided.size or len(piece.included) >= self._board.max_size:
-            return
-        own = CompiledSearch(self._board, piece)
-        counted = 0
-        while not own.done:
-            hits = own.run(self._board.limits.copy(), TURN)
-            with self._change:
-                self._board.offer_all(hits)
-                self.nodes += own.nodes - counted
-                counted = own.nodes
-                # The first turn may have waited for the compiler; that is no reason to split.
-                idle = self._threads - self._busy - len(self._heap)
-                if time.perf_counter() >= self.until or (self._busy > 1 and idle > 0 and not own.done):
-                    for part in own.open_subtrees():
-                        self._push(part)
-                    self._change.notify_all()
-                    return
+            return 0, []
+        with lock:
+            if piece.dependency:
+                NumpyTree(board, spend=lambda: None).score(subtree)
+                return 0, []
+            board.offer(piece.included)
+        if not piece.undecided.size or len(piece.included) >= board.max_size:
+            return 0, []
+        own = CompiledSearch(board, piece)
+        while not own.done and time.perf_counter() < until and (threads == 1 or own.nodes < TURN):
+            hits = own.run(board.limits.copy(), TURN)
+            with lock:
+                board.offer_all(hits)
+        return own.nodes, own.open_subtrees()
+
+    with ThreadPoolExecutor(threads) as crew:
+        try:
+            while left and time.perf_counter() < deadline:
+                left.sort(key=lambda subtree: subtree.bound)
+                taken, left = left[:threads], left[threads:]
+                for visited, rest in crew.map(searched, taken):
+                    nodes += visited
+                    left += rest
+        except BaseException:
+            until = -np.inf  # the others end too
+            raise
+    return nodes, left
