@@ -21,8 +21,18 @@ from brv_hypo.errors import UsageError
 from brv_hypo.results import Row, Tabular
 from brv_hypo.subset.criteria import Criteria, Reference, contiguous_blocks, evaluate, least_squares
 from brv_hypo.subset.frame import Alias, Frame, Groups, Parents, Refusal, build_frame, dependencies
-from brv_hypo.subset.incumbents import CLOSED, Board, Chosen, seed_board
-from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, StopSearchError, independent_pieces, make_node
+from brv_hypo.subset.search import (
+    CLOSED,
+    Board,
+    Chosen,
+    Node,
+    NumpyTree,
+    OpenSubtree,
+    StopSearchError,
+    independent_pieces,
+    make_node,
+    seed_board,
+)
 
 # ---- What a search returns: fitted subsets, their certificate, what was set aside ----
 

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.incumbents import Board
 from brv_hypo.subset.kernel import (
     HITS,
     LEVEL,
@@ -35,7 +34,7 @@ from brv_hypo.subset.kernel import (
     score_triples,
     whole_vectors,
 )
-from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, make_node
+from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_node
 
 # ---- Steps on Schur complements ----
 
