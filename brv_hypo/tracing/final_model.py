@@ -18,7 +18,7 @@ from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
 from brv_hypo.comparison.summary import flight_summary, likelihood_block
 from brv_hypo.constants import LIKELIHOOD_STEPS, MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS, SCHEDULE_TRIFLE
-from brv_hypo.identification import IdentificationConfig, identify
+from brv_hypo.identification import identify
 from brv_hypo.inference.derivatives import Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL, nonlinear_parameters, prediction_slopes
@@ -384,8 +384,7 @@ def maximum_likelihood(fit: Fit) -> MaximumLikelihood:
         columns, values = (*columns, column), np.append(values, 1.0)
     fixed = {(each.effect.name, each.component): each.value for each in model.applied}
     regressed = Regressed.of(fit.problem, fit.data.frame, model.columns, *fit.solution).beside([fixed])
-    options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS)
-    found = identify(data.frame, columns, values, options, regressed=regressed)
+    found = identify(data.frame, columns, values, regressed=regressed, max_iterations=LIKELIHOOD_STEPS)
     terms = Coefficients(found.columns, found.values, found.covariance)
     return likelihood_block(found, terms.estimates(data))
 

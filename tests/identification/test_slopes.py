@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.identification import IdentificationConfig
 from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.identify import Problem, build_problem
 from brv_hypo.likelihood.collocation import Model, start_points
@@ -22,7 +21,7 @@ from tests.studies.identification.study import flights, trial
 def problem(case: str) -> Problem:
     ((simulated, flight),) = flights(case, 1, seed=3)
     work = trial(simulated, flight)
-    return build_problem(work.frame, work.columns, work.values, IdentificationConfig())
+    return build_problem(work.frame, work.columns, work.values)
 
 
 def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
