@@ -16,9 +16,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 # Scalars of the search, by position in ``Work.state``.
 LEVEL, NODES, HITS = 0, 1, 2
@@ -50,24 +48,6 @@ def whole_vectors(m: int) -> int:
 
 
 padded = compiled_part(whole_vectors)
-
-
-def _extremum(instruction: str) -> Any:
-    """The larger or smaller of two numbers: a comparison as numba compiles it keeps a loop from being vectorised."""
-
-    @intrinsic  # type: ignore[untyped-decorator, unused-ignore]
-    def extremum(_: Any, a: Any, b: Any) -> Any:
-        def emit(context: Any, builder: Any, signature: Any, pair: Any) -> Any:
-            kind = pair[0].type
-            found = builder.module.declare_intrinsic(instruction, [kind], ir.FunctionType(kind, [kind, kind]))
-            return builder.call(found, pair, fastmath=("fast",))
-
-        return types.float64(types.float64, types.float64), emit
-
-    return extremum
-
-
-larger, smaller = _extremum("llvm.maxnum"), _extremum("llvm.minnum")
 
 
 class Work(NamedTuple):
@@ -256,7 +236,7 @@ def _begin(p: Any, m: int) -> float:
         p[B_LEFT, i] = b
         rise = b * b / h if h < EXCLUDED else -1.0
         p[RISE, i] = rise
-        most = larger(most, rise)
+        most = max(most, rise)
     return most
 
 
@@ -289,7 +269,7 @@ def grow(
             least = most
             for i in range(padded(m)):
                 rise = p[RISE, i]
-                least = smaller(least, rise if rise > room else most)
+                least = min(least, rise if rise > room else most)
             most = least
         total += most
         pick = 0
@@ -305,17 +285,10 @@ def _factor_row(H: Any, L: Any, pick: int, depth: int, m: int, root: float) -> N
     width = padded(m)
     for i in range(width):
         L[depth, i] = root * H[pick, i]
-    odd = depth % 4
-    for k in range(odd):
+    for k in range(depth):
         f = root * L[k, pick]
         for i in range(width):
             L[depth, i] -= f * L[k, i]
-    # Four at a time: short loops cost more to begin than to run.
-    for k in range(odd, depth, 4):
-        f, g = root * L[k, pick], root * L[k + 1, pick]
-        x, y = root * L[k + 2, pick], root * L[k + 3, pick]
-        for i in range(width):
-            L[depth, i] -= f * L[k, i] + g * L[k + 1, i] + x * L[k + 2, i] + y * L[k + 3, i]
 
 
 @compiled_part
@@ -330,7 +303,7 @@ def _sweep(L: Any, k: int, p: Any, of_h: Any, shift: float, m: int) -> float:
         # Not a chain of comparisons: that would be a branch, and the loop would not vectorise.
         rise = -1.0 if (h <= 0.0) | (h > NEARLY_EXCLUDED) else b * b / h
         p[RISE, i] = rise
-        most = larger(most, rise)
+        most = max(most, rise)
     return most
 
 
