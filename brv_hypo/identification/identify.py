@@ -21,8 +21,7 @@ from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, nod
 from brv_hypo.identification.parameters import READ, Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
-from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.uncertainty import Whiteness
+from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
 from brv_hypo.model.term import Regressor

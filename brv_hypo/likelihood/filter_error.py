@@ -30,7 +30,7 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.elimination import Eliminated, eliminate, log_determinant
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, information_factor, linearised, quadratic_of
-from brv_hypo.likelihood.noise import Shape, log_determinants
+from brv_hypo.likelihood.statistics import Shape, log_determinants
 
 Variances = Sequence[tuple[FloatArray, FloatArray]]
 """Process noise (n_states,) per root second, and covariance of the measurement noise (n_outputs, n_outputs)."""

@@ -10,10 +10,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.collocation import Model, start_points
-from brv_hypo.likelihood.derivatives import Function, check_shape, choose_method, parameter_scales
+from brv_hypo.likelihood.collocation import Function, Model, check_shape, choose_method, parameter_scales, start_points
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
-from brv_hypo.likelihood.noise import Shape, least_variance
 from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
@@ -30,6 +28,7 @@ from brv_hypo.likelihood.starts import (
     states_from_outputs,
     stretches,
 )
+from brv_hypo.likelihood.statistics import Shape, least_variance
 from brv_hypo.progress import Progress, report_to, silent
 
 

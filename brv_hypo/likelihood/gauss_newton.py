@@ -17,8 +17,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
 from brv_hypo.likelihood.elimination import Eliminated, Quadratic, eliminate, upper_triangle
-from brv_hypo.likelihood.noise import whitening
 from brv_hypo.likelihood.segment import Grid, Parameters
+from brv_hypo.likelihood.statistics import whitening
 
 # ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 

@@ -17,22 +17,24 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.derivatives import Method, Points, evaluate
+from brv_hypo.likelihood.collocation import Method, Points, evaluate
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import NoiseErrors, directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
-from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood, whitening
 from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid
-from brv_hypo.likelihood.uncertainty import (
+from brv_hypo.likelihood.statistics import (
     Identifiability,
     Linearised,
     Whiteness,
     coloured_covariance,
     covariance_from_information,
+    estimate_covariance,
     identifiability,
     inflation,
+    negative_log_likelihood,
     whiteness,
+    whitening,
 )
 from brv_hypo.results import Row, Tabular
 

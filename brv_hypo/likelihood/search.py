@@ -36,7 +36,7 @@ from brv_hypo.likelihood.gauss_newton import (
     objective,
     sensitivities,
 )
-from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.statistics import Shape, estimate_covariance, negative_log_likelihood
 from brv_hypo.progress import Report, silent
 
 

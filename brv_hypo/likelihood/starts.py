@@ -27,10 +27,10 @@ from brv_hypo.likelihood.gauss_newton import (
     objective,
     sensitivities,
 )
-from brv_hypo.likelihood.noise import least_variance, noise_from_differences
 from brv_hypo.likelihood.result import TOLERATED, FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
+from brv_hypo.likelihood.statistics import least_variance, noise_from_differences
 
 # ---- Where the search starts: states read off the outputs, then smoothed with the dynamics held loosely ----
 

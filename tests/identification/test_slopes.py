@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.identify import Problem, build_problem
-from brv_hypo.likelihood.collocation import Model, start_points
-from brv_hypo.likelihood.derivatives import Differenced, Function, Points, evaluate, jacobian
+from brv_hypo.likelihood.collocation import Differenced, Function, Model, Points, evaluate, jacobian, start_points
 from brv_hypo.likelihood.segment import build_grid
 from tests.studies.identification.study import flights, trial
 

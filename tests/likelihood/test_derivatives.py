@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.derivatives import (
+from brv_hypo.likelihood.collocation import (
     Delayed,
     Differenced,
     Method,

@@ -19,7 +19,7 @@ def fitted(problem: ModelProblem, samples: int) -> FitResult:
 @pytest.mark.thorough
 def test_coloured_errors_in_blocks_differ_by_what_crosses_their_edges_only(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = fitted(short_period(), 600)
-    monkeypatch.setattr(f"{MODULE}.uncertainty._BLOCK", 300)
+    monkeypatch.setattr(f"{MODULE}.statistics._BLOCK", 300)
     blocks = fitted(short_period(), 600)
     for name, error in whole.std_error_coloured.items():
         assert blocks.std_error_coloured[name] == pytest.approx(error, rel=0.02)
