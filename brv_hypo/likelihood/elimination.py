@@ -142,17 +142,9 @@ class Quadratic:
         return found
 
 
-_SLAB = 8  # rows of a slab over its columns: small slabs stay in cache, and below what a threaded BLAS would split
-
-
 def upper_triangle(rows: FloatArray) -> FloatArray:
-    """R of a tall matrix, (columns, columns): QR of slabs, then of their triangles (TSQR)."""
+    """R of a matrix, (columns, columns), of fewer rows too."""
     columns = rows.shape[1]
-    slab = _SLAB * columns
-    while rows.shape[0] > slab:
-        spare = -rows.shape[0] % slab
-        padded = np.concatenate([rows, np.zeros((spare, columns))]) if spare else rows
-        rows = np.asarray(np.linalg.qr(padded.reshape(-1, slab, columns), mode="r")).reshape(-1, columns)
     padded = np.concatenate([rows, np.zeros((columns, columns))])
     return np.asarray(np.linalg.qr(padded, mode="r"))
 

@@ -25,7 +25,6 @@ SCORED = 3
 # An argument as numpy scalar: numba would compile a function anew for every literal.
 NONE: Any = np.int64(-1)
 ZERO: Any = np.int64(0)
-ONE: Any = np.int64(1)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -185,27 +184,14 @@ def packed_quota(w: Work, level: int, m: int, rise: Any, quota: int, limits: Any
 def _packs(H: Any, beta: Any, p: Any, L: Any, picks: Any, m: int, allowance: float, wanted: int) -> bool:
     """Whether so many disjoint sets are found whose rises are above the allowance."""
     free_all(H, beta, p, m)
-    dropped, n = ZERO, m
-    while True:
-        left, depth, total = wanted, ZERO, 0.0
-        while left > 0:
-            depth, total = grow(H, p, L, picks, m, dropped, ZERO, 0.0, n, allowance, left)
-            if total <= allowance:
-                break
-            left -= 1
-            n -= depth
-            take(p, picks, dropped, depth)
-        if left == 0:
-            return True
-        if left > 1 or n == 0 or depth < n:
+    n = m
+    for left in range(wanted, 0, -1):
+        depth, total = grow(H, p, L, picks, m, n, allowance, left)
+        if total <= allowance:
             return False
-        allowance -= total
-        dropped += depth
-        n = m - dropped
-        free_all(H, beta, p, m)
-        for k in range(dropped):
-            _sweep(L, k, p, H_FREE, p[B_FREE, picks[k]] / L[k, picks[k]], m)
-        take(p, picks, ZERO, dropped)
+        n -= depth
+        take(p, picks, depth)
+    return True
 
 
 @compiled_part
@@ -220,9 +206,9 @@ def free_all(H: Any, beta: Any, p: Any, m: int) -> None:
 
 
 @compiled_part
-def take(p: Any, picks: Any, start: Any, count: int) -> None:
-    """Let these columns be taken no more."""
-    for k in range(start, start + count):
+def take(p: Any, picks: Any, count: int) -> None:
+    """Let the first of these columns be taken no more."""
+    for k in range(count):
         p[H_FREE, picks[k]] = EXCLUDED
 
 
@@ -241,28 +227,14 @@ def _begin(p: Any, m: int) -> float:
 
 
 @compiled_part
-def grow(
-    H: Any, p: Any, L: Any, picks: Any, m: int, dropped: Any, depth: Any, total: float, n: int, allowance: float,
-    wanted: Any,
-) -> tuple[int, float]:  # fmt: skip
-    """Add columns to a set of this depth, or to a new one, until its rise is above the allowance: the depth and rise.
+def grow(H: Any, p: Any, L: Any, picks: Any, m: int, n: int, allowance: float, wanted: int) -> tuple[int, float]:
+    """Take columns into a set until its rise is above the allowance: how many, and the rise.
 
-    At most n columns are free. It ends early where they would not do for so many sets of this depth. ``picks`` and
-    the rows of the factor L follow those of the columns dropped.
+    At most n columns are free. It ends early where they would not do for so many sets as large. ``picks`` and the
+    rows of the factor L follow those of the columns taken.
     """
-    most = _begin(p, m) if depth == 0 else -1.0
-    while True:
-        if depth > 0 and total <= allowance:
-            at = dropped + depth - 1
-            pick = picks[at]
-            root = p[H_LEFT, pick] ** -0.5
-            shift = p[B_LEFT, pick] * root
-            # Well before the sweep: a vector that holds a number just stored has to wait for it.
-            p[H_LEFT, pick] = EXCLUDED
-            _factor_row(H, L, pick, at, m, root)
-            most = _sweep(L, at, p, H_LEFT, shift, m)
-        if total > allowance or n < wanted * (depth + 1) or most < 0.0:
-            return depth, total
+    depth, total, most = 0, 0.0, _begin(p, m)
+    while total <= allowance and n >= wanted * (depth + 1) and most >= 0.0:
         room = allowance - total
         if most > room:
             # The least that is enough: the others are worth more in another set.
@@ -275,8 +247,16 @@ def grow(
         pick = 0
         for i in range(padded(m)):
             pick = i if p[RISE, i] == most else pick
-        picks[dropped + depth] = pick
+        picks[depth] = pick
+        if total <= allowance:
+            root = p[H_LEFT, pick] ** -0.5
+            shift = p[B_LEFT, pick] * root
+            # Well before the sweep: a vector that holds a number just stored has to wait for it.
+            p[H_LEFT, pick] = EXCLUDED
+            _factor_row(H, L, pick, depth, m, root)
+            most = _sweep(L, depth, p, shift, m)
         depth += 1
+    return depth, total
 
 
 @compiled_part
@@ -292,14 +272,14 @@ def _factor_row(H: Any, L: Any, pick: int, depth: int, m: int, root: float) -> N
 
 
 @compiled_part
-def _sweep(L: Any, k: int, p: Any, of_h: Any, shift: float, m: int) -> float:
-    """Take a row of the factor out of squared lengths and coefficients (the next row of p): the largest rise left."""
+def _sweep(L: Any, k: int, p: Any, shift: float, m: int) -> float:
+    """Take a row of the factor out of squared lengths and coefficients: the largest rise left."""
     most = -1.0
     for i in range(padded(m)):
-        h = p[of_h, i] - L[k, i] * L[k, i]
-        b = p[of_h + 1, i] - L[k, i] * shift
-        p[of_h, i] = h
-        p[of_h + 1, i] = b
+        h = p[H_LEFT, i] - L[k, i] * L[k, i]
+        b = p[B_LEFT, i] - L[k, i] * shift
+        p[H_LEFT, i] = h
+        p[B_LEFT, i] = b
         # Not a chain of comparisons: that would be a branch, and the loop would not vectorise.
         rise = -1.0 if (h <= 0.0) | (h > NEARLY_EXCLUDED) else b * b / h
         p[RISE, i] = rise
@@ -346,15 +326,15 @@ def _sets_to_score(w: Work, level: int, m: int, allowance: float) -> tuple[int, 
     H = w.B[level] if w.owns[level] else w.B[level - 1]
     p, L, picks, first, second = w.packing, w.factor, w.sets[0], w.sets[1], w.sets[2]
     free_all(H, w.beta[level], p, m)
-    firsts, total = grow(H, p, L, picks, m, ZERO, ZERO, 0.0, m, allowance, ONE)
+    firsts, total = grow(H, p, L, picks, m, m, allowance, 1)
     if total <= allowance:
         _all(first, m)
         _all(second, m)
         return m, m
     for k in range(firsts):
         first[k] = picks[k]
-    take(p, first, ZERO, firsts)
-    seconds, total = grow(H, p, L, picks, m, ZERO, ZERO, 0.0, m - firsts, allowance, ONE)
+    take(p, first, firsts)
+    seconds, total = grow(H, p, L, picks, m, m - firsts, allowance, 1)
     if total <= allowance:
         _all(second, m)
         return firsts, m
