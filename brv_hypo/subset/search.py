@@ -36,8 +36,6 @@ TIE = 1e-11
 LEAST_MARGIN = 1e-10
 # A limit that nothing can get under.
 CLOSED = -1.0
-# Subsets that are factorised at once.
-_AT_ONCE = 1000
 # Exchanges of one column for another that are tried in a row.
 MOST_SWAPS = 30
 
@@ -68,15 +66,9 @@ class Board:
         )
 
     def offer_all(self, subsets: Iterable[Sequence[int]]) -> None:
-        """Offer every subset, the best first: one that leaves more than the worst of its size is not looked at."""
-        keys = {tuple(sorted(subset)) for subset in subsets} - self._offered
-        for size in sorted({len(key) for key in keys} - {0}):
-            some = sorted(key for key in keys if len(key) == size <= self.max_size)
-            left = _residuals(self.frame, some)
-            for place in np.argsort(left, kind="stable").tolist():
-                if left[place] > max(self.worst(size) * (1.0 + self.margin), self.perfect):
-                    break
-                self.offer(some[place])
+        """Offer every subset, in an order that does not depend on theirs."""
+        for key in sorted({tuple(sorted(subset)) for subset in subsets}):
+            self.offer(key)
 
     def offer(self, subset: Sequence[int]) -> None:
         """Take in a subset of candidate positions where it is allowed, of full rank and good enough."""
@@ -121,18 +113,6 @@ class Board:
         if abs(a[0] - b[0]) > tie * low:
             return -1 if a[0] < b[0] else 1
         return -1 if a[1] < b[1] else 1
-
-
-def _residuals(frame: Frame, subsets: Sequence[tuple[int, ...]]) -> FloatArray:
-    """Residual sums of squares of subsets of one size (subsets,); of dependent columns it may be too low."""
-    found = [np.zeros(0)]
-    for first in range(0, len(subsets), _AT_ONCE):
-        some = np.array(subsets[first : first + _AT_ONCE])
-        size = some.shape[1]
-        factors = np.asarray(np.linalg.qr(frame.each_columns(some), mode="r"))
-        tails = factors[:, size:, size]
-        found.append(frame.rss_full + np.sum(tails**2, axis=1))
-    return np.concatenate(found)
 
 
 def residual(frame: Frame, subset: Sequence[int]) -> float | None:
