@@ -152,7 +152,6 @@ _CURVED = 0.1  # least curvature of the likelihood along a step, against that ex
 _VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
 _UNSEEN = 1e-10
 """Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
-_COUPLED = 12  # variances up to which all their cross informations are had; beyond, those of the diagonals of Q and R
 
 
 @dataclass(frozen=True)
@@ -289,8 +288,7 @@ class _Solved:
     def information(self) -> FloatArray:
         """The expected Hessian, from second differences."""
         count, unit = self.directions.count, _DIFFERENCE * np.eye(self.directions.count)
-        coupled = count if count <= _COUPLED else len(self.directions.driven) + self.problem.grids[0].y.shape[0]
-        pairs = np.array([(a, b) for a in range(min(coupled, count)) for b in range(a)], dtype=int).reshape(-1, 2)
+        pairs = np.array([(a, b) for a in range(count) for b in range(a)], dtype=int).reshape(-1, 2)
         changes = np.concatenate([unit, -unit, unit[pairs[:, 0]] + unit[pairs[:, 1]]])
         found = self.at(self.changed_variances(changes))
         differences = np.array([(each or self).log_det - self.log_det for each in found])

@@ -250,7 +250,6 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
 _HIGHEST_ORDER = 20
 _LEAST_SAMPLES_PER_ORDER = 10
 _LEAST_POLYNOMIAL = 1e-6
-_BLOCK = 32768  # samples transformed at a time. What is correlated across the edges of blocks this long is left out.
 _LARGEST_REFLECTION = 0.999  # keeps an autoregression stable where gaps make its autocorrelations inconsistent
 
 
@@ -270,8 +269,7 @@ def coloured_covariance(
     models = [autoregression(correlation[:, a, a], samples) for a in range(correlation.shape[1])]
     middle = np.diag(prior_information)
     for s in sensitivity:
-        for first in range(0, len(s), _BLOCK):
-            middle = middle + _weighted_products(s[first : first + _BLOCK], models, correlation[0])
+        middle = middle + _weighted_products(s, models, correlation[0])
     return np.asarray(white @ middle @ white)
 
 
