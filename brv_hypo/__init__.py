@@ -47,20 +47,15 @@ __all__ = ["compare", "load_flight", "plot_compare", "predict", "reconstruct", "
 def __getattr__(name: str) -> Any:
     """The public functions, imported at first use: the package itself costs nothing to import."""
     if name == "__version__":
-        return _version()
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            return version("brv-hypo")
+        except PackageNotFoundError:  # the package runs without having been installed
+            return "unknown"
     if name not in _HOME:
         raise AttributeError(f"module 'brv_hypo' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)
-
-
-def _version() -> str:
-    """The version that is installed; "unknown" where the package runs without having been installed."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("brv-hypo")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def __dir__() -> list[str]:

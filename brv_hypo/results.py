@@ -10,9 +10,8 @@ are written as JSON add `json_result`.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from functools import cache
 from html import escape
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -139,17 +138,7 @@ class Histories(Tabular):
 
 
 RENDERERS = "brv_hypo.renderers"
-"""Group of entry points of what draws results; the report of this package is one."""
-
-
-@cache
-def _renderer() -> Callable[[Any, str], Figure]:
-    """What draws results: found as pandas finds its plotting back ends, so that results do not import the report."""
-    found = next(iter(entry_points(group=RENDERERS)), None)
-    if found is None:
-        raise UsageError(f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo.")
-    draw: Callable[[Any, str], Figure] = found.load()
-    return draw
+"""Group of entry points of what draws results, as pandas finds its plotting back ends: results need not import it."""
 
 
 class HasCharts:
@@ -180,7 +169,12 @@ class HasCharts:
         >>> flown.flight.plot("rates").axes[-1].get_xlabel()
         'time, s'
         """
-        figure: Figure = _renderer()(self, chart)
+        found = next(iter(entry_points(group=RENDERERS)), None)
+        if found is None:
+            raise UsageError(
+                f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo."
+            )
+        figure: Figure = found.load()(self, chart)
         return figure
 
 

@@ -1,6 +1,6 @@
 """Settings from YAML files and mappings, and commented files to start from; any layer may use it.
 
-`settings_of` and `read_settings` have one wording for what is wrong: each setting, the value that it has and
+`settings_of` and `problems_of` have one wording for what is wrong: each setting, the value that it has and
 what is expected. `takes_settings` gives a function the settings as keywords. `commented` writes a YAML file in which
 every setting stands at its default, below its meaning, which is the description of the model's field.
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,33 +29,68 @@ def settings_of(
 ) -> Settings:
     """Settings as they are, those of a mapping or of a YAML file, or for None the defaults; `keywords` go over them.
 
-    Raises UsageError as below.
-    """
-    if isinstance(source, model):
-        given = {name: getattr(source, name) for name in source.model_fields_set}
-        return read_settings(model, None, **{**given, **keywords}) if keywords else source
-    if isinstance(source, Mapping):
-        return read_settings(model, None, **{**source, **keywords})
-    if source is None or isinstance(source, str | Path):
-        return read_settings(model, source, **keywords)
-    raise UsageError(
-        f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or the "
-        "path of a YAML file."
-    )
-
-
-def read_settings(model: type[Settings], path: str | Path | None, **overrides: Any) -> Settings:
-    """The settings in the YAML file at `path` (defaults where None), with `overrides` set over them.
-
     Raises UsageError that names each wrong setting, what it holds and what is expected.
     """
-    content = {} if path is None else read_yaml(path, "settings")
+    where = "the settings"
+    content: Mapping[str, Any]
+    if isinstance(source, model):
+        if not keywords:
+            return source
+        content = {name: getattr(source, name) for name in source.model_fields_set}
+    elif isinstance(source, Mapping):
+        content = source
+    elif source is None:
+        content = {}
+    elif isinstance(source, str | Path):
+        content, where = read_yaml(source, "settings"), f"the settings in {source}"
+    else:
+        raise UsageError(
+            f"got settings of type {type(source).__name__}, expected a {model.__name__}, a mapping of its fields, or "
+            "the path of a YAML file."
+        )
     try:
-        return model.model_validate({**content, **overrides})
+        return model.model_validate({**content, **keywords})
     except ValidationError as error:
-        where = "the settings" if path is None else f"the settings in {path}"
-        problems = "; ".join(_problem(detail, tuple(model.model_fields)) for detail in error.errors())
+        known = tuple(model.model_fields)
+        otherwise = f"known are {', '.join(known)}"
+        problems = problems_of(error, lambda place: meant(str(place[-1]), known, otherwise, cutoff=0.5), model)
         raise UsageError(f"{where}: {problems}.") from None
+
+
+def problems_of(
+    error: ValidationError,
+    hint: Callable[[Sequence[str | int]], str] = lambda place: "",
+    model: type[BaseModel] | None = None,
+) -> str:
+    """All that is wrong with data, by place; `hint` says what an unknown key may mean, `model` what a field is.
+
+    Of a tuple with a wrong element pydantic says besides that it is too short, which is left out.
+    """
+    found, places = [], {detail["loc"] for detail in error.errors()}
+    for detail in error.errors():
+        location, value = detail["loc"], detail["input"]
+        place = ".".join(str(part) for part in location) or "the whole"
+        if any(location == each[: len(location)] != each for each in places):
+            continue
+        if detail["type"] == "missing":
+            found.append(f"'{place}' is missing")
+        elif detail["type"] == "extra_forbidden":
+            meaning = hint(location)
+            found.append(f"'{place}' is not a known key" + (f" ({meaning})" if meaning else ""))
+        else:
+            text = "" if isinstance(value, dict) else one_line(repr(value))
+            got = (
+                f", got an object of type {type(value).__name__}"
+                if " at 0x" in text
+                else f", got {text}"
+                if text
+                else ""
+            )
+            field = None if model is None or not location else model.model_fields.get(str(location[0]))
+            words = " ".join((field.description or "").split()).rstrip(".") if field is not None else ""
+            about = f" ({location[0]}: {words})" if words else ""
+            found.append(f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}{about}")
+    return "; ".join(found)
 
 
 _FLIGHT = "str, Path, Flight or SimulatedFlight"
@@ -104,14 +139,6 @@ def takes_settings(model: type[BaseModel], /, **parameters: str) -> Callable[[Fu
         return function
 
     return decorate
-
-
-def _problem(detail: Any, known: tuple[str, ...]) -> str:
-    place = ".".join(str(part) for part in detail["loc"])
-    if detail["type"] == "extra_forbidden":
-        hint = meant(place, known, f"known are {', '.join(known)}", cutoff=0.5)
-        return f"there is no setting '{place}' ({hint})"
-    return f"'{place}': {detail['msg']}, got {one_line(repr(detail['input']))}"
 
 
 def commented(model: type[BaseModel], title: str) -> str:

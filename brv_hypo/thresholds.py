@@ -18,14 +18,11 @@ Number = TypeVar("Number", int, float, tuple[float, float], tuple[float, float, 
 class Threshold:
     """One entry of the table."""
 
-    value: float | tuple[float, ...]
-    """The number, in `unit`."""
+    value: float | tuple[float, ...]  # the number, in `unit`
     unit: str
     """Unit, or what the number counts; "1" of a ratio."""
-    decides: str
-    """What is concluded where the threshold is crossed."""
-    source: str
-    """Paper, study or test that set it."""
+    decides: str  # what is concluded where the threshold is crossed
+    source: str  # paper, study or test that set it
 
 
 THRESHOLDS: list[Threshold] = []

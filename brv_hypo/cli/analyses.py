@@ -53,10 +53,10 @@ def compare(
     from brv_hypo.comparison import CompareConfig
     from brv_hypo.comparison import compare as rank
     from brv_hypo.flight.format import load_flight
-    from brv_hypo.settings import read_settings
+    from brv_hypo.settings import settings_of
 
     accepted = {"accept_record": True} if accept_record else {}
-    settings = read_settings(CompareConfig, config, **chosen(mechanisms), **accepted)
+    settings = settings_of(CompareConfig, config, chosen(mechanisms) | accepted)
     records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
     with session.progress("comparing", COMPARED * len(records)) as progress:
         comparison = rank(records, settings, progress=progress)
@@ -136,14 +136,14 @@ def trace(
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.model.model import model_text
     from brv_hypo.report.trace import trace_document
-    from brv_hypo.settings import read_settings
+    from brv_hypo.settings import settings_of
     from brv_hypo.tracing import TraceConfig
     from brv_hypo.tracing import trace as traced
 
     chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
     if aero is not None:
         chosen["aero"] = read_aero_table(aero)
-    settings = read_settings(TraceConfig, config, **chosen)
+    settings = settings_of(TraceConfig, config, chosen)
     records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
     with session.progress("tracing", TRACED * len(records)) as progress:
         result = traced(records, settings, progress=progress)
@@ -229,10 +229,10 @@ def predict(
     from brv_hypo.flight.format import load_flight
     from brv_hypo.prediction import predict as predicted
     from brv_hypo.report.trace import prediction_document
-    from brv_hypo.settings import read_settings
+    from brv_hypo.settings import settings_of
     from brv_hypo.tracing import TraceConfig
 
-    settings = read_settings(TraceConfig, config)
+    settings = settings_of(TraceConfig, config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
     record = load_flight(flight, instruments=instruments).window(start, stop)
     with session.progress("predicting") as progress:

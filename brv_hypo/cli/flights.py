@@ -129,9 +129,9 @@ def reconstruct(
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
-    from brv_hypo.settings import read_settings
+    from brv_hypo.settings import settings_of
 
-    settings = read_settings(ReconstructionConfig, config, **({} if method is None else {"method": method}))
+    settings = settings_of(ReconstructionConfig, config, {} if method is None else {"method": method})
     record = load_flight(flight, instruments=instruments).window(start, stop)
     with session.progress("reconstructing") as progress:
         result = reconstructed(record, settings, progress=progress)
@@ -184,9 +184,9 @@ def demo(
     session.claim()
     from brv_hypo.comparison import CompareConfig, compare
     from brv_hypo.report.listings import simulation_text
-    from brv_hypo.settings import read_settings
+    from brv_hypo.settings import settings_of
 
-    settings = read_settings(CompareConfig, config, **chosen(mechanisms))
+    settings = settings_of(CompareConfig, config, chosen(mechanisms))
     flown = fly(session, DEMO, seed, ())
     session.show(simulation_text(flown), "")
     with session.progress("comparing") as progress:

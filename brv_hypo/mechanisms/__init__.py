@@ -1,11 +1,10 @@
 """Mechanisms as plugins.
 
-hookspecs.py       the plugin border, and the manual for plugin authors
-contract.py        what a mechanism and a record effect are
+contract.py        the plugin border: what a mechanism, an effect and a process are; the manual for plugin authors
 registry.py        finds what is installed, by name, and the nuisances of every hypothesis
 checked.py         calls of plugins, whose answers are checked
 yaml_mechanism.py  mechanisms that a YAML file defines
-conformance.py       named checks that every plugin must pass
+conformance.py     named checks that every plugin must pass
 template/          a plugin package to start from, with $placeholders, which `brv-hypo mechanisms new` fills in
 """
 
@@ -17,7 +16,7 @@ from brv_hypo.mechanisms.contract import Parameter as Parameter
 from brv_hypo.mechanisms.contract import RecordEffect as RecordEffect
 from brv_hypo.mechanisms.contract import RecordProcess as RecordProcess
 from brv_hypo.mechanisms.contract import Term as Term
-from brv_hypo.mechanisms.hookspecs import hookimpl as hookimpl
+from brv_hypo.mechanisms.contract import hookimpl as hookimpl
 from brv_hypo.mechanisms.registry import find as find
 from brv_hypo.mechanisms.registry import find_installed as find_installed
 from brv_hypo.mechanisms.registry import installed as installed

@@ -452,21 +452,21 @@ class Renamed(Wrapped):
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of the mechanism, by their aliases."""
-        return tuple(self._aliased(parameter) for parameter in self.item.parameters())
+        found = []
+        for own in self.item.parameters():
+            name, units, scale = self._alias(own)
+            low, high = (bound / scale for bound in own.bounds)
+            grid = tuple(value / scale for value in own.grid)
+            found.append(replace(own, name=name, units=units, grid=grid, bounds=(low, high)))
+        return tuple(found)
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Those of the mechanism, at the same values."""
-        own = {}
-        for parameter in self.item.parameters():
-            alias = self.aliases.get(parameter.name, Alias(parameter.name, parameter.units))
-            own[parameter.name] = theta[alias.name] * alias.scale
-        return tuple(self.item.terms(motion, own))
+        aliases = {own.name: self._alias(own) for own in self.item.parameters()}
+        return tuple(self.item.terms(motion, {name: theta[a.name] * a.scale for name, a in aliases.items()}))
 
-    def _aliased(self, parameter: Parameter) -> Parameter:
-        alias = self.aliases.get(parameter.name, Alias(parameter.name, parameter.units))
-        low, high = (bound / alias.scale for bound in parameter.bounds)
-        grid = tuple(value / alias.scale for value in parameter.grid)
-        return replace(parameter, name=alias.name, units=alias.units, grid=grid, bounds=(low, high))
+    def _alias(self, own: Parameter) -> Alias:
+        return self.aliases.get(own.name, Alias(own.name, own.units))
 
 
 # ---- The checks of a record effect: a perturbation of the record that is small, pure and linear ----

@@ -1,8 +1,38 @@
-"""What a mechanism is: one vectorised definition, from the motion to the moment-coefficient columns.
+"""The plugin border: all that a mechanism package needs to know.
 
-Regression uses the columns as they are; the likelihood adds them up, times their coefficients, as the moment
-in the equations of motion; the simulator evaluates them at the running state; the residual loop tries them
-against what is left over. A record effect is the other kind of hypothesis: a perturbation of the record.
+A mechanism is one vectorised definition, from the motion to the moment-coefficient columns. Regression uses the columns
+as they are; the likelihood adds them up, times their coefficients, as the moment in the equations of motion; the
+simulator evaluates them at the running state; the residual loop tries them against the residual. A record effect is the
+other kind of hypothesis: a perturbation of the record.
+
+A plugin is a module that an entry point of the group `brv_hypo.mechanisms` names. It implements a hook, or both:
+`brv_hypo_mechanisms` gives moments, `brv_hypo_record_effects` errors of the record, processes with either; one instance
+of each, with default options.
+
+    # my_package/ablation.py
+    from brv_hypo.mechanisms import Mechanism, Term, hookimpl
+
+    class Ablation(Mechanism):
+        name, title = "ablation", "moment from uneven ablation"
+        claims, source = "out-of-plane moment proportional to alpha", "my report, Eq. 1"
+
+        def terms(self, motion, theta):
+            return (Term("C_Zalpha", 0.0 * motion.alpha, motion.alpha, "1/rad"),)
+
+    @hookimpl
+    def brv_hypo_mechanisms():
+        return [Ablation()]
+
+    # pyproject.toml
+    [project.entry-points."brv_hypo.mechanisms"]
+    ablation = "my_package.ablation"
+
+Class variables say what else is known of the mechanism. A process is a moment (`shapes`), or an error of the record
+(`changed`), with an unknown smooth time history: it is no hypothesis, every hypothesis has it. The same hooks give
+processes; `brv-hypo docs mechanism` has examples.
+
+The built-in mechanisms are registered in this way and in no other. `brv-hypo mechanisms new NAME` writes such
+a package, `brv-hypo mechanisms check NAME` tests one against the contract.
 """
 
 from __future__ import annotations
@@ -14,6 +44,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
+import pluggy
 from pydantic import BaseModel, ConfigDict
 
 from brv_hypo.arrays import ComplexArray, FloatArray
@@ -21,6 +52,9 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.flight.units import to_si
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
+
+ENTRY_POINT_GROUP = "brv_hypo.mechanisms"
+hookimpl = pluggy.HookimplMarker("brv_hypo")
 
 TimeVariation = Literal["constant", "jump", "ramp"]
 
@@ -42,18 +76,12 @@ def current_name(name: str) -> str:
 class Parameter:
     """A nonlinear parameter theta of a mechanism: `grid` is searched, then refined inside `bounds`."""
 
-    name: str
-    """Its key in theta; any but 'knot', 'start' and 'stop'."""
-    units: str
-    """What grid, bounds and theta are in; any unit."""
-    grid: tuple[float, ...]
-    """Values to search, increasing, inside `bounds`."""
-    bounds: tuple[float, float]
-    """Least and greatest value."""
-    meaning: str
-    """One line for a reader."""
-    is_delay: bool = False
-    """Whether `terms` uses the motion so much earlier."""
+    name: str  # its key in theta; any but 'knot', 'start' and 'stop'
+    units: str  # what grid, bounds and theta are in; any unit
+    grid: tuple[float, ...]  # values to search, increasing, inside `bounds`
+    bounds: tuple[float, float]  # least and greatest value
+    meaning: str  # one line for a reader
+    is_delay: bool = False  # whether `terms` uses the motion so much earlier
 
     @property
     def seconds(self) -> float:
@@ -68,10 +96,8 @@ class Term:
     name: str
     in_plane: FloatArray
     out_of_plane: FloatArray
-    units: str = "1"
-    """Of the coefficient; the columns times the coefficient are dimensionless."""
-    vector: str | None = None
-    """Terms with the same name here are components of one vector and enter together."""
+    units: str = "1"  # of the coefficient; the columns times the coefficient are dimensionless
+    vector: str | None = None  # terms with the same name here are components of one vector and enter together
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Finds mechanisms and record effects, by name.
 
-A plugin is a module (entry point or .py file) with the hooks of hookspecs.py, or one mechanism in a .yaml file.
+A plugin is a module (entry point or .py file) with the hooks of contract.py, or one mechanism in a .yaml file.
 Each is loaded and checked on its own: one that breaks the contract is left out with a reason that names its
 package, file and line, and changes nothing else.
 
@@ -29,8 +29,14 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.files import check_regular
 from brv_hypo.io.text import meant, one_line
 from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, known_as, unchecked
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, RecordEffect, RecordProcess
-from brv_hypo.mechanisms.hookspecs import ENTRY_POINT_GROUP
+from brv_hypo.mechanisms.contract import (
+    ENTRY_POINT_GROUP,
+    Mechanism,
+    MomentProcess,
+    Process,
+    RecordEffect,
+    RecordProcess,
+)
 from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
 from brv_hypo.motion.responses import Perturbation, superposed
 

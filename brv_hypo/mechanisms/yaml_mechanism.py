@@ -33,8 +33,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.mechanisms.contract import Mechanism, Term, TimeVariation
 from brv_hypo.motion.motion import Motion
-
-FORMAT, VERSION = "brv-mechanism", 1
+from brv_hypo.settings import problems_of
 
 Quantity = Literal["time", "alpha", "windward_meridian", "p", "velocity", "dynamic_pressure", "mach", "log_reynolds"]
 Axis = Literal["in_plane", "out_of_plane", "body_y", "body_z", "along_rates", "across_rates"]
@@ -56,18 +55,14 @@ class Factor(_Part):
 
     of: Quantity
     function: Literal["power", "cos", "sin", "step", "ramp", "bump", "schedule"] = "power"
-    power: int = Field(default=1, ge=-3, le=6)
-    """Of `power`: ((x - at) / scale)^power."""
-    rate: float = 1.0
-    """Of `cos` and `sin`: of rate * x."""
-    at: float = 0.0
-    """Where a step or ramp begins, a bump has its middle, a power is 0."""
+    power: int = Field(default=1, ge=-3, le=6)  # of `power`: ((x - at) / scale)^power
+    rate: float = 1.0  # of `cos` and `sin`: of rate * x
+    at: float = 0.0  # where a step or ramp begins, a bump has its middle, a power is 0
     scale: float = Field(default=1.0, gt=0.0)
     width: float = Field(default=0.0, ge=0.0)
     """Of a `step`, half of (1 + tanh((x - at) / width)), 0 for a sharp one; of a `ramp`, after which it stays, 0 where
     it goes on; of a `bump`, a linear B-spline that is 1 at `at` and 0 so far away."""
-    places: tuple[float, ...] = ()
-    """Of a `schedule`: straight lines through `values` there, constant beyond."""
+    places: tuple[float, ...] = ()  # of a `schedule`: straight lines through `values` there, constant beyond
     values: tuple[float, ...] = ()
 
     @model_validator(mode="after")
@@ -115,13 +110,11 @@ class YamlTerm(_Part):
     axis: Axis
     turn: Turn | None = None
     factors: tuple[Factor, ...] = ()
-    units: str = "1"
-    """Of its coefficient."""
+    units: str = "1"  # of its coefficient
     delay: float = Field(default=0.0, ge=0.0)
     """s: the moment is that of the motion so much earlier, left where it stood in the body; functions of time are of
     the present."""
-    value: float | None = None
-    """The coefficient as it was found."""
+    value: float | None = None  # the coefficient as it was found
 
     @property
     def follows_time(self) -> bool:
@@ -201,14 +194,14 @@ def read_mechanism(path: str | Path) -> YamlMechanism:
     try:
         return mechanism_of(MechanismFile.model_validate(read_yaml(path, "a mechanism")))
     except ValidationError as error:
-        places = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'file'}: {e['msg']}" for e in error.errors())
+        problems = problems_of(error)
         raise UsageError(
-            f"{path} is not a mechanism file: {places}. `brv-hypo trace --write-mechanism` writes valid ones."
+            f"{path} is not a mechanism file: {problems}. `brv-hypo trace --write-mechanism` writes valid ones."
         ) from None
 
 
 def mechanism_text(content: MechanismFile) -> str:
     """The content as YAML; what is at its default is left out."""
     data = content.model_dump(mode="json", exclude_defaults=True)
-    header = {"format": FORMAT, "format_version": VERSION}
+    header = {"format": content.format, "format_version": content.format_version}
     return yaml.safe_dump({**header, **data}, sort_keys=False, width=100)

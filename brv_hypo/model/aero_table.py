@@ -30,8 +30,10 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.io.files import read_text
 from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.io.text import one_line
-from brv_hypo.mechanisms.contract import Mechanism, Term
+from brv_hypo.mechanisms.contract import Term
+from brv_hypo.model.baseline import DesignMoment
 from brv_hypo.motion.motion import Motion
+from brv_hypo.settings import problems_of
 
 _EXPECTED = "an aerodynamic table: mach, alpha or alpha_deg (may be left out), slope (1/rad), std_error (1/rad)"
 _CSV_BYTES = 1024 * 1024
@@ -84,17 +86,19 @@ def _hats(values: FloatArray, places: Sequence[float]) -> FloatArray:
     return np.stack([np.interp(inside, places, row) for row in np.eye(len(places))], axis=-1)
 
 
-class TableSlope(Mechanism):
-    """The static moment that the table gives; its coefficient is 1 where the table is right on the whole."""
+class _OfTable(DesignMoment):
+    """A moment by a user's table."""
 
-    name = "aero_table"
-    title = "static moment by the aerodynamic table"
-    claims = "the table's moment in the plane of the angle of attack"
     source = "the user's table"
-    wind_fixed = True
-    time_variation = ("constant",)
 
     table: AeroTable
+
+
+class TableSlope(_OfTable):
+    """The static moment that the table gives; its coefficient is 1 where the table is right on the whole."""
+
+    name, title = "aero_table", "static moment by the aerodynamic table"
+    claims = "the table's moment in the plane of the angle of attack"
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: the table's slope times alpha."""
@@ -102,17 +106,11 @@ class TableSlope(Mechanism):
         return (Term("C_malpha by the table", slope * motion.alpha, np.zeros_like(motion.alpha), "1"),)
 
 
-class TableIncrements(Mechanism):
+class TableIncrements(_OfTable):
     """What the slope is more at each place of the table, as far as its uncertainty allows."""
 
-    name = "aero_increment"
-    title = "increments to the aerodynamic table"
+    name, title = "aero_increment", "increments to the aerodynamic table"
     claims = "the table is wrong by about its uncertainty"
-    source = "the user's table"
-    wind_fixed = True
-    time_variation = ("constant",)
-
-    table: AeroTable
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term a place: a linear spline around it, times alpha."""
@@ -124,11 +122,7 @@ class TableIncrements(Mechanism):
 
     def tolerance(self, flight: Flight) -> tuple[float, ...]:
         """The table's uncertainty at each place."""
-        return tuple(error for row in self.table.std_error for error in row)
-
-    def of_each_flight(self, flight: Flight) -> bool:
-        """Never: the table is the design's."""
-        return False
+        return tuple(np.ravel(self.table.std_error).tolist())
 
 
 def read_aero_table(path: str | Path) -> AeroTable:
@@ -141,8 +135,7 @@ def read_aero_table(path: str | Path) -> AeroTable:
     try:
         return AeroTable.model_validate(content)
     except ValidationError as error:
-        said = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'table'}: {e['msg']}" for e in error.errors()[:4])
-        raise UsageError(f"{path} is not {_EXPECTED}: {one_line(said)}.") from None
+        raise UsageError(f"{path} is not {_EXPECTED}: {problems_of(error)}.") from None
 
 
 def _of_yaml(path: Path) -> dict[str, Any]:

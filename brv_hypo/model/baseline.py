@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import Legendre
 from numpy.polynomial.chebyshev import chebval, chebvander
+from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
@@ -37,7 +38,18 @@ def pitch_damping_term(motion: Motion) -> Term:
     return Term("C_mq", rate.real, rate.imag, "1/rad")
 
 
-class StaticMoment(Mechanism):
+class DesignMoment(Mechanism):
+    """A static moment in the plane of alpha that belongs to the design: every flight has the same."""
+
+    time_variation = ("constant",)
+    wind_fixed = True
+
+    def of_each_flight(self, flight: Flight) -> bool:
+        """Never."""
+        return False
+
+
+class StaticMoment(DesignMoment):
     """C_m0 and C_malpha, each with Legendre polynomials over [start, stop] as its slow drift.
 
     `by`: the quantity that the polynomials are of, time (s) or Mach number; beyond its ends they keep their last value.
@@ -45,12 +57,9 @@ class StaticMoment(Mechanism):
     linearly as well; None where it does not.
     """
 
-    name = "static"
-    title = "static in-plane moment"
+    name, title = "static", "static in-plane moment"
     claims = "the moment of a symmetric vehicle in the plane of the angle of attack"
     source = "report, Section 5.3"
-    time_variation = ("constant",)
-    wind_fixed = True
 
     start: float
     stop: float
@@ -63,13 +72,13 @@ class StaticMoment(Mechanism):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """Each static term times each polynomial; the first of each is the mean over the window."""
         along = motion.time if self.by == "time" else motion.mach
-        polynomials = _legendre(scaled(along, self.start, self.stop), max(self.offset_degree, self.slope_degree))
+        polynomials = legvander(scaled(along, self.start, self.stop), max(self.offset_degree, self.slope_degree))
         offset, slope = static_terms(motion)
         found: list[Term] = []
         for term, degree in ((offset, self.offset_degree), (slope, self.slope_degree)):
             for order in range(degree + 1):
                 name = term.name if order == 0 else f"{term.name} drift {order}"
-                found.append(replace(term, name=name, in_plane=term.in_plane * polynomials[order]))
+                found.append(replace(term, name=name, in_plane=term.in_plane * polynomials[..., order]))
         if self.reynolds is not None:
             drift = scaled(np.log10(motion.reynolds), *self.reynolds)
             found.append(replace(slope, name="C_malpha drift Re", in_plane=motion.alpha * drift))
@@ -86,14 +95,6 @@ class StaticMoment(Mechanism):
         at_one = replace(motion, alpha=np.ones_like(motion.alpha))
         slopes = (values[t.name] * t.in_plane for t in self.terms(at_one, {}) if t.name.startswith("C_malpha"))
         return float(np.mean(np.sum(list(slopes), axis=0)))
-
-
-def _legendre(place: FloatArray, degree: int) -> list[FloatArray]:
-    """Legendre's polynomials of degrees 0 to `degree` at places (n,) from -1 to 1, each (n,), by Bonnet's recursion."""
-    found = [np.ones_like(place), place]
-    for order in range(2, degree + 1):
-        found.append((found[-1] * place * (2 * order - 1) - found[-2] * (order - 1)) / order)
-    return found
 
 
 def wavering_speeds(
@@ -122,8 +123,7 @@ def scaled(values: FloatArray, low: float, high: float) -> FloatArray:
 class PitchDamping(Mechanism):
     """C_mq in both channels, constant."""
 
-    name = "pitch damping"
-    title = "pitch damping"
+    name, title = "pitch damping", "pitch damping"
     claims = "a moment against the transverse rates"
     source = "standard aerodynamics of rotationally symmetric vehicles"
     time_variation = ("constant",)
@@ -136,19 +136,16 @@ class PitchDamping(Mechanism):
 Quantity = Literal["time", "mach", "speed"]
 
 
-class StaticBend(Mechanism):
+class StaticBend(DesignMoment):
     """C_N' += (C_malpha3 + drift x) alpha^3, the first odd power after the slope; Gaussian priors.
 
     The bend is `slope` (1/rad) at BENT, 1 sigma. `drift`: what it drifts with, and the ends of that between which x
     runs from -1 to 1; None where it does not drift.
     """
 
-    name = "static_bend"
-    title = "bend of the static moment"
+    name, title = "static_bend", "bend of the static moment"
     claims = "a static moment that is not in proportion to the angle of attack"
     source = "Murphy, BRL R 1216 (1963): cubic static moment"
-    wind_fixed = True
-    time_variation = ("constant",)
 
     slope: float
     drift: tuple[Quantity, float, float] | None = None
@@ -169,12 +166,7 @@ class StaticBend(Mechanism):
         bend = abs(self.slope) / BENT**2
         return (bend,) if self.drift is None else (bend, BEND_DRIFT * bend)
 
-    def of_each_flight(self, flight: Flight) -> bool:
-        """Never: the bend is the design's."""
-        return False
 
-
-#
 # The slope's change over ln(Mach), and that of its bend with alpha, has the covariance of Matern with smoothness 5/2;
 # cosines over the range flown with the variances of its spectral density stand for it (Solin and Sarkka, Stat. Comput.
 # 30:419, 2020). Over a narrow range the prior leaves next to nothing of it, so that a short flight keeps what it can
@@ -187,19 +179,16 @@ SCHEDULE_NOTHING = 1e-3  # of the process's own size, the same
 SCHEDULE_MOST = 24  # terms
 
 
-class SlopeSchedule(Mechanism):
+class SlopeSchedule(DesignMoment):
     """C_N' += alpha sum_k (c_k + b_k alpha^2) cos(k pi x), x = ln(Mach / low) / ln(high / low), with Gaussian priors.
 
     `low`, `high` are the Mach numbers between which it runs; beyond it keeps its last value. `size` (1/rad) is the
     standard deviation of the slope's change at a Mach number.
     """
 
-    name = "slope_schedule"
-    title = "static slope by Mach number"
+    name, title = "slope_schedule", "static slope by Mach number"
     claims = "a slope of the in-plane moment that changes smoothly with Mach number"
     source = "Matern prior over ln(Mach)"
-    wind_fixed = True
-    time_variation = ("constant",)
 
     low: float
     high: float
@@ -218,10 +207,6 @@ class SlopeSchedule(Mechanism):
     def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
         """Standard deviation (1/rad, 1/rad^3) of each coefficient."""
         return (*self.sizes.tolist(), *(self.sizes / BENT**2).tolist())
-
-    def of_each_flight(self, flight: Flight) -> bool:
-        """Never: the schedule is the design's."""
-        return False
 
     def known_schedule(self, coefficients: Sequence[float]) -> KnownSlopeSchedule:
         """The schedule with these coefficients (terms,), as one term."""
@@ -250,8 +235,7 @@ class SlopeSchedule(Mechanism):
 class KnownSlopeSchedule(SlopeSchedule):
     """A schedule whose coefficients are known, as one term; its own coefficient is 1 where they are right."""
 
-    name = "slope_course"
-    title = "static slope by a known schedule"
+    name, title = "slope_course", "static slope by a known schedule"
 
     coefficients: tuple[float, ...]
 

@@ -79,10 +79,6 @@ class CommonTime:
         beyond = common - reference.common[end]
         return float(reference.mach[end] + beyond / _mean_pace(reference.time, reference.mach))
 
-    def in_words(self, common: float) -> str:
-        """A common time by its Mach number, to a thousandth of all those flown."""
-        return f"Mach {self.mach(common):.{decimals(self.mach_span)}f}"
-
     def apart(self) -> tuple[int, ...]:
         """Flights that share no Mach number with any other."""
         spans = [(own.common[0], own.common[-1]) for own in self.flights]
@@ -100,8 +96,8 @@ def decimals(values: Sequence[float]) -> int:
 
 
 def at(common: CommonTime | None, time: float) -> str:
-    """A common time (s) in words: by Mach number where flights share it."""
-    return f"{time:.2f} s" if common is None else common.in_words(time)
+    """A common time (s) in words: where flights share it by Mach number, to a thousandth of all those flown."""
+    return f"{time:.2f} s" if common is None else f"Mach {common.mach(time):.{decimals(common.mach_span)}f}"
 
 
 def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> CommonTime | str:
@@ -121,33 +117,26 @@ def common_time(records: Sequence[tuple[FloatArray, FloatArray | None]]) -> Comm
         return "it falls on some flights and rises on others. Compare those of either kind alone"
     reference = max(range(len(smooth)), key=lambda k: (abs(smooth[k][-1] - smooth[k][0]), -records[k][0][0]))
     alone = OwnTime(records[reference][0], records[reference][0], smooth[reference])
-    own = tuple(
-        alone if k == reference else _beside(alone, time, np.asarray(measured), mach)
+    own = [
+        alone if k == reference else OwnTime(time, _common(alone, time, np.asarray(measured), mach), mach)
         for k, ((time, measured), mach) in enumerate(zip(records, smooth, strict=True))
-    )
-    return CommonTime(own, reference)
+    ]
+    return CommonTime(tuple(own), reference)
 
 
-def _beside(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: FloatArray) -> OwnTime:
-    """A flight with its time (n,) s, measured and smooth Mach number (n,), in the reference flight's time."""
-    raw = _time_of(mach, reference.time, reference.mach)
-    smooth = _smooth_common(reference, _means(time, measured, COMMON_MEANS), time, raw, mach)
-    return OwnTime(time, raw if smooth is None else smooth, mach)
+def _common(reference: OwnTime, time: FloatArray, measured: FloatArray, mach: FloatArray) -> FloatArray:
+    """The reference flight's time (n,) s at a flight's own time (n,) s, from its measured and smooth Mach number (n,).
 
-
-def _smooth_common(
-    reference: OwnTime, means: FloatArray, time: FloatArray, raw: FloatArray, mach: FloatArray
-) -> FloatArray | None:
-    """The common time (n,) as a polynomial of a flight's own, where its means (m, 2) want no more by BIC.
-
-    `raw` (n,) is the common time by Mach number alone: where that hardly runs it determines time badly; a shift or a
-    change of pace between flights is then estimated far better.
+    By Mach number alone, or as a polynomial of its own time where the means of its Mach number want no more by BIC:
+    where Mach number hardly runs it determines time badly; a shift or a change of pace between flights is then
+    estimated far better.
     """
+    raw, means = _time_of(mach, reference.time, reference.mach), _means(time, measured, COMMON_MEANS)
     pace, by_mach = np.gradient(reference.mach, reference.time), np.interp(means[:, 0], time, raw)
     inside = (by_mach > reference.time[0]) & (by_mach < reference.time[-1])
     at, measured = means[inside].T
     if at.size <= 2 * COMMON_DEGREE:
-        return None
+        return raw
     weight = np.abs(np.interp(by_mach[inside], reference.time, pace))
     rest = measured - np.interp(at, time, mach)
     best, found = _bic(float(rest @ rest), at.size, COMMON_DEGREE + 2), None
@@ -163,7 +152,7 @@ def _smooth_common(
         if bic < best and np.all(np.diff(common) > 0.0):
             best, found = bic, common
     if found is None:
-        return None
+        return raw
     line = CubicSpline(at, found, bc_type="natural")  # and straight on beyond the means
     slopes = line(at[[0, -1]], 1)
     before, after = np.minimum(time - at[0], 0.0), np.maximum(time - at[-1], 0.0)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import yaml
@@ -22,13 +22,13 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json, read_yaml
-from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, TimeVariation, current_name
 from brv_hypo.mechanisms.registry import find, find_installed, nuisance_mechanisms
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism, mechanism_of
 from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis, delays_among
+from brv_hypo.settings import problems_of
 
 TOLERATED = (TableIncrements.name, SlopeSchedule.name, StaticBend.name)
 """What the baseline may be more, within a prior: columns of a saved model, unknowns of a fit."""
@@ -111,16 +111,7 @@ class Model(BaseModel):
             table=table.table if isinstance(table, TableSlope) else None,
             schedule=schedule if isinstance(schedule, SlopeSchedule) else None,
             bend=bend if isinstance(bend, StaticBend) else None,
-            record=tuple(
-                SavedRecordError(
-                    effect=a.effect.name,
-                    component=a.component,
-                    value=a.value,
-                    options=a.effect.model_dump(),
-                    flight=a.flight,
-                )
-                for a in self.applied
-            ),
+            record=tuple(SavedRecordError.of(applied) for applied in self.applied),
             files=tuple(
                 MechanismFile(name=m.name, title=m.title, claims=m.claims, source=m.source, terms=m.definition)
                 for m in self.mechanisms.values()
@@ -164,6 +155,8 @@ class SavedColumn(_Saved):
     elsewhere: float | None = None
     flight: int | None = None
 
+    _SHARED: ClassVar[tuple[str, ...]] = ("mechanism", "term", "units", "grouped", "part_of", "flight")
+
     @field_validator("term")
     @classmethod
     def _earlier_name(cls, term: str) -> str:
@@ -172,34 +165,20 @@ class SavedColumn(_Saved):
     @classmethod
     def of(cls, column: Regressor) -> SavedColumn:
         """The column as data."""
+        shared: dict[str, Any] = {name: getattr(column, name) for name in cls._SHARED}
         basis = column.time_basis
-        return cls(
-            mechanism=column.mechanism,
-            term=column.term,
-            units=column.units,
-            theta=dict(column.theta),
-            kind=basis.kind,
-            start=basis.start if math.isfinite(basis.start) else None,
-            stop=basis.stop if math.isfinite(basis.stop) else None,
-            tied=column.grouped,
-            part_of=column.part_of,
-            flight=column.flight,
-        )
+        start, stop = (end if math.isfinite(end) else None for end in (basis.start, basis.stop))
+        return cls(**shared, theta=dict(column.theta), kind=basis.kind, start=start, stop=stop)
 
     def regressor(self, mechanism: Mechanism) -> Regressor:
         """The column that the data hold."""
         start = -math.inf if self.start is None else self.start
         stop = math.inf if self.stop is None else self.stop
         return Regressor(
-            self.mechanism,
-            self.term,
-            tuple(self.theta.items()),
-            TimeBasis(self.kind, start, stop),
-            self.units,
-            self.grouped,
-            delays_among(mechanism.parameters()),
-            self.flight,
-            self.part_of,
+            theta=tuple(self.theta.items()),
+            time_basis=TimeBasis(self.kind, start, stop),
+            late_by=delays_among(mechanism.parameters()),
+            **{name: getattr(self, name) for name in self._SHARED},
         )
 
 
@@ -246,6 +225,12 @@ class SavedRecordError(_Saved):
     options: dict[str, Any] = {}
     flight: int = 0
 
+    @classmethod
+    def of(cls, applied: Applied) -> SavedRecordError:
+        """The component as data."""
+        own = applied.model_dump(include={"component", "value", "flight"})
+        return cls(effect=applied.effect.name, options=applied.effect.model_dump(), **own)
+
     def applied(self, flight: Flight) -> Applied:
         """The component as it is taken out of a flight's record; UsageError where nothing installed has it."""
         item = find_installed(self.effect)
@@ -256,7 +241,7 @@ class SavedRecordError(_Saved):
         try:
             effect = type(item).model_validate({**item.model_dump(), **self.options})
         except ValidationError as wrong:
-            raise UsageError(f"the model sets options that '{self.effect}' refuses: {wrong}") from None
+            raise UsageError(f"the model's options of '{self.effect}': {problems_of(wrong)}") from None
         found = {each.name: each for each in effect.components(flight)}
         if self.component not in found:
             raise UsageError(
@@ -395,8 +380,7 @@ def read_structure(path: Path) -> SavedModel:
     try:
         return SavedModel.model_validate(content if is_model(content) else content["model"]["definition"])
     except ValidationError as error:
-        said = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'model'}: {e['msg']}" for e in error.errors()[:4])
-        raise UsageError(f"{path} is not {_EXPECTED}: {one_line(said)}.") from None
+        raise UsageError(f"{path} is not {_EXPECTED}: {problems_of(error)}.") from None
     except (KeyError, TypeError) as error:
         raise UsageError(f"{path} holds no model ({type(error).__name__}: {error}); expected {_EXPECTED}.") from None
 

@@ -57,24 +57,16 @@ Vector = tuple[str, str | None, Theta, TimeBasis]
 class Regressor:
     """One candidate: a term of a mechanism at theta, with a basis in time."""
 
-    mechanism: str
-    """Its name."""
-    term: str
-    """The name of the term."""
-    theta: Theta
-    """Nonlinear parameters of the mechanism, by name."""
-    time_basis: TimeBasis
-    """How the coefficient changes in time."""
-    units: str
-    """Of the coefficient."""
-    grouped: bool = False
-    """Whether terms with this time basis are components of one vector and enter together."""
+    mechanism: str  # its name
+    term: str  # the name of the term
+    theta: Theta  # nonlinear parameters of the mechanism, by name
+    time_basis: TimeBasis  # how the coefficient changes in time
+    units: str  # of the coefficient
+    grouped: bool = False  # whether terms with this time basis are components of one vector and enter together
     late_by: tuple[Parameter, ...] = field(default=(), compare=False)
     """Those parameters of theta that the mechanism declares to be delays."""
-    flight: int | None = None
-    """The one flight of several that it acts on; None for all."""
-    part_of: str | None = None
-    """The vector that a grouped term belongs to, where the mechanism has several."""
+    flight: int | None = None  # the one flight of several that it acts on; None for all
+    part_of: str | None = None  # the vector that a grouped term belongs to, where the mechanism has several
 
     @property
     def vector(self) -> Vector:
@@ -138,25 +130,18 @@ def theta_grid(mechanism: Mechanism, *, dense: bool = False) -> tuple[Theta, ...
     return tuple(tuple(point.items()) for point in points)
 
 
-def time_bases(mechanism: Mechanism, knots: FloatArray) -> tuple[TimeBasis, ...]:
-    """The bases in time that the mechanism's coefficients may take (Eq. 3.6)."""
-    found: list[TimeBasis] = []
-    for kind in mechanism.time_variation:
-        starts: Sequence[float] = (-np.inf,) if kind == "constant" else [float(knot) for knot in knots]
-        found.extend(TimeBasis(kind, start) for start in starts)
-    return tuple(found)
-
-
 def candidates(
     mechanism: Mechanism, motion: Motion, knots: FloatArray, thetas: Sequence[Theta]
 ) -> tuple[Regressor, ...]:
-    """All columns of a mechanism: theta x time basis x term; the motion decides only which terms there are."""
+    """All columns of a mechanism: theta x time basis (Eq. 3.6) x term; the motion decides only which terms are."""
     terms = mechanism.terms(motion, dict(thetas[0]))
+    bases = [
+        TimeBasis(kind, start)
+        for kind in mechanism.time_variation
+        for start in ([-np.inf] if kind == "constant" else knots.tolist())
+    ]
     return tuple(
-        term_column(mechanism, term, theta, time_basis)
-        for theta in thetas
-        for time_basis in time_bases(mechanism, knots)
-        for term in terms
+        term_column(mechanism, term, theta, time_basis) for theta in thetas for time_basis in bases for term in terms
     )
 
 

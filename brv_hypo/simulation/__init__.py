@@ -1,9 +1,8 @@
 """6-DOF flights with planted mechanisms and instrument errors, the truth set apart.
 
-simulate                        simulator.py: a configuration -> `SimulatedFlight`
+simulate                        simulator.py: a configuration -> `SimulatedFlight`; Runge-Kutta, and the past
 SimulationConfig, load_config   config.py: the schema of configs/*.yaml, its files
 the equations of motion         vehicle.py: attitude, air, planted mechanisms
-Runge-Kutta, and the past       integration.py
 Appendix B                      instruments.py: record effects and noise
 """
 

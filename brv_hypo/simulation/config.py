@@ -13,9 +13,10 @@ from brv_hypo.flight.record import Vehicle
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of
 from brv_hypo.io.files import kind_of
 from brv_hypo.io.mappings import read_yaml
-from brv_hypo.io.text import meant, nearest, one_line
+from brv_hypo.io.text import meant, nearest
 from brv_hypo.mechanisms.contract import TimeVariation, current_name
 from brv_hypo.mechanisms.registry import record_effects
+from brv_hypo.settings import problems_of
 from brv_hypo.thresholds import MINIMUM_SAMPLES
 
 # ---- What a simulated flight is: the schema of `configs/*.yaml`. SI and radians throughout ----
@@ -35,22 +36,14 @@ class Section(BaseModel):
 class VehicleConfig(Section):
     """The vehicle as it was built."""
 
-    mass: Positive
-    """kg."""
-    ixx: Positive
-    """About the axis of symmetry, kg m^2."""
-    iyy: Positive
-    """Transverse, kg m^2."""
-    reference_length: Positive
-    """m."""
-    reference_area: Positive
-    """m^2."""
-    accelerometer_position: Vector = (0.0, 0.0, 0.0)
-    """From the c.g., body axes, m."""
-    ixy: float = 0.0
-    """Product of inertia (of x y dm), kg m^2: imbalance."""
-    ixz: float = 0.0
-    """Product of inertia (of x z dm), kg m^2: imbalance."""
+    mass: Positive  # kg
+    ixx: Positive  # about the axis of symmetry, kg m^2
+    iyy: Positive  # transverse, kg m^2
+    reference_length: Positive  # m
+    reference_area: Positive  # m^2
+    accelerometer_position: Vector = (0.0, 0.0, 0.0)  # from the c.g., body axes, m
+    ixy: float = 0.0  # product of inertia (of x y dm), kg m^2: imbalance
+    ixz: float = 0.0  # product of inertia (of x z dm), kg m^2: imbalance
 
     @model_validator(mode="after")
     def _inertia_of_a_real_body(self) -> VehicleConfig:
@@ -77,28 +70,24 @@ def _with_current_names(data: Any) -> Any:
     return dict(zip(names, data.values(), strict=True))
 
 
+Coefficients = Annotated[dict[str, float], BeforeValidator(_with_current_names)]
+"""By the names of terms."""
+
+
 class AerodynamicsConfig(Section):
     """Air-relative aerodynamics of CONVENTIONS; coefficients per rad, rates made dimensionless by d / 2V.
 
     The in-plane moment is C_mw = C_m0 + C_malpha alpha + C_malpha3 alpha^3.
     """
 
-    C_A: float = 0.0
-    """Axial force."""
-    C_Nalpha_force: float = 0.0
-    """Slope of the normal force, > 0: it opposes the crossflow."""
-    C_m0: float = 0.0
-    """In-plane moment at alpha 0."""
-    C_malpha: float = 0.0
-    """Its slope, < 0 on a stable vehicle."""
-    C_malpha3: float = 0.0
-    """Its cubic part."""
-    C_mq: float = 0.0
-    """Pitch damping."""
-    C_l0: float = 0.0
-    """Rolling moment."""
-    C_lp: float = 0.0
-    """Roll damping."""
+    C_A: float = 0.0  # axial force
+    C_Nalpha_force: float = 0.0  # slope of the normal force, > 0: it opposes the crossflow
+    C_m0: float = 0.0  # in-plane moment at alpha 0
+    C_malpha: float = 0.0  # its slope, < 0 on a stable vehicle
+    C_malpha3: float = 0.0  # its cubic part
+    C_mq: float = 0.0  # pitch damping
+    C_l0: float = 0.0  # rolling moment
+    C_lp: float = 0.0  # roll damping
 
     @model_validator(mode="before")
     @classmethod
@@ -113,28 +102,17 @@ class StartConfig(Section):
     natural frequency is a circle, zero a plane oscillation.
     """
 
-    time: float = 0.0
-    """s."""
-    altitude: float
-    """Above sea level, m."""
-    velocity: Positive
-    """m/s."""
-    flight_path_angle: float
-    """Negative in descent, rad."""
-    alpha: float
-    """Total angle of attack, rad."""
-    windward_meridian: float = 0.0
-    """rad."""
-    roll_rate: float = 0.0
-    """rad/s."""
-    alpha_rate: float = 0.0
-    """rad/s."""
-    coning_rate: float = 0.0
-    """How fast the plane of alpha turns about the velocity, rad/s."""
-    q: float | None = None
-    """Pitch rate, rad/s."""
-    r: float | None = None
-    """Yaw rate, rad/s."""
+    time: float = 0.0  # s
+    altitude: float  # above sea level, m
+    velocity: Positive  # m/s
+    flight_path_angle: float  # negative in descent, rad
+    alpha: float  # total angle of attack, rad
+    windward_meridian: float = 0.0  # rad
+    roll_rate: float = 0.0  # rad/s
+    alpha_rate: float = 0.0  # rad/s
+    coning_rate: float = 0.0  # how fast the plane of alpha turns about the velocity, rad/s
+    q: float | None = None  # pitch rate, rad/s
+    r: float | None = None  # yaw rate, rad/s
 
     @model_validator(mode="after")
     def _one_choice_of_rates(self) -> StartConfig:
@@ -143,13 +121,6 @@ class StartConfig(Section):
         if self.q is not None and (self.coning_rate or self.alpha_rate):
             raise ValueError("give either q and r, or coning_rate and alpha_rate, not both")
         return self
-
-
-class WindStep(Section):
-    """From `time` (s) on the air moves with `velocity` (m/s): along the track, to its right, down."""
-
-    time: float
-    velocity: Vector
 
 
 class EnvironmentConfig(Section):
@@ -162,26 +133,18 @@ class EnvironmentConfig(Section):
     planet: Literal["earth"] = "earth"
     gravity: NotNegative = 9.80665
     constant_density: NotNegative | None = None
-    wind_step: WindStep | None = None
 
 
 class PlantedConfig(Section):
     """A mechanism to plant, as it would be fitted: terms times coefficients."""
 
-    mechanism: str
-    """Name of an installed mechanism."""
-    options: dict[str, Any] = Field(default_factory=dict)
-    """Its options."""
-    theta: dict[str, float] = Field(default_factory=dict)
-    """Its nonlinear parameters."""
-    terms: Annotated[dict[str, float], BeforeValidator(_with_current_names)] = Field(min_length=1)
-    """Coefficients by the names of its terms."""
-    kind: TimeVariation = "jump"
-    """How the coefficients vary in time, as in Eq. 3.6."""
-    start: float | None = None
-    """s; None: from the beginning."""
-    stop: float | None = None
-    """s; None: to the end."""
+    mechanism: str  # name of an installed mechanism
+    options: dict[str, Any] = Field(default_factory=dict)  # its options
+    theta: dict[str, float] = Field(default_factory=dict)  # its nonlinear parameters
+    terms: Coefficients = Field(min_length=1)
+    kind: TimeVariation = "jump"  # how the coefficients vary in time, as in Eq. 3.6
+    start: float | None = None  # s; None: from the beginning
+    stop: float | None = None  # s; None: to the end
 
 
 class SensorConfig(Section):
@@ -191,16 +154,11 @@ class SensorConfig(Section):
 
 
 class GaugeConfig(SensorConfig):
-    """One scalar channel, with what no record effect says of it alone: bias, and delay (s)."""
+    """One scalar channel, with errors of its own: bias, scale error, and delay (s)."""
 
     bias: float = 0.0
-    delay: float = 0.0
-
-
-class ScaledGaugeConfig(GaugeConfig):
-    """One scalar channel whose scale error is no record effect either."""
-
     scale: float = 0.0
+    delay: float = 0.0
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
@@ -254,28 +212,19 @@ class TolerancesConfig(Section):
 class InstrumentsConfig(TolerancesConfig):
     """Appendix B (errata E10, E11)."""
 
-    gyro: SensorConfig = SensorConfig()
-    """All three, rad/s."""
-    accelerometer: SensorConfig = SensorConfig()
-    """All three, m/s^2."""
-    velocity: ScaledGaugeConfig = ScaledGaugeConfig()
-    """m/s."""
-    dynamic_pressure: GaugeConfig = GaugeConfig()
-    """Pa."""
-    altitude: ScaledGaugeConfig = ScaledGaugeConfig()
-    """m."""
-    roll_rate_mag: ScaledGaugeConfig | None = None
-    """Roll rate by magnetometer, rad/s; None where none is carried."""
+    gyro: SensorConfig = SensorConfig()  # all three, rad/s
+    accelerometer: SensorConfig = SensorConfig()  # all three, m/s^2
+    velocity: GaugeConfig = GaugeConfig()  # m/s
+    dynamic_pressure: GaugeConfig = GaugeConfig()  # Pa
+    altitude: GaugeConfig = GaugeConfig()  # m
+    roll_rate_mag: GaugeConfig | None = None  # roll rate by magnetometer, rad/s; None where none is carried
     errors: dict[str, dict[str, float]] = Field(default_factory=dict)
     """By record effect and component, SI; planted in the order given."""
     draw: NotNegative = 0.0
     """Errors, and asymmetries of the vehicle, are drawn besides from so many times the tolerances stated."""
-    averaged: bool = False
-    """Samples are means over the interval before them."""
-    spikes: tuple[SpikesConfig, ...] = ()
-    """Samples that are off."""
-    gaps: tuple[GapConfig, ...] = ()
-    """Samples that are missing."""
+    averaged: bool = False  # samples are means over the interval before them
+    spikes: tuple[SpikesConfig, ...] = ()  # samples that are off
+    gaps: tuple[GapConfig, ...] = ()  # samples that are missing
 
 
 class SimulationConfig(Section):
@@ -415,34 +364,21 @@ def _read(source: Mapping[str, Any] | str | Path, keywords: Mapping[str, Any]) -
     try:
         return SimulationConfig.model_validate({**source, **keywords})
     except ValidationError as error:
-        problems = "; ".join(_problem(detail) for detail in error.errors())
-        raise UsageError(f"{origin}: {problems}. All values are SI, angles in rad.") from None
+        raise UsageError(f"{origin}: {problems_of(error, _hint)}. All values are SI, angles in rad.") from None
 
 
-def _problem(detail: Any) -> str:
-    place = ".".join(str(part) for part in detail["loc"]) or "the whole"
-    if detail["type"] == "missing":
-        return f"'{place}' is missing"
-    if detail["type"] == "extra_forbidden":
-        return f"'{place}' is not a known key{_nearest_key(detail['loc'])}"
-    got = "" if isinstance(detail["input"], dict) else f", got {one_line(repr(detail['input']))}"
-    return f"'{place}': {detail['msg'].removeprefix('Value error, ')}{got}"
-
-
-def _nearest_key(location: Sequence[str | int]) -> str:
+def _hint(location: Sequence[str | int]) -> str:
     """The known key that is most like an unknown one; of an error beside an instrument's noise its record effect."""
     schema = SimulationConfig.model_json_schema()
     known = {key for part in (schema, *schema["$defs"].values()) for key in part.get("properties", ())}
     leaf = str(location[-1])
     near = nearest(leaf, known)
     if near and near[0] != leaf:
-        return f" (is '{near[0]}' meant?)"
+        return f"is '{near[0]}' meant?"
     if location[0] != "instruments":
         return ""
-    effects = [effect.name for effect in record_effects()]
-    near = nearest("_".join(map(str, location[1:])), effects, 0.7)
-    hint = f"is the record effect '{near[0]}' meant? " if near else ""
-    return f" ({hint}errors are written under `instruments.errors`, by effect and component)"
+    effect = meant("_".join(map(str, location[1:])), [effect.name for effect in record_effects()], "", 0.7)
+    return f"{effect} Errors are written under `instruments.errors`, by effect and component".strip()
 
 
 def numbers(config: SimulationConfig) -> dict[str, float]:

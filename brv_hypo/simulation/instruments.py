@@ -8,7 +8,6 @@ a wind unaccounted for. `recorded` is the entrance.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,25 +20,28 @@ from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, ScaledGaugeConfig, SimulationConfig
+from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, SimulationConfig
 from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
-
-
-@dataclass(frozen=True)
-class Signals:
-    """One flight as it was, at the integration's nodes (n,) s: the channels at the c.g., and (3, n) rad/s^2."""
-
-    nodes: FloatArray
-    channels: Mapping[str, FloatArray]
-    angular_acceleration: FloatArray
 
 
 def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
     """What perfect instruments at the c.g. read, by channel, on the shape of the state's trailing axes."""
     channels = dict(zip((*GYROS, *ACCELEROMETERS), (*state[RATES], *air.specific_force), strict=True))
     return channels | {"velocity": air.speed, "dynamic_pressure": air.dynamic_pressure, "altitude": air.altitude}
+
+
+def sensed_channels(
+    channels: Mapping[str, FloatArray], angular: FloatArray, place: Sequence[float]
+) -> dict[str, FloatArray]:
+    """What perfect instruments read, accelerometers at their `place` (m), at angular accelerations (3, n) rad/s^2."""
+    # f = a_cg + omega_dot x r + omega x (omega x r), no gravity (errata E10, E11)
+    rates, force = (np.array([channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
+    arm = np.array(place)[:, np.newaxis] * np.ones_like(rates[0])
+    swing = cross(rates, cross(rates, arm))
+    force = force + cross(angular, arm) + swing
+    return {**channels, **dict(zip(ACCELEROMETERS, force, strict=True)), "roll_rate_mag": channels["p"]}
 
 
 def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
@@ -123,23 +125,24 @@ _GAUGES = ("velocity", "dynamic_pressure", "altitude", "roll_rate_mag")
 _STREAMS = ("gyro", "accelerometer", *_GAUGES, "spikes", "gaps")
 
 
-def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed: int) -> Record:
-    """The flight record at `time` (m,) s, NaN in gaps."""
+def recorded(
+    nodes: FloatArray, sensed: Mapping[str, FloatArray], config: SimulationConfig, time: FloatArray, seed: int
+) -> Record:
+    """The flight record at `time` (m,) s, NaN in gaps; `sensed` are the channels at the nodes (n,) s."""
     instruments = config.instruments
     streams = {
         name: np.random.default_rng(child)
         for name, child in zip(_STREAMS, np.random.SeedSequence(seed).spawn(len(_STREAMS)), strict=True)
     }
-    flight = with_errors(perfect(signals, config, time), instruments.errors)
+    flight = with_errors(_perfect(nodes, sensed, config, time), instruments.errors)
     channels: dict[str, FloatArray] = {}
     for names, stream in ((GYROS, "gyro"), (ACCELEROMETERS, "accelerometer")):
         readings = np.array([getattr(flight, name) for name in names])
         readings += getattr(instruments, stream).noise * streams[stream].standard_normal(readings.shape)
         channels |= dict(zip(names, readings, strict=True))
     for name, gauge in _gauges(config).items():
-        scale = gauge.scale if isinstance(gauge, ScaledGaugeConfig) else 0.0
         noise = gauge.noise * streams[name].standard_normal(time.shape)
-        channels[name] = (1.0 + scale) * getattr(flight, name) + gauge.bias + noise
+        channels[name] = (1.0 + gauge.scale) * getattr(flight, name) + gauge.bias + noise
     for name in ("velocity", "dynamic_pressure"):
         channels[name] = np.maximum(channels[name], 0.0)  # their gauges have a stop at zero
     for spikes in instruments.spikes:
@@ -165,22 +168,15 @@ def recorded(signals: Signals, config: SimulationConfig, time: FloatArray, seed:
     return validated(Record, content)
 
 
-def perfect(signals: Signals, config: SimulationConfig, time: FloatArray) -> Flight:
+def _perfect(nodes: FloatArray, sensed: Mapping[str, FloatArray], config: SimulationConfig, time: FloatArray) -> Flight:
     """What perfect instruments say at `time` (m,) s, of a vehicle that is as it was built."""
     averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
-    vehicle = config.vehicle.declared()
-    # f = a_cg + omega_dot x r + omega x (omega x r), no gravity (errata E10, E11)
-    rates, force = (np.array([signals.channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
-    arm = np.array(vehicle.accelerometer_position)[:, np.newaxis] * np.ones_like(signals.nodes)
-    swing = cross(rates, cross(rates, arm))
-    force = force + cross(signals.angular_acceleration, arm) + swing
-    true = {**signals.channels, **dict(zip(ACCELEROMETERS, force, strict=True)), "roll_rate_mag": signals.channels["p"]}
     delays = {name: gauge.delay for name, gauge in _gauges(config).items()}
     channels: dict[str, Any] = {
-        name: _sampled(signals.nodes, true[name], time, delays.get(name, 0.0), averaging)
+        name: _sampled(nodes, sensed[name], time, delays.get(name, 0.0), averaging)
         for name in (*GYROS, *ACCELEROMETERS, *delays)
     }
-    return Flight(time=time, vehicle=vehicle, instruments=config.instruments.declared(), **channels)
+    return Flight(time=time, vehicle=config.vehicle.declared(), instruments=config.instruments.declared(), **channels)
 
 
 def _sampled(nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float) -> FloatArray:

@@ -1,6 +1,9 @@
 """From a configuration to a simulated flight: integrate, read the instruments, note the truth.
 
-`SimulatedFlight` holds what the instruments say and, apart from it, what is true. `simulate` is the entrance.
+Nodes of the integration are uniform, with every jump and kink of the moments added; steps are cut where the windward
+meridian turns fast. Mechanisms that look back ask `History`, cubic Hermite interpolation of the motion so far, while
+the integration goes on. `SimulatedFlight` holds what the instruments say and, apart from it, what is true. `simulate`
+is the entrance.
 """
 
 from __future__ import annotations
@@ -14,45 +17,212 @@ from typing import Any, Unpack
 import numpy as np
 import yaml
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE
 from brv_hypo.flight.format import Quantity, assemble, save_flight
 from brv_hypo.flight.record import Flight, Record
+from brv_hypo.model.term import delays_among
+from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.signals import rms
 from brv_hypo.progress import Progress, Report, report_to, silent
 from brv_hypo.results import Histories
 from brv_hypo.settings import takes_settings
 from brv_hypo.simulation.config import ConfigSource, SimulationConfig, SimulationSettings, load_config, numbers
-from brv_hypo.simulation.instruments import Signals, drawn, recorded, true_channels, wind_profile
-from brv_hypo.simulation.integration import Trajectory, break_times, grid, integrate
-from brv_hypo.simulation.vehicle import RATES, AirData, System, initial_state, planted, system
+from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, true_channels, wind_profile
+from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, System, dot, initial_state, planted, system
+
+
+class History:
+    """States and their rates at the nodes passed so far.
+
+    At a break the rate jumps: the interval before it ends with the rate before the jump, the one after begins
+    with the rate after it.
+    """
+
+    def __init__(self, system: System, nodes: FloatArray, breaks: BoolArray) -> None:
+        """Room for nodes (n,) s; `breaks` (n,) marks where rates may jump."""
+        self.system = system
+        self.nodes = nodes
+        self.states = np.zeros((nodes.size, STATES, 1))
+        self.rates = np.zeros_like(self.states)
+        """That follow each node; `rates_before` lead up to it, which differ at a break."""
+        self.rates_before = np.zeros_like(self.states)
+        self.meridians = np.zeros((nodes.size, 1))
+        self._breaks = breaks
+        self._last = 0
+        self._recent: dict[bytes, Motion] = {}
+
+    def store(self, node: int, state: FloatArray, rate: FloatArray, meridian: FloatArray) -> None:
+        """The state of a node with the rate that follows it."""
+        self.states[node], self.rates[node], self.meridians[node] = state, rate, meridian
+        if not self._breaks[node]:
+            self.rates_before[node] = rate
+        self._last = node
+        self._recent.clear()
+
+    def past(self, time: FloatArray) -> Motion:
+        """The motion at `time` (1,) s; before the start it is steady (see `Motion.delayed`)."""
+        key = time.tobytes()
+        if key not in self._recent:
+            self._recent[key] = self._motion(time)
+        return self._recent[key]
+
+    def _motion(self, time: FloatArray) -> Motion:
+        begin, end = self.nodes[0], self.nodes[self._last]
+        if np.any(time > end + 1e-9):
+            raise UsageError(
+                f"a planted mechanism asked for the motion at {float(np.max(time)):.6g} s, but the "
+                f"integration has only reached {float(end):.6g} s: its delay is shorter than the step. "
+                "Reduce `step` to the delay or less."
+            )
+        inside = np.maximum(time, begin)
+        left = min(max(int(np.searchsorted(self.nodes, inside[0], side="right")) - 1, 0), max(self._last - 1, 0))
+        state = self._interpolated(inside, left)
+        air = self.system.air_data(time, state)
+        motion = self.system.motion(time, state, air, self.meridians[left], self.past)
+        if np.all(time >= begin):
+            return motion
+        turned = motion.windward_meridian + (time - inside) * motion.windward_meridian_rate
+        return replace(motion, windward_meridian=turned)
+
+    def _interpolated(self, time: FloatArray, left: int) -> FloatArray:
+        """State (13, 1) in the interval after a node."""
+        right = left + 1
+        step = self.nodes[right] - self.nodes[left]
+        s = (time - self.nodes[left]) / step
+        s2, s3 = s * s, s * s * s
+        return np.asarray(
+            (2.0 * s3 - 3.0 * s2 + 1.0) * self.states[left]
+            + (s3 - 2.0 * s2 + s) * step * self.rates[left]
+            + (3.0 * s2 - 2.0 * s3) * self.states[right]
+            + (s3 - s2) * step * self.rates_before[right],
+            dtype=float,
+        )
+
+
+# ---- Nodes, and the steps from one to the next ----
+
+
+# Time (s) by which a stage steps aside from a jump, to see the moments on its own side of it.
+_ASIDE = 1e-10
+_SAME = 1e-9
+# Angle (rad) by which the meridian may turn in one step, and into how many parts a step is cut at most.
+_TURN = 0.1
+_MOST_PARTS = 64
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """An integrated flight."""
+
+    nodes: FloatArray  # (n,) s
+    samples: IntArray  # nodes that are samples of the record (m,)
+    states: FloatArray  # (n, 13, 1)
+    rates: FloatArray  # their changes per s, after a break
+
+
+def break_times(system: System) -> FloatArray:
+    """Where moments jump or kink (s): region edges, and what follows one and two delays later."""
+    edges, delays = [], [0.0]
+    for item in system.planted:
+        edges += [edge for edge in (item.time_basis.start, item.time_basis.stop) if np.isfinite(edge)]
+        delays += [item.theta[each.name] * each.seconds for each in delays_among(item.mechanism.parameters())]
+    first, later_by = np.unique(np.array(edges, dtype=float)), np.unique(delays)
+    # The start is a kink only for those who look back at it.
+    kinks = np.concatenate([first, [system.config.start.time]]) if later_by.size > 1 else first
+    later = np.unique(kinks[:, None] + later_by)
+    return np.unique(np.concatenate([first, np.ravel(later), np.ravel(later[:, None] + later_by)]))
+
+
+def grid(system: System) -> tuple[FloatArray, BoolArray, IntArray]:
+    """Nodes (n,) s, a step apart and at breaks; which of them are breaks (n,); the nodes that are samples (m,)."""
+    config, breaks = system.config, break_times(system)
+    start, step = config.start.time, config.step
+    uniform = start + step * np.arange((config.samples - 1) * config.steps_per_sample + 1)
+    inside = np.unique(breaks[(breaks >= start - _SAME) & (breaks <= uniform[-1] + _SAME)])
+    offset = np.abs(inside - uniform[np.clip(np.rint((inside - start) / step).astype(int), 0, uniform.size - 1)])
+    extra = inside[offset > _SAME]
+    extra = extra[np.diff(extra, prepend=-np.inf) > _SAME]
+    nodes = np.sort(np.concatenate([uniform, extra]))
+    marked = np.zeros(nodes.size, dtype=np.bool_)
+    marked[np.clip(np.searchsorted(nodes, inside - _SAME), 0, nodes.size - 1)] = True
+    return nodes, marked, np.searchsorted(nodes, uniform[:: config.steps_per_sample]).astype(np.int64)
+
+
+def integrate(system: System, state: FloatArray, report: Report = silent) -> Trajectory:
+    """The trajectory from `state` (13, 1) by the classical Runge-Kutta method; `report` is called now and then."""
+    nodes, breaks, samples = grid(system)
+    history = History(system, nodes, breaks)
+
+    def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, Motion]:
+        instant = np.full(1, time)
+        air = system.air_data(instant, value)
+        motion = system.motion(instant, value, air, near, history.past)
+        return system.state_rate(value, air, motion), motion
+
+    near = np.zeros(1)
+    history.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
+    for node in range(nodes.size - 1):
+        begin, end = nodes[node], nodes[node + 1]
+        after = begin + _ASIDE if breaks[node] else begin
+        before = end - _ASIDE if breaks[node + 1] else end
+        k1, motion = rate(after, state, near)
+        near = motion.windward_meridian
+        history.store(node, state, k1, near)
+        parts = _parts(motion, end - begin)
+        step = (end - begin) / parts
+        for part in range(parts):
+            now = begin + part * step
+            if part > 0:
+                k1, motion = rate(now, state, near)
+                near = motion.windward_meridian
+            k2, _ = rate(now + 0.5 * step, state + (0.5 * step) * k1, near)
+            k3, _ = rate(now + 0.5 * step, state + (0.5 * step) * k2, near)
+            k4, _ = rate(before if part == parts - 1 else now + step, state + step * k3, near)
+            state = state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+            state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
+        if breaks[node + 1]:
+            history.rates_before[node + 1] = rate(before, state, near)[0]
+        if node % 64 == 0:
+            report(node / nodes.size, "simulating")
+    final = nodes[-1] + _ASIDE if breaks[-1] else nodes[-1]
+    k1, motion = rate(final, state, near)
+    history.store(nodes.size - 1, state, k1, motion.windward_meridian)
+    return Trajectory(nodes, samples, history.states, history.rates)
+
+
+def _parts(motion: Motion, step: float) -> int:
+    """Into how many parts a step (s) is cut, by how fast the meridian turns.
+
+    The crossflow is taken to go on in a straight line; it turns fastest where that is nearest to zero.
+    """
+    alpha, turning = motion.alpha, motion.alpha * motion.windward_meridian_rate
+    speed_squared = np.maximum(motion.alpha_rate**2 + turning**2, 1e-300)
+    ahead = np.clip(-alpha * motion.alpha_rate / speed_squared, 0.0, step)
+    nearest = (alpha + motion.alpha_rate * ahead) ** 2 + (turning * ahead) ** 2
+    turn = np.abs(alpha * turning) / np.maximum(nearest, 1e-16) * step
+    largest = float(np.max(np.minimum(np.fmax(turn, 0.0), np.pi), initial=0.0))  # fmax: 0 where it is NaN
+    return min(max(int(np.ceil(largest / _TURN)), 1), _MOST_PARTS)
+
+
+# ---- A simulated flight: its record and its truth ----
 
 
 @dataclass(frozen=True)
 class Truth:
     """What was flown, at the record's samples (m,)."""
 
-    time: FloatArray
-    """s."""
-    alpha: FloatArray
-    """Total angle of attack, rad."""
-    windward_meridian: FloatArray
-    """rad, unwrapped."""
-    C_m: FloatArray
-    """Total pitching moment."""
-    C_n: FloatArray
-    """Total yawing moment."""
-    C_N: FloatArray
-    """C_N', the total moment in plane."""
-    C_Z: FloatArray
-    """C_Z', the total moment out of plane."""
-    planted_in_plane: FloatArray
-    """What the planted mechanisms add to C_N'."""
-    planted_out_of_plane: FloatArray
-    """What they add to C_Z'."""
-    planted: tuple[str, ...]
-    """Their names."""
+    time: FloatArray  # s
+    alpha: FloatArray  # total angle of attack, rad
+    windward_meridian: FloatArray  # rad, unwrapped
+    C_m: FloatArray  # total pitching moment
+    C_n: FloatArray  # total yawing moment
+    C_N: FloatArray  # C_N', the total moment in plane
+    C_Z: FloatArray  # C_Z', the total moment out of plane
+    planted_in_plane: FloatArray  # what the planted mechanisms add to C_N'
+    planted_out_of_plane: FloatArray  # what they add to C_Z'
+    planted: tuple[str, ...]  # their names
     parameters: Mapping[str, float]
     """Every number of the configuration by its dotted path, errors and asymmetries as they were drawn."""
 
@@ -159,21 +329,19 @@ def simulate(
     states, rates = trajectory.states[..., 0].T, trajectory.rates[..., 0].T
     air = equations.air_data(trajectory.nodes, states)
     truth = _truth(equations, trajectory, states, air, rates[RATES])
-    signals = Signals(trajectory.nodes, true_channels(states, air), rates[RATES])
-    return SimulatedFlight(recorded(signals, chosen, truth.time, seed), truth, chosen, seed)
+    sensed = sensed_channels(true_channels(states, air), rates[RATES], chosen.vehicle.accelerometer_position)
+    record = recorded(trajectory.nodes, sensed, chosen, truth.time, seed)
+    return SimulatedFlight(record, truth, chosen, seed)
 
 
 def flown(equations: System, report: Report = silent) -> Trajectory:
     """The trajectory of a flight; refuses what has no sense as one."""
-    config, state = equations.config, initial_state(equations)
-    begin = config.start.time
-    instant = np.array([begin])
+    state, instant = initial_state(equations), np.array([equations.config.start.time])
     motion = equations.motion(instant, state, equations.air_data(instant, state))
     for item in equations.planted:
         item.check_terms(replace(motion, history=lambda tau: replace(motion, time=instant - tau)))
-    on = grid(begin, config.step, config.samples, config.steps_per_sample, break_times(equations, begin))
     with np.errstate(over="ignore", invalid="ignore"):
-        trajectory = integrate(equations, state, on, report)
+        trajectory = integrate(equations, state, report)
     lost = ~np.all(np.isfinite(trajectory.states), axis=(1, 2))
     if np.any(lost):
         raise UnanswerableError(

@@ -22,7 +22,7 @@ from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmospher
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
-from brv_hypo.model.term import TimeBasis, delays_among, summed
+from brv_hypo.model.term import TimeBasis, summed
 from brv_hypo.motion.kinematics import angle_rates, body_from_plane, windward_meridian
 from brv_hypo.motion.motion import Motion, nearest_turn
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
@@ -132,14 +132,6 @@ class Planted:
             summed((term.in_plane for term in terms), weights, motion.alpha),
             summed((term.out_of_plane for term in terms), weights, motion.alpha),
         )
-
-    def edges(self) -> list[float]:
-        """Times (s) at which the time basis has a jump or a kink."""
-        return [edge for edge in (self.time_basis.start, self.time_basis.stop) if np.isfinite(edge)]
-
-    def delays(self) -> list[float]:
-        """The delays (s) among theta."""
-        return [self.theta[each.name] * each.seconds for each in delays_among(self.mechanism.parameters())]
 
     def check_terms(self, motion: Motion) -> None:
         """Raise UsageError for a coefficient of a term that the mechanism does not have."""
@@ -319,14 +311,8 @@ class System:
         return down * (self.config.environment.gravity * EARTH_RADIUS**2 / radius**3), radius - EARTH_RADIUS
 
     def wind(self, time: FloatArray) -> tuple[FloatArray | float, FloatArray | float]:
-        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2; a step's change is not in it."""
-        change, step = self.config.environment.wind_step, np.zeros((3,) + (1,) * time.ndim)
-        if change is not None:
-            step = np.reshape(change.velocity, step.shape) * (time >= change.time)
-        if self.wind_profile is None:
-            return step, 0.0
-        velocity, rate = self.wind_profile.at(time)
-        return step + velocity, rate
+        """Velocity of the air in the frame and its change, (3, ...) m/s and m/s^2."""
+        return (0.0, 0.0) if self.wind_profile is None else self.wind_profile.at(time)
 
     def _specific_force(self, pressure: FloatArray, velocity: FloatArray, crossed: ComplexArray) -> FloatArray:
         """Axial and normal force per mass, (3, ...) in body axes; the normal force opposes the crossflow."""

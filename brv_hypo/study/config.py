@@ -27,7 +27,7 @@ from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Rec
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis
 from brv_hypo.motion.compatibility import DEGREES, FEET, PSF
-from brv_hypo.settings import read_settings
+from brv_hypo.settings import settings_of
 from brv_hypo.simulation import SimulationConfig, load_config
 from brv_hypo.simulation.config import NotNegative, PlantedConfig, Positive, Section, TolerancesConfig, config_path
 
@@ -261,12 +261,12 @@ StudySettings = TypedDict("StudySettings", {  # noqa: UP013
 """The fields of `StudyConfig` as keywords."""
 
 
-def read_study(source: str | Path, **overrides: Any) -> StudyConfig:
-    """The study of a YAML file, or of the name of one that comes along, with `overrides` set over it.
+def read_study(source: StudyConfig | Mapping[str, Any] | str | Path, **overrides: Any) -> StudyConfig:
+    """The study as it is, of a mapping, a YAML file or the name of one that comes along; `overrides` go over it.
 
     Raises UsageError that names each wrong setting, what it holds and what is expected.
     """
-    return read_settings(StudyConfig, config_path(source, HOME), **overrides)
+    return settings_of(StudyConfig, config_path(source, HOME) if isinstance(source, str | Path) else source, overrides)
 
 
 # ---- The flights of a study, each drawn from its own seed ----

@@ -1,7 +1,9 @@
 """`run_study`: every flight of a study, in parallel, each outcome stored at once.
 
-`Store` keeps outcomes in an SQLite database for one process: every flight is committed as soon as it is known, and an
-interrupted study goes on with the others. `spread` calls a function on every item, with joblib (loky) or Dask.
+`fly` simulates one flight with a planted mechanism, compares on it and gives an `Outcome`; a flight that fails is an
+outcome with its reason. `Store` keeps outcomes in an SQLite database for one process: every flight is committed as soon
+as it is known, and an interrupted study goes on with the others. `spread` calls a function on every item, with joblib
+(loky) or Dask.
 """
 
 from __future__ import annotations
@@ -13,23 +15,245 @@ import signal
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar, Unpack
+from typing import Any, Literal, TypeVar, Unpack
 
-from pydantic import ValidationError
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from brv_hypo.errors import UnanswerableError, UsageError, missing_package
+from brv_hypo.comparison import compare
+from brv_hypo.comparison.result import DerivedEstimate, RankedHypothesis, TermEstimate
+from brv_hypo.errors import BrvHypoError, UnanswerableError, UsageError, missing_package
+from brv_hypo.flight.format import assemble
 from brv_hypo.io.files import check_target, make_folder
-from brv_hypo.mechanisms import plugin_files, use_plugin_files
+from brv_hypo.mechanisms import find, plugin_files, use_plugin_files
+from brv_hypo.motion.signals import rms
 from brv_hypo.progress import Progress, report_to
-from brv_hypo.settings import settings_of, takes_settings
-from brv_hypo.simulation.config import config_path
-from brv_hypo.study.config import HOME, Draw, StudyConfig, StudySettings, check_names, draws
-from brv_hypo.study.trial import Outcome, fly
+from brv_hypo.settings import takes_settings
+from brv_hypo.simulation import Truth, simulate
+from brv_hypo.simulation.config import PlantedConfig
+from brv_hypo.study.config import (
+    NONE,
+    Draw,
+    StudyConfig,
+    StudySettings,
+    check_names,
+    corrupted,
+    draws,
+    flight_config,
+    planted_faults,
+    read_study,
+)
+
+# ---- One flight: simulated, compared, noted ----
+
+ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
+
+EstimateKind = Literal["theta", "knot", "coefficient", "derived"]
+Item = TypeVar("Item", TermEstimate, DerivedEstimate)
+Work = TypeVar("Work")
+Result = TypeVar("Result")
+
+
+class Estimate(BaseModel):
+    """A planted value and its estimate; None where the fit holds no such parameter."""
+
+    model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
+
+    name: str
+    kind: EstimateKind  # `theta` (a delay), `knot` (onset or end, s), `coefficient`, or `derived` (phi_b)
+    units: str  # of the truth, the estimate and its standard error
+    truth: float
+    value: float | None = None
+    std_error: float | None = None
+
+    @property
+    def sigmas(self) -> float | None:
+        """Error over standard error; None where there is no estimate, or no standard error."""
+        if self.value is None or not self.std_error:
+            return None
+        return (self.value - self.truth) / self.std_error
+
+
+class Outcome(BaseModel):
+    """One flight: what was drawn, what was planted, and what `compare` made of it."""
+
+    model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
+
+    draw: Draw
+    status: Literal["compared", "refused", "not simulated", "not compared"]
+    reason: str = ""  # why the flight was not compared
+    faults: tuple[str, ...] = ()
+    """What the data compatibility check named, as "channel: fault"."""
+    fault_named: bool | None = None  # whether the planted fault is among them; None without one
+    effect_in_plane: float = 0.0
+    """Rms of what is planted, while it lasts, over the rms of the whole moment in that time."""
+    effect_out_of_plane: float = 0.0
+    first: str | None = None
+    winner: str | None = None
+    equivalent: tuple[str, ...] = ()
+    probability: dict[str, float] = {}
+    information: dict[str, float] = {}  # -2 ln evidence of each hypothesis, over that of the baseline only
+    estimates: tuple[Estimate, ...] = ()  # of the planted mechanism's own fit
+    alpha_sigma_rad: float | None = None
+    phi_w_sigma_rad: float | None = None
+    seconds: float = 0.0
+
+    @property
+    def planted(self) -> str:
+        """The hypothesis that is true."""
+        return self.draw.planted
+
+    @property
+    def effect(self) -> float:
+        """The larger of the two effects."""
+        return max(self.effect_in_plane, self.effect_out_of_plane)
+
+    @property
+    def right(self) -> bool:
+        """True where the planted mechanism ranks first."""
+        return self.first == self.planted
+
+    @property
+    def won(self) -> bool:
+        """True where the verdict names the planted mechanism."""
+        return self.winner == self.planted
+
+    @property
+    def wrong(self) -> bool:
+        """True where the verdict names a mechanism that was not planted."""
+        return self.winner not in (None, NONE, self.planted)
+
+
+def effect_size(truth: Truth) -> tuple[float, float]:
+    """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts.
+
+    What is planted is the moment with the mechanism less the moment without it at the same state.
+    """
+    planted = np.hypot(truth.planted_in_plane, truth.planted_out_of_plane)
+    if not truth.planted or not np.any(planted):
+        return 0.0, 0.0
+    lasts = planted > ABSENT * planted.max()
+    whole = rms(np.hypot(truth.C_N, truth.C_Z)[lasts])
+    return rms(truth.planted_in_plane[lasts]) / whole, rms(truth.planted_out_of_plane[lasts]) / whole
+
+
+# ---- Planted parameters and what the planted mechanism's own fit makes of them ----
+
+
+def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tuple[Estimate, ...]:
+    """Each planted parameter beside its estimate, which may be missing."""
+    return tuple(each for entry in planted for each in _estimates(entry, fitted))
+
+
+def _estimates(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
+    """Those of one planted mechanism: theta, knots, coefficients, and what is derived from these."""
+    mechanism = find(entry.mechanism, entry.options)
+    terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
+    leading = max(terms, key=lambda term: term.f_ratio, default=None)
+    # The delay of the term with the greatest F; another parameter's first value.
+    declared = {parameter.name: parameter for parameter in mechanism.parameters()}
+    for name, truth in entry.theta.items():
+        found = [item for item in fitted.derived if item.name == f"{entry.mechanism} {name}"]
+        if declared[name].is_delay and leading is not None and leading.delay_s is not None:
+            delay = leading.delay_s / declared[name].seconds
+            found.sort(key=lambda item: abs(item.value - delay))
+        yield _estimate(name, "theta", declared[name].units, truth, found[0] if found else None)
+    # Onset and end, each with the nearest knot of the fit, no knot serving for both.
+    knots = [item for item in fitted.derived if item.name == f"{entry.mechanism} knot"]
+    for name, time_of in (("onset", entry.start), ("end", entry.stop)):
+        if time_of is not None:
+            knot = min(knots, key=lambda knot: abs(knot.value - time_of), default=None)
+            knots = [each for each in knots if each is not knot]
+            yield _estimate(name, "knot", "s", time_of, knot)
+    # The change of each coefficient at the onset.
+    of_the_delay = [term for term in terms if leading and term.delay_s == leading.delay_s]
+    for name, truth in entry.terms.items():
+        label = name if entry.start is None else f"{entry.kind} in {name}"
+        term = _nearest(entry, (term for term in of_the_delay if term.name == label))
+        yield _estimate(name, "coefficient", "" if term is None else term.units, truth, term)
+    # What the mechanism derives from its coefficients; an angle is taken on the branch next to the truth.
+    for derived in mechanism.derived(entry.terms, np.zeros((len(entry.terms), len(entry.terms)))):
+        item = _nearest(entry, (item for item in fitted.derived if item.name == derived.name))
+        beside = _estimate(derived.name, "derived", derived.units, derived.value, item)
+        if beside.value is not None and derived.units == "rad":
+            turned = derived.value + float(np.angle(np.exp(1j * (beside.value - derived.value))))
+            beside = beside.model_copy(update={"value": turned})
+        yield beside
+
+
+def _estimate(
+    name: str, kind: EstimateKind, units: str, truth: float, item: TermEstimate | DerivedEstimate | None
+) -> Estimate:
+    """A planted value beside what the fit has of it, if anything."""
+    value, error = (None, None) if item is None else (item.value, item.std_error)
+    return Estimate(name=name, kind=kind, units=units, truth=truth, value=value, std_error=error)
+
+
+def _nearest(entry: PlantedConfig, items: Iterable[Item]) -> Item | None:
+    """The item whose region begins nearest the planted onset; None where none begins nearer than the end."""
+    reach = np.inf if entry.start is None or entry.stop is None else 0.5 * (entry.stop - entry.start)
+
+    def distance(item: Item) -> float:
+        if item.region_s is None or entry.start is None:
+            return 0.0 if item.region_s is None and entry.start is None else np.inf
+        return abs(item.region_s[0] - entry.start)
+
+    found = min(items, key=distance, default=None)
+    return found if found is not None and distance(found) < reach else None
+
+
+def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) -> Outcome:
+    """Simulate the flight and compare on it; what goes wrong is the outcome's reason.
+
+    `plugins`: the files that whatever process this is has to know; None where it knows them.
+    """
+    if plugins not in (None, plugin_files()):
+        use_plugin_files(plugins)
+    begun = time.perf_counter()
+    try:
+        flown = simulate(flight_config(study, draw), seed=draw.seed)
+    except Exception as error:
+        return Outcome(draw=draw, status="not simulated", reason=_reason(error))
+    in_plane, out_of_plane = effect_size(flown.truth)
+    known: dict[str, Any] = {"draw": draw, "effect_in_plane": in_plane, "effect_out_of_plane": out_of_plane}
+    try:
+        flight = assemble(corrupted(flown.record, draw)) if draw.fault else flown.flight
+        found = compare([flight], study.compare)
+    except Exception as error:
+        return Outcome(**known, status="not compared", reason=_reason(error))
+    faults, verdict, ranking = found.record.faults, found.verdict, found.ranking
+    known["faults"] = tuple(f"{fault.channel}: {fault.fault}" for fault in faults)
+    known["fault_named"] = planted_faults()[draw.fault].named_by(faults) if draw.fault else None
+    known["seconds"] = time.perf_counter() - begun
+    if not ranking:
+        return Outcome(**known, status="refused", reason=verdict.reason)
+    own = next((row for row in ranking if row.mechanism == draw.planted), None)
+    return Outcome(
+        **known,
+        status="compared",
+        first=ranking[0].mechanism,
+        winner=verdict.winner,
+        equivalent=verdict.equivalent,
+        probability=verdict.probability,
+        information={row.mechanism: -2.0 * row.log_evidence for row in ranking},
+        estimates=() if own is None else estimates(flown.config.mechanisms, own),
+        alpha_sigma_rad=found.reconstruction.alpha_rms_sigma_rad,
+        phi_w_sigma_rad=found.reconstruction.phi_w_rms_sigma_rad,
+    )
+
+
+def _reason(error: Exception) -> str:
+    """A refusal in its own words; a fault with its kind, for it is the program's."""
+    return str(error) if isinstance(error, BrvHypoError) else f"fault, {type(error).__name__}: {error}"
+
+
+# ---- Outcomes on disk ----
+
 
 FLIGHTS = "flights.db"
 # The lock is taken once, and held until the database is closed.
@@ -150,8 +374,6 @@ _COLUMNS = (
 # ---- Every flight of a study, in parallel ----
 
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 PARENT_CHECK_SECONDS = 0.5  # how often a worker looks whether it still has one
 CONNECT_SECONDS = 20.0  # until a scheduler that does not answer is given up
 
@@ -188,14 +410,13 @@ def run_study(
     >>> brv_hypo.run_study(small, "study", compare={"mechanisms": ["lag"]})[0].winner
     'none'
     """
-    source = config_path(study, HOME) if isinstance(study, str | Path) else study
-    chosen, report = settings_of(StudyConfig, source, settings), report_to(progress)
+    chosen, report = read_study(study, **settings), report_to(progress)
     check_names(chosen)
     wanted = draws(chosen)
     with closing(Store(Path(folder), chosen, overwrite=overwrite)) as store:
         known = store.known()
         missing = [draw for draw in wanted if draw.key not in known]
-        flown = spread(partial(_fly, chosen, plugin_files()), missing, jobs=jobs, cluster=cluster)
+        flown = spread(partial(fly, chosen, plugins=plugin_files()), missing, jobs=jobs, cluster=cluster)
         for done, outcome in enumerate(flown, start=len(wanted) - len(missing) + 1):
             store.add(outcome)
             known[outcome.draw.key] = outcome
@@ -203,15 +424,8 @@ def run_study(
     return tuple(known[draw.key] for draw in wanted)
 
 
-def _fly(study: StudyConfig, plugins: Sequence[str], draw: Draw) -> Outcome:
-    """One flight in whatever process this is, which has to know the plugins that are files."""
-    if tuple(plugins) != plugin_files():
-        use_plugin_files(plugins)
-    return fly(study, draw)
-
-
 def spread(
-    call: Callable[[Item], Result], items: Sequence[Item], *, jobs: int = 1, cluster: str | None = None
+    call: Callable[[Work], Result], items: Sequence[Work], *, jobs: int = 1, cluster: str | None = None
 ) -> Iterator[Result]:
     """The results of `call` for every item, in any order, each item once; both must survive pickle.
 
@@ -230,7 +444,7 @@ def spread(
         yield from parallel(delayed(call)(item) for item in items)
 
 
-def _on_cluster(call: Callable[[Item], Result], items: Sequence[Item], address: str) -> Iterator[Result]:
+def _on_cluster(call: Callable[[Work], Result], items: Sequence[Work], address: str) -> Iterator[Result]:
     """Dask itself: the Dask back end of joblib 1.6 waits for ever for a flight that ends every worker."""
     try:
         distributed: Any = import_module("distributed")  # which declares no types

@@ -20,7 +20,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.study.config import NONE, StudyConfig
-from brv_hypo.study.trial import Estimate, Outcome
+from brv_hypo.study.run import Estimate, Outcome
 
 CONFIDENCE = 0.95
 EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)  # of the bins of probability
@@ -40,12 +40,9 @@ class Share(Statistic):
 
     count: int
     total: int
-    value: float | None
-    """`count` / `total`; None where nothing was counted."""
-    low: float
-    """Lower end of the 95 % interval of Clopper and Pearson (1934); 0 where nothing was counted."""
-    high: float
-    """Upper end; 1 where nothing was counted."""
+    value: float | None  # `count` / `total`; None where nothing was counted
+    low: float  # lower end of the 95 % interval of Clopper and Pearson (1934); 0 where nothing was counted
+    high: float  # upper end; 1 where nothing was counted
 
 
 def share(count: int, total: int) -> Share:
@@ -65,23 +62,19 @@ class ConfusionRow(Statistic):
 
     planted: str
     flights: int
-    first: dict[str, int]
-    """How often each hypothesis ranked first."""
-    winners: dict[str, int]
-    """How often a verdict named each hypothesis."""
-    undecided: int
-    """Verdicts that named nothing."""
-    ranked_first: Share
-    """The planted mechanism ranked first."""
-    won: Share
-    """The verdict named the planted mechanism."""
+    first: dict[str, int]  # how often each hypothesis ranked first
+    winners: dict[str, int]  # how often a verdict named each hypothesis
+    undecided: int  # verdicts that named nothing
+    ranked_first: Share  # the planted mechanism ranked first
+    won: Share  # the verdict named the planted mechanism
 
 
 def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[ConfusionRow, ...]:
     """One row for each entry of `planted`, in its order; without those that no flight has."""
     rows = []
     for name in planted:
-        flights = [outcome for outcome in outcomes if outcome.planted == name]
+        if not (flights := [outcome for outcome in outcomes if outcome.planted == name]):
+            continue
         winners = Counter(outcome.winner for outcome in flights if outcome.winner is not None)
         row = ConfusionRow(
             planted=name,
@@ -93,7 +86,7 @@ def confusion(outcomes: Sequence[Outcome], planted: Sequence[str]) -> tuple[Conf
             won=_share_of(flights, lambda outcome: outcome.won),
         )
         rows.append(row)
-    return tuple(row for row in rows if row.flights)
+    return tuple(rows)
 
 
 def false_alarms(outcomes: Sequence[Outcome]) -> Share:
@@ -118,10 +111,8 @@ class Calibration(Statistic):
 
     flights: int
     bins: tuple[CalibrationBin, ...]
-    brier: float | None
-    """Mean over flights of the sum over hypotheses of (probability - truth)^2 (Brier 1950)."""
-    log_loss: float | None
-    """Mean of -ln of the true hypothesis's probability."""
+    brier: float | None  # mean over flights of the sum over hypotheses of (probability - truth)^2 (Brier 1950)
+    log_loss: float | None  # mean of -ln of the true hypothesis's probability
 
 
 def calibration(outcomes: Sequence[Outcome]) -> Calibration:
@@ -158,18 +149,15 @@ class DetectionLimit(Statistic):
     """Effects (part of the moment's rms) that are won in 50 % and 90 % of flights."""
 
     planted: str
-    vehicle: str | None
-    """None: all vehicles together."""
+    vehicle: str | None  # None: all vehicles together
     flights: int
     won: int
-    least: float
-    """The least effect that was flown."""
+    least: float  # the least effect that was flown
     greatest: float
     status: Status
     """`extrapolated`: a limit lies outside [`least`, `greatest`]. `all won`: the limits lie below `least`; `none
     won`: above `greatest`; `no trend`: winning does not grow with the effect."""
-    half: float | None = None
-    """The effect that is won in half of the flights."""
+    half: float | None = None  # the effect that is won in half of the flights
     nine_tenths: float | None = None
 
 
@@ -234,14 +222,10 @@ class Coverage(Statistic):
     parameter: str
     kind: str
     units: str
-    covered: Share
-    """Within two standard errors: 95.4 % where errors are Gaussian and right."""
-    missing: int
-    """Flights whose fit has no such parameter."""
-    rms_sigmas: float | None
-    """Rms error in standard errors, without the farthest tenth."""
-    median_error: float | None
-    """Absolute, in `units`."""
+    covered: Share  # within two standard errors: 95.4 % where errors are Gaussian and right
+    missing: int  # flights whose fit has no such parameter
+    rms_sigmas: float | None  # rms error in standard errors, without the farthest tenth
+    median_error: float | None  # absolute, in `units`
 
 
 def coverages(outcomes: Sequence[Outcome]) -> tuple[Coverage, ...]:
@@ -274,12 +258,9 @@ class FaultRow(Statistic):
 
     fault: str
     flights: int
-    named: Share
-    """Channel and kind are reported."""
-    wrong: Share
-    """A verdict names a mechanism that was not planted."""
-    unwarned: Share
-    """It does so and the data compatibility check reported nothing."""
+    named: Share  # channel and kind are reported
+    wrong: Share  # a verdict names a mechanism that was not planted
+    unwarned: Share  # it does so and the data compatibility check reported nothing
 
 
 def faulty(outcomes: Iterable[Outcome]) -> tuple[FaultRow, ...]:
@@ -320,8 +301,7 @@ class Mistake(Statistic):
     effect: float
     first: str
     winner: str | None
-    probability: float
-    """Of the hypothesis that ranked first."""
+    probability: float  # of the hypothesis that ranked first
     lead: float | None
     """By how much the first leads the planted one by -2 ln evidence; None where that was not compared."""
 
@@ -339,25 +319,20 @@ class StudySummary(Statistic):
     seed: int
     flights: int
     compared: int
-    visible_effect: float
-    """Part of the moment's rms while the effect lasts."""
-    right: Share
-    """What was planted ranks first."""
+    visible_effect: float  # part of the moment's rms while the effect lasts
+    right: Share  # what was planted ranks first
     right_visible: Share
     confusion: tuple[ConfusionRow, ...]
     confusion_visible: tuple[ConfusionRow, ...]
-    by_vehicle: dict[str, tuple[ConfusionRow, ...]]
-    """Visible effects, each vehicle by itself."""
+    by_vehicle: dict[str, tuple[ConfusionRow, ...]]  # visible effects, each vehicle by itself
     calibration: Calibration
     calibration_visible: Calibration
     detection: tuple[DetectionLimit, ...]
-    coverage: tuple[Coverage, ...]
-    """Of visible effects."""
+    coverage: tuple[Coverage, ...]  # of visible effects
     false_alarms: Share
     faults: tuple[FaultRow, ...]
     mistakes: tuple[Mistake, ...]
-    failures: tuple[Failure, ...]
-    """A corrupted record that is refused is none."""
+    failures: tuple[Failure, ...]  # a corrupted record that is refused is none
     seconds_per_flight: float | None
 
 

@@ -297,19 +297,19 @@ class Tried:
     def agrees(self) -> bool:
         """Whether the held-out part agrees.
 
-        The moments' error has to fall, unless the fitted part leaves no doubt; an error of the record may show in the
-        specific force alone. Then it must not make the moments significantly worse. What every fit has within its
-        tolerance has nothing to predict that others within theirs could not: that it must be larger is judged by the
-        fitted part alone. Worse by less than noise scatters such an error is not worse: the record is read anew with
-        the effect taken out, which the stretches' own scatter does not know of.
+        The moments' error has to fall, by how much matters little where the fitted part leaves no doubt. An error of
+        the record may show in the specific force alone: it must not make the moments significantly worse. What every
+        fit has within its tolerance has nothing to predict that others within theirs could not: that it must be larger
+        is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
+        read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
         no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.errors_before[1].scatter)
         if self.has_tolerance:
             return no_worse
-        if self.certain:
-            return self.agreement.fall > 0.0 and self.agreement.shown >= HELD_OUT_SIGMAS and no_worse
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
-        return self.agreement.fall >= HELD_OUT_SIGMAS and falls
+        if self.certain:
+            return falls and self.agreement.fall > 0.0 and self.agreement.shown >= HELD_OUT_SIGMAS
+        return falls and self.agreement.fall >= HELD_OUT_SIGMAS
 
     @property
     def is_established(self) -> bool:

@@ -1,1 +1,1 @@
-"""Effects that the residual loop tries: aerodynamics, asymmetries, instruments, vehicle, wind. A file a family."""
+"""Effects that the residual loop tries, moments and errors of the record, and the processes of every hypothesis."""

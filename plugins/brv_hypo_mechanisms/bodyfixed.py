@@ -19,8 +19,7 @@ class BodyFixed(Mechanism):
     `per_cycle` is Chrusciel's variant: magnitude and location hold over one cycle of the meridian only.
     """
 
-    name = "bodyfixed"
-    title = "body-fixed moment at phi_b"
+    name, title = "bodyfixed", "body-fixed moment at phi_b"
     claims = "a moment that keeps its direction in the body while the wind turns around it, in and out of plane"
     source = "report, Table 2.1 (c), Section 5.3.2; Chrusciel (1973) per cycle"
     terms_enter_together = True

@@ -17,8 +17,7 @@ class Damping(Mechanism):
     That partner is c alpha (p - phi_w_dot) d / 2V: the damping of the precession lambda = phi - phi_w.
     """
 
-    name = "damping"
-    title = "unstable damping"
+    name, title = "damping", "unstable damping"
     claims = "a damping moment of the wrong sign, in the plane of the angle of attack; nothing out of plane"
     source = "report, Table 2.1 (a)"
 

@@ -13,8 +13,7 @@ from brv_hypo.motion.motion import Motion
 class InPlane(Mechanism):
     """C_N' += jump or ramp in C_m0 and in C_malpha at the knots of Eq. 3.6."""
 
-    name = "inplane"
-    title = "asymmetric in-plane flow"
+    name, title = "inplane", "asymmetric in-plane flow"
     claims = "sudden or ramping changes of the in-plane moment, at alpha = 0 and per alpha; nothing out of plane"
     source = "report, Table 2.1 (b) and Table 5.5"
     time_variation = ("jump", "ramp")

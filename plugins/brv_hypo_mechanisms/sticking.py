@@ -17,8 +17,7 @@ class Sticking(Mechanism):
     `complete` adds the in-plane part that Eq. 5.1 leaves out, eps (C_mw(t - tau) cos(dphi) - C_mw(t)).
     """
 
-    name = "sticking"
-    title = "flow sticking for a discrete delay"
+    name, title = "sticking", "flow sticking for a discrete delay"
     claims = "a fraction of the wind-fixed flow stays at the meridian that it had a fixed time ago"
     source = "report, Eq. 5.1, Tables 5.7 and 5.8"
     several_parameters_at_once = True

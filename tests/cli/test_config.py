@@ -10,7 +10,7 @@ import yaml
 from brv_hypo.comparison import CompareConfig
 from brv_hypo.errors import UsageError
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.settings import commented, read_settings, settings_of
+from brv_hypo.settings import commented, settings_of
 from brv_hypo.simulation import load_config
 from brv_hypo.study import read_study
 from brv_hypo.tracing import TraceConfig
@@ -23,7 +23,7 @@ def test_a_new_file_sets_nothing_until_it_is_changed(brv_hypo, kind, model, tmp_
     done = brv_hypo("config", "new", kind, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     path = tmp_path / f"{kind}.yaml"
-    assert read_settings(model, path) == model()
+    assert settings_of(model, path) == model()
     assert f"--config {kind}.yaml" in done.stdout
 
 

@@ -76,8 +76,8 @@ def test_the_wheel_holds_manual_pages_configurations_and_plugins(built) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     expected = {f"brv_hypo/docs/{topic}.md" for topic in topics()} | {f"brv_hypo/report/page/{f}" for f in PAGE_FILES}
     expected |= {"brv_hypo/configs/demo.yaml", "brv_hypo/importing/map.yaml.j2"}
-    expected |= {"brv_hypo_mechanisms/lag.py", "brv_hypo_effects/aerodynamics.py"}
-    expected |= {"brv_hypo_processes/moments.py", "brv_hypo_processes/record.py"}
+    expected |= {"brv_hypo_mechanisms/lag.py", "brv_hypo_effects/moments.py"}
+    expected |= {"brv_hypo_effects/processes.py", "brv_hypo_effects/record.py"}
     assert expected - names == set()
     assert not any(name.startswith("tests/") for name in names)
 
@@ -112,7 +112,7 @@ def test_what_is_installed_runs_from_its_own_files(installed) -> None:
     assert place.returncode == 0, place.stderr
     assert (installed.place / "brv_hypo" / "docs" / "notebooks" / "own_csv.ipynb").is_file()
     assert (installed.place / "brv_hypo_mechanisms" / "lag.py").is_file()
-    assert (installed.place / "brv_hypo_processes" / "moments.py").is_file()
+    assert (installed.place / "brv_hypo_effects" / "processes.py").is_file()
     assert installed("--version").stdout.split()[-1] == version("brv-hypo")
 
 
@@ -205,6 +205,6 @@ def test_the_sdist_holds_what_the_wheel_is_built_from(built) -> None:
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
-    expected = {"pyproject.toml", "README.md", "configs/demo.yaml", "plugins/brv_hypo_effects/aerodynamics.py"}
+    expected = {"pyproject.toml", "README.md", "configs/demo.yaml", "plugins/brv_hypo_effects/moments.py"}
     expected |= {f"brv_hypo/docs/notebooks/{name}" for name in notebooks()}
     assert expected - names == set()

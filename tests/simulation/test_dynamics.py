@@ -7,8 +7,7 @@ import pytest
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.simulation import SimulationConfig, load_config
-from brv_hypo.simulation.integration import Trajectory
-from brv_hypo.simulation.simulator import flown
+from brv_hypo.simulation.simulator import Trajectory, flown
 from brv_hypo.simulation.vehicle import ATTITUDE, EARTH_RADIUS, RATES, VELOCITY, attitude_matrix, system, transform
 
 BODY = {"mass": 100.0, "ixx": 6.0, "iyy": 60.0, "reference_length": 0.6, "reference_area": 0.28}
@@ -165,22 +164,6 @@ def test_step_halving_shows_fourth_order(plant: str) -> None:
     coarse, fine = np.max(np.abs(states[0] - states[1])), np.max(np.abs(states[1] - states[2]))
     assert fine > 1e-10  # above rounding, else the ratio tells nothing
     assert np.log2(coarse / fine) == pytest.approx(4.0, abs=0.15)
-
-
-def test_wind_step_turns_the_air_velocity_at_once() -> None:
-    """Air moving to the right by 70 m/s at 7 km/s: the crossflow jumps by a hundredth, against the wind."""
-    still = {"altitude": 30e3, "velocity": 7000.0, "flight_path_angle": 0.0, "alpha": 0.0}
-    config = body(
-        duration=1.0,
-        start=still,
-        environment={"constant_density": 0.0, "gravity": 0.0, "wind_step": {"time": 0.4, "velocity": [0.0, 70.0, 0.0]}},
-    )
-    equations = system(config)
-    trajectory = flown(equations)
-    air = equations.air_data(trajectory.nodes[:, None], np.moveaxis(trajectory.states, 1, 0))
-    expected = np.where(trajectory.nodes >= 0.4, -0.01, 0.0)
-    np.testing.assert_allclose(air.crossflow[:, 0].real, expected, atol=1e-6)
-    np.testing.assert_allclose(trajectory.states[:, 4, 0], 0.0, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -99,14 +99,15 @@ def test_planted_moment_is_the_mechanisms_own_definition(name: str) -> None:
 @pytest.mark.parametrize("mechanism", mechanisms("aerodynamic"), ids=lambda mechanism: mechanism.name)
 def test_any_installed_effect_can_be_planted(mechanism: Mechanism) -> None:
     """Each term in turn, scaled to a tenth of the moment: what is planted is the mechanism's own column."""
-    for term in mechanism.terms(nominal(), {}):
+    theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
+    for term in mechanism.terms(nominal(), theta):
         column = np.max(np.hypot(term.in_plane, term.out_of_plane))
         coefficient = float(2e-4 / column)
-        entry = {"mechanism": mechanism.name, "terms": {term.name: coefficient}}
+        entry = {"mechanism": mechanism.name, "theta": theta, "terms": {term.name: coefficient}}
         data = planting(duration=0.2).model_dump(exclude={"plantable"})
         config = load_config({**data, "mechanisms": [entry]})
         truth, motion = simulate(config, seed=1).truth, true_motion(config)
-        own = {found.name: found for found in mechanism.terms(motion, {})}[term.name]
+        own = {found.name: found for found in mechanism.terms(motion, theta)}[term.name]
         np.testing.assert_allclose(truth.planted_in_plane, coefficient * own.in_plane, atol=1e-9)
         np.testing.assert_allclose(truth.planted_out_of_plane, coefficient * own.out_of_plane, atol=1e-9)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.simulation import load_config
 from brv_hypo.simulation.vehicle import (
+    WindProfile,
     attitude_matrix,
     attitude_rate,
     from_pitch_roll,
@@ -69,10 +72,9 @@ def test_the_start_is_as_asked(alpha: float, meridian: float, path: float, alpha
         "coning_rate": coning,
         "roll_rate": 4.0,
     }
-    wind = {"time": -1.0, "velocity": [30.0, -20.0, 10.0]}
-    air_free = {"constant_density": 0.0, "gravity": 0.0, "wind_step": wind}
-    config = load_config({**CONE, "start": start, "environment": air_free})
-    equations = system(config)
+    wind = WindProfile(0.0, 1.0, np.repeat([[30.0], [-20.0], [10.0]], 2, axis=1))
+    config = load_config({**CONE, "start": start, "environment": {"constant_density": 0.0, "gravity": 0.0}})
+    equations = replace(system(config), wind_profile=wind)
     state, time = initial_state(equations), np.zeros(1)
     air = equations.air_data(time, state)
     motion = equations.motion(time, state, air, np.array([meridian]), None)

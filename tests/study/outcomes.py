@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from brv_hypo.study.config import Draw
-from brv_hypo.study.run import FLIGHTS
-from brv_hypo.study.trial import Estimate, Outcome
+from brv_hypo.study.run import FLIGHTS, Estimate, Outcome
 
 
 def outcome(

@@ -30,7 +30,7 @@ def test_the_main_study_plants_every_mechanism_in_every_vehicle():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("vehicles: [research_cone]", "'planted': Field required"),
+        ("vehicles: [research_cone]", "'planted' is missing"),
         ("vehicles: [research_cone]\nplanted: [none, none]", "'none' is named twice"),
         ("vehicles: [a/cone, b/cone]\nplanted: [none]", "the vehicle 'cone' is named twice"),
         ("vehicles: [research_cone]\nplanted: [none]\ndraws: {size: [2, 1]}", "the lower end comes first"),

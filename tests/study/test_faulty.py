@@ -7,7 +7,7 @@ import pytest
 
 from brv_hypo.study import StudyConfig, run, run_study, summarise
 from brv_hypo.study.config import DrawsConfig, FaultDraws, corrupted, draws, planted_faults
-from brv_hypo.study.trial import fly
+from brv_hypo.study.run import fly
 from tests.flights import nominal
 from tests.studies.record_faults import records
 from tests.study.outcomes import outcome
@@ -45,7 +45,7 @@ def test_a_fault_changes_its_channels_and_no_others(fault):
 
 
 def test_a_study_of_faults_counts_them_apart(tmp_path, monkeypatch):
-    def pretend(study, draw):
+    def pretend(study, draw, plugins=None):
         named = draw.planted == "lag"
         wrong = {"winner": "sticking", "faults": ("p: sign",) if named else ()}
         found = outcome(draw.planted, "sticking", **({"winner": "sticking"} if draw.fault else {}))

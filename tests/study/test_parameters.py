@@ -8,7 +8,7 @@ import pytest
 from brv_hypo.comparison.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.simulation import Truth
 from brv_hypo.simulation.config import PlantedConfig
-from brv_hypo.study.trial import effect_size, estimates
+from brv_hypo.study.run import effect_size, estimates
 from tests.flights import flown, nominal
 
 

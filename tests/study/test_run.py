@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 from brv_hypo.cli.main import app
 from brv_hypo.errors import UsageError
 from brv_hypo.study import StudyConfig, read_study, run, run_study, summarise
-from brv_hypo.study.run import FLIGHTS, Store, results_csv
-from brv_hypo.study.trial import fly
+from brv_hypo.study.run import FLIGHTS, Store, fly, results_csv
 from tests.study.outcomes import outcome, stored
 
 STUDY = StudyConfig(vehicles=("research_cone",), planted=("none", "lag"), flights=2)
@@ -27,7 +26,7 @@ def flown(monkeypatch):
     """Flights cost nothing; gives the keys of those that were flown."""
     keys = []
 
-    def pretend(study, draw):
+    def pretend(study, draw, plugins=None):
         keys.append(draw.key)
         return outcome(draw.planted, draw.planted, winner=draw.planted).model_copy(update={"draw": draw})
 

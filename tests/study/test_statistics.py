@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.study import StudyConfig, summarise
+from brv_hypo.study.run import Estimate
 from brv_hypo.study.statistics import (
     LEAST,
     calibration,
@@ -16,7 +17,6 @@ from brv_hypo.study.statistics import (
     logistic,
     share,
 )
-from brv_hypo.study.trial import Estimate
 from tests.study.outcomes import outcome
 
 

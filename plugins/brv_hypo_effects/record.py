@@ -1,0 +1,388 @@
+"""Errors of the record: instruments and their clocks, what is declared of vehicle and air, wind.
+
+bias           y + b
+scale          y (1 + s)
+misalignment   v + v x m, and for gyros also two axes that are not orthogonal
+position       specific force at a place other than the declared one
+time skew      the channels of one instrument, late by a constant time against the gyros
+declared       inertia and dynamic pressure larger than the truth by a share
+wind           the air moves across the track: slowly, or from one instant on
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
+from brv_hypo.flight.record import Flight
+from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
+
+# ---- What errors of three sensors along the body axes do to their channels ----
+
+
+class Triad(RecordEffect):
+    """One error of each of three sensors, or body axes; `flight.instruments` has the sizes under the effect's name."""
+
+    kind = "instrument"
+    source = "report, Appendix B"
+    axes: ClassVar[tuple[str, str, str]] = ("x", "y", "z")
+    """Names of the components; behind the `prefix`, of their channels."""
+    prefix: ClassVar[str] = ""
+    units: ClassVar[str]
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """One of each sensor, or about or along each axis."""
+        sizes = getattr(flight.instruments, self.name)
+        return tuple(Component(axis, self.units, size) for axis, size in zip(self.axes, sizes, strict=True))
+
+
+class TriadBias(Triad):
+    """A constant added to each of the sensors."""
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with `value` more on that channel."""
+        channel = f"{self.prefix}{component}"
+        return replace(flight, **{channel: getattr(flight, channel) + value})
+
+
+class TriadScale(Triad):
+    """A scale error of each of the sensors."""
+
+    units = "1"
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with that channel larger by the share `value`."""
+        channel = f"{self.prefix}{component}"
+        return replace(flight, **{channel: getattr(flight, channel) * (1.0 + value)})
+
+
+def turned(flight: Flight, channels: Sequence[str], axis: str, angle: float) -> Flight:
+    """The record with the sensors of these three channels turned by `angle` rad about a body axis: v gains v x m."""
+    vectors = np.array([getattr(flight, name) for name in channels], dtype=float)
+    read = vectors + np.cross(vectors, angle * np.eye(3)["xyz".index(axis)], axisa=0, axisc=0)
+    return replace(flight, **dict(zip(channels, read, strict=True)))
+
+
+def sheared(flight: Flight, channels: Sequence[str], pair: str, angle: float) -> Flight:
+    """The record with the sensors of two body axes turned by `angle` rad toward each other: each reads of the other."""
+    first, second = (channels["xyz".index(axis)] for axis in pair)
+    one, other = (np.asarray(getattr(flight, name), dtype=float) for name in (first, second))
+    return replace(flight, **{first: one + angle * other, second: other + angle * one})  # type: ignore[arg-type]
+
+
+_GYROS = ("p", "q", "r")
+_PAIRS = ("yz", "xz", "xy")
+
+
+class GyroBias(TriadBias):
+    """A constant added to each rate gyro."""
+
+    name, title, family = "gyro_bias", "bias of the rate gyros", "gyros"
+    claims = "a rate gyro reads a constant too much"
+    axes = _GYROS
+    units = "rad/s"
+
+
+class GyroScale(TriadScale):
+    """A scale error of each rate gyro."""
+
+    name, title, family = "gyro_scale", "scale error of the rate gyros", "gyros"
+    claims = "a rate gyro reads a constant factor too much"
+    axes = _GYROS
+
+
+class GyroMisalignment(RecordEffect):
+    """Each gyro's axis is turned a little against the body's: together, a rotation, or two toward each other.
+
+    A rotation makes a reading gain omega x m; two axes that are not orthogonal read of each other with the same sign.
+    """
+
+    name, title, family = "gyro_misalignment", "misalignment of the rate gyros", "gyros"
+    claims = "the gyros' axes are turned against the body's, so that the transverse ones read roll rate"
+    source = "report, Appendix B"
+    kind = "instrument"
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """The rotation about each body axis, and how far each two axes are from orthogonal, shared between them.
+
+        Axes that are turned independently leave half of the sum of their squares to either.
+        """
+        sizes = dict(zip("xyz", flight.instruments.gyro_misalignment, strict=True))
+        rotations = tuple(Component(axis, "rad", size) for axis, size in sizes.items())
+        return rotations + tuple(
+            Component(pair, "rad", 0.5 * math.hypot(sizes[pair[0]], sizes[pair[1]])) for pair in _PAIRS
+        )
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record of gyros turned by `value` rad more about that body axis, or toward each other."""
+        change = sheared if component in _PAIRS else turned
+        return change(flight, _GYROS, component, value)
+
+
+# ---- Errors of the accelerometers ----
+
+
+class AccelBias(TriadBias):
+    """A constant added to each accelerometer."""
+
+    name, title, family = "accel_bias", "bias of the accelerometers", "accelerometers"
+    claims = "an accelerometer reads a constant too much"
+    prefix = "a"
+    units = "m/s^2"
+
+
+class AccelScale(TriadScale):
+    """A scale error of each accelerometer."""
+
+    name, title, family = "accel_scale", "scale error of the accelerometers", "accelerometers"
+    claims = "an accelerometer reads a constant factor too much"
+    prefix = "a"
+
+
+class AccelPosition(Triad):
+    """The accelerometers sit elsewhere than the record declares: true less declared place along each body axis."""
+
+    name, title, family = "accel_position", "position of the accelerometers", "accelerometers"
+    claims = "the accelerometers sit off their declared place, and sense the rotation's accelerations there"
+    source = "report, Appendix B; errata E10 and E11"
+    units = "m"
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with the declared place that much short of the true one."""
+        place = list(flight.vehicle.accelerometer_position)
+        place[self.axes.index(component)] -= value
+        return replace(flight, vehicle=replace(flight.vehicle, accelerometer_position=(place[0], place[1], place[2])))
+
+
+class AccelMisalignment(Triad):
+    """The accelerometers' axes are turned by a small rotation against the body's: a reading gains f x m."""
+
+    name, title, family = "accel_misalignment", "misalignment of the accelerometers", "accelerometers"
+    claims = "the accelerometers' axes are turned against the body's, so that the transverse ones read axial force"
+    units = "rad"
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record of accelerometers that are turned by `value` rad more about that body axis."""
+        return turned(flight, ("ax", "ay", "az"), component, value)
+
+
+_INSTRUMENTS = {
+    "gyros": ("p", "q", "r"),
+    "accelerometers": ("ax", "ay", "az"),
+    "air data": ("velocity", "dynamic_pressure", "mach", "reynolds"),
+}
+# Its clock is the record's: all instruments late together are a motion that much later, which nothing tells but the
+# ends of the record, where a shifted channel has to be continued.
+_CLOCK = "gyros"
+
+
+class TimeSkew(RecordEffect):
+    """The channels of one instrument hold what was so a constant time before their stamp, that of the gyros."""
+
+    name, title = "time_skew", "time skew between instruments"
+    claims = "one instrument is late against the gyros by a constant time"
+    source = "Morelli and Klein, Aircraft System Identification, 2016, chapter 10 (data compatibility)"
+    kind = "instrument"
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """One delay for each instrument beside the gyros; the tolerance is that of one clock against another."""
+        size = float(flight.instruments.time_skew[0])
+        return tuple(Component(name, "s", size) for name in _INSTRUMENTS if name != _CLOCK)
+
+    def plantable(self, flight: Flight) -> tuple[str, ...]:
+        """Any instrument may be late, the gyros too: the others are early against them then."""
+        return tuple(_INSTRUMENTS)
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with that instrument late by `value` s more.
+
+        Shifted in the spectrum, so that white noise stays white: interpolation between samples would smooth it.
+        """
+        late: dict[str, FloatArray] = {
+            name: _late(channel, flight.segments, value / flight.step)
+            for name in _INSTRUMENTS[component]
+            if (channel := getattr(flight, name)) is not None
+        }
+        return replace(flight, **late)  # type: ignore[arg-type]
+
+
+def _late(channel: FloatArray, segments: Sequence[tuple[int, int]], samples: float) -> FloatArray:
+    """The channel (n,) some samples later, each segment by itself.
+
+    What is left of a straight line between its ends, continued as an odd function, is periodic and smooth.
+    """
+    out = np.array(channel, dtype=float)
+    for a, b in segments:
+        place = np.arange(b - a) / max(b - a - 1, 1)
+        first, last = channel[a], channel[b - 1]
+        left = channel[a:b] - first - (last - first) * place
+        periodic = np.concatenate([left, -left[-2:0:-1]])
+        turn = np.exp(-2j * np.pi * np.fft.rfftfreq(periodic.size) * samples)
+        shifted = np.fft.irfft(np.fft.rfft(periodic) * turn, periodic.size)[: b - a]
+        out[a:b] = shifted + first + (last - first) * (place - samples / max(b - a - 1, 1))
+    return out
+
+
+# ---- What the record declares of vehicle and air, and errs by ----
+
+
+class Declared(RecordEffect):
+    """What the record declares is larger than the truth by a share, of which `flight.instruments` has the size."""
+
+    kind = "instrument"
+    component: ClassVar[str] = "scale"
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """The relative error."""
+        return (Component(self.component, "1", getattr(flight.instruments, self.name)[0]),)
+
+
+class DynamicPressureScale(Declared):
+    """The record's dynamic pressure is a constant factor too large."""
+
+    name, title, family = "dynamic_pressure_scale", "scale error of the dynamic pressure", "air"
+    claims = "the dynamic pressure, and with it every coefficient, is off by a constant factor"
+    source = "Morelli and Klein, Aircraft System Identification, 2016, chapter 10 (data compatibility)"
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with a dynamic pressure larger by the share `value`."""
+        return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + value))
+
+
+class InertiaRatio(Declared):
+    """The declared Ix / I is too large: the coupling of roll and transverse rates comes out wrong."""
+
+    name, title = "inertia_ratio", "error of the ratio of inertias"
+    claims, source = "spin inertia over transverse inertia is off by a constant factor", "report, Eq. 2.3"
+    component = "ratio"
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with a declared spin inertia larger by the share `value`."""
+        return replace(flight, vehicle=replace(flight.vehicle, ixx=flight.vehicle.ixx * (1.0 + value)))
+
+
+class Inertia(Declared):
+    """The declared inertia is too large, spin and transverse alike: every moment comes out in proportion."""
+
+    name, title = "inertia", "error of the inertia"
+    claims, source = "the inertia, and with it every moment, is off by a constant factor", "report, Eq. 2.3"
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with declared inertias larger by the share `value`."""
+        vehicle = flight.vehicle
+        larger = replace(vehicle, ixx=vehicle.ixx * (1.0 + value), iyy=vehicle.iyy * (1.0 + value))
+        return replace(flight, vehicle=larger)
+
+
+# ---- Wind across the track: slowly changing, or from one instant on ----
+
+# Half waves that a slow wind makes over the record, the k-th 1/k as large as the first: so many, or one for so many
+# metres of height, as waves in the atmosphere have vertical wavelengths of some kilometres, but no more than are worth
+# their columns. Judgement; Opportunity's entry passes 43 km: its held-out error before any step is 3.7e-8 with 5, 2.2,
+# 1.9, 1.6 and 1.7e-8 with 16, 20, 24 and 32.
+WIND_HALF_WAVES = 5  # at least
+WIND_HALF_WAVE_HEIGHT = 2000.0  # m
+WIND_MOST_HALF_WAVES = 24  # at most
+# Instants at which a step of the wind is tried first: the attitude's own errors follow all of it but what happens
+# within a part of a second, so that one a grid's step away looks like nothing (with 16, `tests.independent.loop_study`
+# had 3 of 4 misnamed).
+WIND_STEP_INSTANTS = 48
+WIND_STEP_CLOSER = 7  # instants tried next, over 3/4 of the spacing to either side
+
+
+_AXES = {"y": 1, "z": 2}
+_SHAPES = {"": np.cos, "s": np.sin}
+
+
+def _with_wind(flight: Flight, axis: str, speed: FloatArray) -> Flight:
+    """The record with that wind (n,) m/s, along a body axis of the first sample, left unaccounted for."""
+    wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
+    wind[:, _AXES[axis]] -= speed
+    return replace(flight, wind=wind)
+
+
+def _half_waves(flight: Flight) -> int:
+    """How many of them a wind makes over the record: more where it passes through more of the atmosphere."""
+    passed = 0.0 if flight.altitude is None else float(np.nanmax(flight.altitude) - np.nanmin(flight.altitude))
+    return min(max(WIND_HALF_WAVES, int(passed / WIND_HALF_WAVE_HEIGHT)), WIND_MOST_HALF_WAVES)
+
+
+class Wind(RecordEffect):
+    """A wind across the track that changes slowly: half waves over the record, the k-th 1/k as large as the first.
+
+    Cosines and sines alike: cosines alone would hold the wind still at both ends. A constant wind is in the direction
+    of the velocity at the start; wind along the track is in the record's `velocity` already.
+    """
+
+    name, title, family = "wind", "slowly changing wind", "air"
+    claims = "the air moves across the track, slowly changing along the record"
+    source = "kinematics of the velocity relative to the air"
+    kind = "environment"
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """Cosines and sines of 1, 2, ... half waves along body axes y and z of the first sample, rms the tolerance."""
+        shares = 1.0 / np.arange(1.0, _half_waves(flight) + 1.0)
+        shares /= np.sqrt(np.sum(shares**2))
+        return tuple(
+            Component(f"{axis} {shape}{wave}", "m/s", float(share * flight.instruments.wind[place]))
+            for axis, place in _AXES.items()
+            for shape in _SHAPES
+            for wave, share in enumerate(shares, start=1)
+        )
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with that much of one half wave left unaccounted for."""
+        axis, wave = component.split()
+        place = (flight.time - flight.time[0]) / (flight.time[-1] - flight.time[0])
+        count = wave.removeprefix("s")
+        return _with_wind(flight, axis, value * _SHAPES[wave[: -len(count)]](np.pi * int(count) * place))
+
+
+class WindStep(RecordEffect):
+    """A step of the wind across the track at `time` s (None: the middle of the record).
+
+    No channel senses it: the velocity relative to the air turns while the inertial velocity does not.
+    A step along the track is in the record's `velocity` already. `spread` s is how well `time` is known.
+    """
+
+    name, title, family = "wind_step", "step of the wind", "air"
+    claims = "from one instant on, the air moves across the track"
+    source = "kinematics of the velocity relative to the air"
+    kind = "environment"
+    carried = False
+
+    time: float | None = None
+    spread: float | None = None
+
+    def components(self, flight: Flight) -> tuple[Component, ...]:
+        """Wind along the body axes y and z of the first sample."""
+        return tuple(Component(axis, "m/s", flight.instruments.wind[place]) for axis, place in _AXES.items())
+
+    def variants(self, flight: Flight) -> tuple[RecordEffect, ...]:
+        """Instants over the record; once `time` and `spread` are set, 7 instants near it."""
+        if self.time is None or self.spread is None:
+            instants = np.linspace(flight.time[0], flight.time[-1], WIND_STEP_INSTANTS + 2)[1:-1]
+            spread = float(instants[1] - instants[0])
+        else:
+            instants = self.time + self.spread * np.linspace(-0.75, 0.75, WIND_STEP_CLOSER)
+            spread = 0.25 * self.spread
+        found = ({"time": float(instant), "spread": spread} for instant in instants)
+        return tuple(self.model_copy(update=settings) for settings in found)
+
+    def perturb(self, flight: Flight, component: str, value: float) -> Flight:
+        """The record with that much wind left unaccounted for."""
+        at = 0.5 * (flight.time[0] + flight.time[-1]) if self.time is None else self.time
+        return _with_wind(flight, component, np.where(flight.time >= at, value, 0.0))
+
+
+@hookimpl
+def brv_hypo_record_effects() -> Sequence[RecordEffect]:
+    """The effects of this module."""
+    gyros = [GyroBias(), GyroScale(), GyroMisalignment()]
+    accelerometers = [AccelBias(), AccelScale(), AccelMisalignment(), AccelPosition()]
+    return [*gyros, *accelerometers, TimeSkew(), DynamicPressureScale(), InertiaRatio(), Inertia(), Wind(), WindStep()]

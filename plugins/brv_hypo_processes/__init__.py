@@ -1,1 +1,0 @@
-"""Processes of moments, instruments and air that nobody has modelled, as plugins of Brv-Hypo."""
