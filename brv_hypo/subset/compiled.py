@@ -293,8 +293,8 @@ def search_compiled(
         try:
             while left and time.perf_counter() < deadline:
                 left.sort(key=lambda subtree: subtree.bound)
-                taken, left = left[:threads], left[threads:]
-                for visited, rest in crew.map(searched, taken):
+                batch, left = left[:threads], left[threads:]
+                for visited, rest in crew.map(searched, batch):
                     nodes += visited
                     left += rest
         except BaseException:
