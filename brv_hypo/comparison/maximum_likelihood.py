@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.result import EXCEED, RecordError, Verdict
 from brv_hypo.constants import BEYOND_TOLERANCE_NAMED, CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
-from brv_hypo.identification import Identification, IdentificationConfig, identify
+from brv_hypo.identification import Identification, identify
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.uncertainty import Regressed
@@ -39,7 +39,6 @@ def identify_credible(
     credible = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
     credible.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
-    options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS, begin_anew=not quick)
     found: dict[str, Identification] = {}
     left_out: set[str] = set()
     for fit in credible[:LIKELIHOOD_HYPOTHESES]:
@@ -48,7 +47,14 @@ def identify_credible(
             continue
         say(f"maximum likelihood of {fit.name}")
         regressed = Regressed.of(problem, fit.frame, fit.columns, fit.values, fit.others)
-        found[fit.name] = identify(fit.frame, fit.columns, fit.values, options, regressed=regressed)
+        found[fit.name] = identify(
+            fit.frame,
+            fit.columns,
+            fit.values,
+            regressed=regressed,
+            max_iterations=LIKELIHOOD_STEPS,
+            begin_anew=not quick,
+        )
     return Likelihoods(found, frozenset(left_out))
 
 

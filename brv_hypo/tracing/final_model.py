@@ -28,7 +28,7 @@ from brv_hypo.constants import (
     STABLE_SIGMAS,
 )
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification import IdentificationConfig, identify
+from brv_hypo.identification import identify
 from brv_hypo.inference.derivatives import Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
@@ -388,8 +388,7 @@ def maximum_likelihood(fit: Fit) -> MaximumLikelihood:
         columns, values = (*columns, column), np.append(values, 1.0)
     fixed = {(each.effect.name, each.component): each.value for each in model.applied}
     regressed = Regressed.of(fit.problem, fit.data.frame, model.columns, *fit.solution).beside([fixed])
-    options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS)
-    found = identify(data.frame, columns, values, options, regressed=regressed)
+    found = identify(data.frame, columns, values, regressed=regressed, max_iterations=LIKELIHOOD_STEPS)
     return likelihood_block(found, estimates(Coefficients(found.columns, found.values, found.covariance), data))
 
 
