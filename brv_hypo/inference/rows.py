@@ -80,13 +80,13 @@ class Block:
     @cached_property
     def _directions(self) -> tuple[FloatArray, FloatArray]:
         """Those of both kinds (m, rank), orthonormal, and how much of each whitening takes away (rank, 1)."""
-        taken = np.concatenate([np.ones(self.own.shape[1]), 1.0 - self.shrunk])
-        return np.concatenate([self.own, self.errors], axis=1), taken[:, np.newaxis]
+        share = np.concatenate([np.ones(self.own.shape[1]), 1.0 - self.shrunk])
+        return np.concatenate([self.own, self.errors], axis=1), share[:, np.newaxis]
 
     def whitened(self, rows: FloatArray) -> FloatArray:
         """Rows of the flight (m, columns), where errors within tolerances are noise, less what has no prior."""
-        directions, taken = self._directions
-        return np.asarray(rows - directions @ (taken * (directions.T @ rows)))
+        directions, share = self._directions
+        return np.asarray(rows - directions @ (share * (directions.T @ rows)))
 
 
 class OfFlight(NamedTuple):
