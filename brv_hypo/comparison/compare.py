@@ -40,7 +40,7 @@ from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification import Identification, IdentificationConfig, identify
+from brv_hypo.identification import Identification, identify
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.held_out import block_of_whitened_row, held_out
 from brv_hypo.inference.problem import Problem
@@ -221,7 +221,7 @@ def identify_credible(
     credible = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
     credible.sort(key=lambda fit: -chances[fit.name])
     quick = config.maximum_likelihood == "quick"
-    options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS, begin_anew=not quick)
+    options: Any = {"max_iterations": LIKELIHOOD_STEPS, "begin_anew": not quick}
     found: dict[str, Identification | None] = {}
     for fit in credible[:LIKELIHOOD_HYPOTHESES]:
         if quick and (not adequate or any(each.status == "degraded" for each in fit.frame.reconstructions)):
@@ -229,7 +229,7 @@ def identify_credible(
             continue
         say(f"maximum likelihood of {fit.name}")
         regressed = Regressed.of(problem, fit.frame, fit.columns, fit.values, fit.others)
-        found[fit.name] = identify(fit.frame, fit.columns, fit.values, options, regressed=regressed)
+        found[fit.name] = identify(fit.frame, fit.columns, fit.values, regressed=regressed, **options)
     return found
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypedDict
 from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.constants import COMPARED_BLOCKS, COMPARED_EXACT_TERMS, COMPARED_KNOTS, COMPARED_TERMS, OTHER_PRIOR
-from brv_hypo.motion.config import Method
+from brv_hypo.motion.methods import Method
 
 
 class CompareConfig(BaseModel):

@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.judgement import Judged, as_planted
 from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
+from brv_hypo.comparison.summary import motion_histories
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
@@ -21,9 +22,7 @@ from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.motion.kinematics import plane_from_body
-from brv_hypo.motion.motion import Motion
-from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.motion import Motion, plane_from_body
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
@@ -208,40 +207,30 @@ def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: s
         channels=dict(zip(_CHANNELS, zip(known[::2], known[1::2], strict=True), strict=True)),
         whitened=whitened(own, flight),
         histories=_histories(own, flight),
-        **motion_histories(frame.reconstructions[flight], motion, kept),
+        **motion_histories(frame.reconstructions[flight], kept),
     )
-
-
-def motion_histories(reconstruction: Reconstruction, motion: Motion, samples: IntArray) -> dict[str, Any]:
-    """Those of `DrawnHistories` that a motion has, at some samples."""
-    histories = {
-        "time_s": motion.time,
-        "alpha_rad": motion.alpha,
-        "alpha_sigma_rad": reconstruction.alpha_sigma,
-        "windward_meridian_rad": motion.windward_meridian,
-        "windward_meridian_sigma_rad": reconstruction.phi_w_sigma,
-        "roll_rate_rad_s": motion.p,
-        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
-        "mach": motion.mach,
-        "dynamic_pressure_pa": motion.dynamic_pressure,
-    }
-    return {name: tuple(each[samples].tolist()) for name, each in histories.items()}
 
 
 def _histories(own: Evidence, flight: int) -> dict[str, Any]:
     """Of each process by name, at even times of a flight."""
     processes: tuple[Process, ...] = (*record_processes(), *moment_processes())
-    splines = {each.name: time_splines(np.linspace(0.0, 1.0, _TIMES), 0.0, 1.0, each.splines).T for each in processes}
-    found = {}
+    splines, found = {each.name: each.splines for each in processes}, {}
     for place, group in enumerate(own.rows.groups):
-        known = splines[group.name]
-        value, sigma = (
-            np.split(each, len(own.rows.blocks))[flight].reshape(-1, known.shape[0])
-            for each in own.spline_coefficients(place)
-        )
-        pairs = zip((value @ known).tolist(), np.sqrt(sigma**2 @ known**2).tolist(), strict=True)
+        known = process_history(own, place, splines[group.name], flight, np.linspace(0.0, 1.0, _TIMES))
+        pairs = zip(*(each.tolist() for each in known), strict=True)
         found[group.name] = tuple((tuple(each), tuple(error)) for each, error in pairs)
     return found
+
+
+def process_history(
+    own: Evidence, place: int, splines: int, flight: int, shares: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """A process of so many splines at shares of a flight's time: each shape or channel (kinds, times), and errors."""
+    known = time_splines(shares, 0.0, 1.0, splines).T
+    values, sigmas = (
+        np.split(each, len(own.rows.blocks))[flight].reshape(-1, splines) for each in own.spline_coefficients(place)
+    )
+    return values @ known, np.sqrt(sigmas**2 @ known**2)
 
 
 def whitened(own: Evidence, flight: int) -> dict[str, tuple[float, ...]]:

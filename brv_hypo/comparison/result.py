@@ -291,34 +291,31 @@ class Seconds(NullIsNaN):
     total: float
 
 
-class DrawnHistories(NullIsNaN):
-    """Histories for pictures, of one flight: not part of the JSON.
-
-    Standard deviations, angles, rates and air data are empty where they are not known.
-    """
+class MotionHistories(NullIsNaN):
+    """Histories for pictures, of one flight: not part of the JSON. Empty where they are not known."""
 
     time_s: tuple[float, ...]
-    measured: Moments
-    sigma: tuple[float, ...]
     alpha_rad: tuple[float, ...] = ()
-    alpha_sigma_rad: tuple[float, ...] = ()
     windward_meridian_rad: tuple[float, ...] = ()
+    alpha_sigma_rad: tuple[float, ...] = ()
     windward_meridian_sigma_rad: tuple[float, ...] = ()
     roll_rate_rad_s: tuple[float, ...] = ()
     windward_meridian_rate_rad_s: tuple[float, ...] = ()
     mach: tuple[float, ...] = ()
     dynamic_pressure_pa: tuple[float, ...] = ()
     whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
-    """Of the model with processes, by channel: the residual at unit noise, in axes that do not roll."""
+    """Of model and processes, by channel: the residual at unit noise, in axes that do not roll."""
 
 
-class Series(DrawnHistories):
-    """Those of a comparison; moments are (C_N', C_Z').
+class Series(MotionHistories):
+    """What was measured and fitted, of one flight; moments are (C_N', C_Z') over `time_s`.
 
     `fitted[mechanism]` includes the errors of record and vehicle beside the mechanism, but no process; it and
     `measured` are NaN at the ends, where rates cannot be differentiated.
     """
 
+    measured: Moments
+    sigma: tuple[float, ...]
     fitted: dict[str, Moments]
     channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
     """Of the leader with its processes, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
+from brv_hypo.arrays import IntArray
 from brv_hypo.comparison.intervals import estimate, intervals
 from brv_hypo.comparison.result import (
     BaselineSummary,
@@ -27,7 +29,10 @@ from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.io.text import hypothesis
-from brv_hypo.model.term import BASELINE, Regressor, Vector
+from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.term import BASELINE, Regressor, Vector, evaluated
+from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
@@ -185,7 +190,11 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
         column, value = fit.columns[j], float(fit.values[j])
         sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
         mechanism = BASELINE if j < fit.baseline_size else column.mechanism
-        where = {"channel": _channel(fit, column), "region_s": _region(fit, column), "delay_s": column.delay}
+        where = {
+            "channel": channel_of(column, fit.frame.mechanisms, fit.frame.motions[0]),
+            "region_s": _region(fit, column),
+            "delay_s": column.delay,
+        }
         found.append(estimate(column.label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
 
@@ -247,11 +256,9 @@ def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> 
     )
 
 
-def _channel(fit: HypothesisFit, column: Regressor) -> str:
+def channel_of(column: Regressor, mechanisms: Mapping[str, Mechanism], motion: Motion) -> str:
     """In which plane the column acts."""
-    motion = fit.frame.motions[0]
-    terms = fit.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-    term = next(term for term in terms if term.name == column.term)
+    (term,) = evaluated([column], mechanisms, motion)
     inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
     return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
 
@@ -275,3 +282,20 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
             for d in fit.frame.mechanisms[name].derived(values, covariance)
         )
     return tuple(found)
+
+
+def motion_histories(reconstruction: Reconstruction, kept: IntArray) -> dict[str, Any]:
+    """Fields of `MotionHistories` at some samples of a flight."""
+    motion = reconstruction.motion
+    histories = {
+        "time_s": motion.time,
+        "alpha_rad": motion.alpha,
+        "alpha_sigma_rad": reconstruction.alpha_sigma,
+        "windward_meridian_rad": motion.windward_meridian,
+        "windward_meridian_sigma_rad": reconstruction.phi_w_sigma,
+        "roll_rate_rad_s": motion.p,
+        "windward_meridian_rate_rad_s": motion.windward_meridian_rate,
+        "mach": motion.mach,
+        "dynamic_pressure_pa": motion.dynamic_pressure,
+    }
+    return {name: tuple(values[kept].tolist()) for name, values in histories.items()}

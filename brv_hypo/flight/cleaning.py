@@ -90,7 +90,7 @@ def interpolated_holds(time: FloatArray, channels: Channels) -> tuple[Channels, 
             out[name] = np.where(np.isfinite(values), line, np.nan)
             rate = 1.0 / float(np.median(np.diff(at)))
             action = f"new values at {rate:.3g} Hz, held between: interpolated"
-            faults.append(RecordFault(name, "held", float(time[0]), float(time[-1]), action, False))
+            faults.append(RecordFault.over(time, name, "held", action))
     return out, tuple(faults)
 
 
@@ -246,10 +246,15 @@ def without_spikes(time: FloatArray, values: FloatArray, spikes: BoolArray) -> F
     return bridge(time, np.where(spikes, np.nan, values), limits.SPIKE_LONGEST) if np.any(spikes) else values
 
 
-def spike_note(name: str, spikes: BoolArray, time: FloatArray) -> str:
-    """What to say of spikes that were replaced in a channel."""
-    at = np.flatnonzero(spikes)
-    return f"{name}: {counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
+def despiked(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[Channels, dict[str, BoolArray], list[str]]:
+    """`channels` (n,) with their spikes replaced, which samples those are, where there are any, and notes."""
+    spikes = {name: found for name, values in channels.items() if np.any(found := find_spikes(values))}
+    notes = []
+    for name, found in spikes.items():
+        at = np.flatnonzero(found)
+        words = f"{counted(at.size, 'spike sample')} replaced by a cubic spline, the first at {time[at[0]]:.3f} s"
+        notes.append(f"{name}: {words}")
+    return dict(channels) | {n: without_spikes(time, channels[n], found) for n, found in spikes.items()}, spikes, notes
 
 
 def _candidates(values: FloatArray, length: int) -> IntArray:
@@ -312,7 +317,7 @@ def mask_faults(
     for at, excess in stamped_steps(time, tried):
         steady[at:] -= excess
         action = f"the samples run on: later stamps moved by {-excess:.4g} s"
-        faults.append(RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, False))
+        faults.append(RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action))
     places = places_with_gaps(steady, JUMP_FLANK)
     masked = dict(channels)
     dead = _dead(steady, tried)
@@ -341,7 +346,7 @@ def _jumps(time: FloatArray, channels: Mapping[str, FloatArray], places: IntArra
         "without a trace in the stamps. Give a window that leaves this out (--start, --stop)"
     )
     return [
-        RecordFault("time", "clock step", float(time[at - 1]), float(time[at]), action, True)
+        RecordFault.over(time[at - 1 : at + 1], "time", "clock step", action, decisive=True)
         for at in np.searchsorted(places, joint_jumps(channels_without_spikes))
     ]
 
@@ -367,7 +372,7 @@ def _dead(time: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, Rec
         if (name in INERTIAL_CHANNELS and noisy) or changes:
             value = float(channels[name][np.isfinite(channels[name])][0])
             action = f"{name} is {value:.4g} throughout: a dead channel. Bring it in from another source"
-            found[name] = RecordFault(name, "dead", float(time[0]), float(time[-1]), action, True)
+            found[name] = RecordFault.over(time, name, "dead", action, decisive=True)
     return found
 
 
@@ -405,24 +410,13 @@ def _mask_channel(
                 f"{name} {words} in {100.0 * share:.0f} % of its samples, too many to leave out: give a window in "
                 "which it does not (--start, --stop)"
             )
-            faults.append(fault_over(name, kind, time, found, action, decisive=True))
+            faults.append(RecordFault.over(time[found], name, kind, action, decisive=True))
             continue
         masked = np.where(found, np.nan, masked)
         stretches = runs(found)
         if len(stretches) > MOST_NAMED:
             action = f"masked ({int(np.count_nonzero(found))} samples in {len(stretches)} stretches)"
-            faults.append(fault_over(name, kind, time, found, action))
+            faults.append(RecordFault.over(time[found], name, kind, action))
         else:
-            faults += [
-                RecordFault(name, kind, float(time[a]), float(time[b - 1]), f"masked ({b - a} samples)", False)
-                for a, b in stretches
-            ]
+            faults += [RecordFault.over(time[a:b], name, kind, f"masked ({b - a} samples)") for a, b in stretches]
     return masked, faults
-
-
-def fault_over(
-    name: str, kind: str, time: FloatArray, found: BoolArray, action: str, *, decisive: bool = False
-) -> RecordFault:
-    """One fault from the first to the last of the samples (n,) that are `found`."""
-    at = np.flatnonzero(found)
-    return RecordFault(name, kind, float(time[at[0]]), float(time[at[-1]]), action, decisive)

@@ -10,23 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.flight.cleaning import (
-    fault_over,
-    find_spikes,
-    interpolated_holds,
-    mask_faults,
-    spike_note,
-    without_spikes,
-)
+from brv_hypo.flight.cleaning import despiked, interpolated_holds, mask_faults
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
 from brv_hypo.flight.derived import derive
 from brv_hypo.flight.record import (
@@ -39,7 +31,6 @@ from brv_hypo.flight.record import (
     VEHICLE_DIMENSIONS,
     Channels,
     Flight,
-    Header,
     Record,
     RecordFault,
     Vehicle,
@@ -58,7 +49,7 @@ from brv_hypo.flight.tolerances import (
     with_stated,
 )
 from brv_hypo.flight.units import SI, Dimension, to_si
-from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
+from brv_hypo.io.binary import ColumnTable, Dataset, Tree, read_tree, write_tree
 from brv_hypo.io.text import counted, meant, naming, nearest, one_line, refusal
 from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 
@@ -79,20 +70,18 @@ def assemble(record: Record) -> Flight:
     stamps, masked, masks = mask_faults(record.time, record.channels)
     masked, holds = interpolated_holds(stamps, masked)
     faults = (*masks, *holds)
-    spikes = {name: find_spikes(values) for name, values in masked.items()}
-    notes = [*record.notes, *(f"{one.channel}: {one.fault}, {one.action}" for one in faults)]
-    notes += [spike_note(name, found, stamps) for name, found in spikes.items() if np.any(found)]
-    despiked = {name: without_spikes(stamps, values, spikes[name]) for name, values in masked.items()}
+    clean, spikes, spike_notes = despiked(stamps, masked)
+    notes = [*record.notes, *(f"{one.channel}: {one.fault}, {one.action}" for one in faults), *spike_notes]
     with naming(record.path):
-        time, recorded, resampled = regularise(stamps, despiked)
+        time, recorded, resampled = regularise(stamps, clean)
         bridged, gap_notes = _bridged(time, recorded)
         channels, derived = derive(bridged, record.planet, record.vehicle.reference_length)
         segments, cut_notes = _segments(time, channels)
-    spike_faults = [
-        fault_over(name, "spikes", stamps, found, f"{counted(count, 'sample')} replaced by a cubic spline")
-        for name, found in spikes.items()
-        if name in CHANNELS and (count := int(np.count_nonzero(found)))
-    ]
+    spike_faults = []
+    for name in (name for name in spikes if name in CHANNELS):
+        at = np.flatnonzero(spikes[name])
+        words = f"{counted(at.size, 'sample')} replaced by a cubic spline"
+        spike_faults.append(RecordFault.over(stamps[at], name, "spikes", words))
     first, last = segments[0][0], segments[-1][1]
     whole, filled = _filled(float(time[1] - time[0]), channels, segments)
     arrays: dict[str, Any] = {name: values[first:last] for name, values in {"time": time, **whole}.items()}
@@ -215,21 +204,8 @@ READ = {
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
 
-@dataclass(frozen=True)
-class RawTable:
-    """One table as it was read: columns (n,) in the units that the map says, by recorder."""
-
-    recorder: str
-    columns: Mapping[str, FloatArray]
-    units: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A planted value of any shape with its units, for the group `truth`."""
-
-    values: ArrayLike
-    units: str
+Quantity = Dataset
+"""A planted value of any shape with its units, for the group `truth`."""
 
 
 def load_flight(
@@ -294,13 +270,13 @@ def save_flight(
     path: str | Path,
     *,
     truth: Mapping[str, Any] | None = None,
-    raw: Sequence[RawTable] = (),
+    raw: Mapping[str, ColumnTable] | None = None,
     overwrite: bool = False,
 ) -> None:
     """Write a flight, or a record as flown, as a format 1 file in SI; samples outside a flight's segments become NaN.
 
     `truth` holds what was planted: numbers, arrays, `Quantity`, text, or mappings of these (subgroups). `raw` are the
-    tables that the flight was made from, kept as they were read; no analysis reads them.
+    tables that the flight was made from, by recorder, kept as they were read; no analysis reads them.
     The file is written whole or not at all. Raises UsageError where it exists and `overwrite` is false.
     """
     record = flight if isinstance(flight, Record) else unassemble(flight)
@@ -318,10 +294,9 @@ def save_flight(
         groups["truth"] = _truth_tree(truth)
     if raw:
         tables = {}
-        for table in raw:
-            units = table.units
-            columns = {_plain_name(n): Dataset(v, one_line(units[n])) for n, v in table.columns.items()}
-            tables[_plain_name(table.recorder)] = Tree(datasets=columns)
+        for recorder, table in raw.items():
+            columns = {_plain_name(n): Dataset(v, one_line(table.units[n])) for n, v in table.columns.items()}
+            tables[_plain_name(recorder)] = Tree(datasets=columns)
         groups["raw"] = Tree(groups=tables)
     tree = Tree(
         attributes={**header, **{name: text for name, text in optional.items() if text}},
@@ -341,27 +316,25 @@ def read_record(path: str | Path) -> Record:
     """
     tree = read_tree(path, only=READ)
     with naming(path):
-        header = _header(tree.attributes)
+        _check_format(tree.attributes)
         check_present((*tree.datasets, *tree.unread))
         if "time" not in tree.datasets:
             raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
-        arrays = _in_si(tree.datasets, CHANNEL_DIMENSIONS, "")
+        arrays, history = _in_si(tree.datasets, CHANNEL_DIMENSIONS, ""), str(tree.attributes.get("history", ""))
         content = {
             "time": arrays.pop("time"),
             "channels": arrays,
             "vehicle": _vehicle(tree.groups.get("vehicle")),
             "instruments": _instruments(tree.groups.get("instruments")),
-            "planet": header.planet.strip().lower(),
-            "title": one_line(header.title),
-            "source": one_line(header.source),
+            **{name: tree.attributes[name] for name in ("planet", "title", "source") if name in tree.attributes},
             "path": str(path),
             "recorded_units": {name: dataset.units or "" for name, dataset in tree.datasets.items()},
-            "notes": (*map(one_line, header.history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
+            "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
         }
         return validated(Record, content)
 
 
-def _header(attributes: Mapping[str, Any]) -> Header:
+def _check_format(attributes: Mapping[str, Any]) -> None:
     if attributes.get("format") != FORMAT:
         raise refusal(
             "/ (root attribute 'format')",
@@ -378,7 +351,6 @@ def _header(attributes: Mapping[str, Any]) -> Header:
             "a record written by a newer program, or by hand",
             "update the program, or write the record in format 1",
         )
-    return validated(Header, attributes, group="/ (root attributes)")
 
 
 def _vehicle(group: Tree | None) -> Vehicle:
@@ -486,7 +458,7 @@ def _truth_tree(truth: Mapping[str, Any]) -> Tree:
             groups[name] = _truth_tree(value)
         elif isinstance(value, str):
             attributes[name] = value
-        elif isinstance(value, Quantity):
+        elif isinstance(value, Dataset):
             datasets[name] = Dataset(np.asarray(value.values), value.units)
         else:
             datasets[name] = Dataset(np.asarray(value), SI["dimensionless"])

@@ -20,7 +20,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.cleaning import find_holds, find_spikes, without_spikes
 from brv_hypo.flight.clock import joined, runs, sigma_of_differences, strongest_frequency
 from brv_hypo.flight.format import assemble, read_record, unassemble, windowed
-from brv_hypo.flight.mounting import GRAVITY, REST_OFF, THRUST
+from brv_hypo.flight.plausibility import GRAVITY, REST_OFF, THRUST
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS, CHANNELS, INERTIAL_CHANNELS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import SI
 

@@ -20,6 +20,7 @@ from pydantic import (
     ConfigDict,
     Field,
     SkipValidation,
+    StringConstraints,
     TypeAdapter,
     ValidationError,
     model_validator,
@@ -47,6 +48,7 @@ def _of_a_vehicle(value: float) -> float:
     return value
 
 
+Line = Annotated[str, AfterValidator(one_line)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 
@@ -93,6 +95,11 @@ class RecordFault:
     """What was done, or what the user should do, in words."""
     decisive: bool = False
     """True where the record contradicts itself, and nothing that is fitted to it can be trusted."""
+
+    @classmethod
+    def over(cls, time: FloatArray, channel: str, fault: str, action: str, *, decisive: bool = False) -> RecordFault:
+        """A fault from the first to the last of `time` (n,) s."""
+        return cls(channel, fault, float(time[0]), float(time[-1]), action, decisive)
 
     @property
     def of_single_samples(self) -> bool:
@@ -303,17 +310,6 @@ LARGEST: dict[Dimension, float] = {
 Model = TypeVar("Model")
 
 
-class Header(BaseModel):
-    """The root attributes but for format and version."""
-
-    model_config = ConfigDict(frozen=True)
-
-    planet: Annotated[str, Field(min_length=1)] = "earth"
-    title: str = ""
-    source: str = ""
-    history: str = ""
-
-
 def checked_vehicle(values: Mapping[str, Any]) -> Vehicle:
     """The vehicle of the group `vehicle`, SI. Raises FlightRecordError for what no vehicle has."""
     vehicle = validated(Vehicle, values, group="vehicle")
@@ -340,9 +336,9 @@ class Record(BaseModel):
     """(n,) each, NaN where a sample is missing."""
     vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
-    planet: str = "earth"
-    title: str = ""
-    source: str = ""
+    planet: Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)] = "earth"
+    title: Line = ""
+    source: Line = ""
     path: str = ""
     recorded_units: dict[str, str] = Field(default_factory=dict)
     """Of the channels in the file."""

@@ -11,7 +11,7 @@ rate. Outputs are q, r, a_y, a_z in body axes. Errors of record, vehicle and air
 (parameters.py): k, Q, q_inf, S / m are the true ones; zeta is V times the true direction, V as measured.
 
 `MomentModel` evaluates the regressors at a motion, `Shapes` has them as angular accelerations, and
-`VehicleModel` has the functions that `likelihood.fit` takes, with the derivatives that are known in closed form.
+`VehicleModel` has the functions that `likelihood.fit` takes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import Generic, Literal, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -38,7 +38,6 @@ from brv_hypo.identification.parameters import (
     MOMENTS,
     PRESSURE_ERROR,
     RATIO_ERROR,
-    READ,
     ROLL_RATE_ERROR,
     SPEED_ERROR,
     Structure,
@@ -53,10 +52,9 @@ from brv_hypo.identification.parameters import (
 from brv_hypo.likelihood import Delayed
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import OwnTime
-from brv_hypo.model.term import Evaluated, Regressor, evaluated, summed
+from brv_hypo.model.term import Evaluated, Regressor, Theta, evaluated, summed
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
-from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, windward_meridian
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, windward_meridian
 
 # ---- States and inputs at some instants, and what the coefficients multiply there ----
 
@@ -147,9 +145,6 @@ class Shapes:
 
 Values = Mapping[str, float]
 AtDelays = Mapping[str, Delayed]  # states and inputs at the delays that are parameters, by name
-RateUse = Literal["unused", "affine", "other"]
-
-_ROUNDING = 1e-9
 
 
 def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
@@ -166,11 +161,11 @@ def earlier_motion(motions: Mapping[float, Motion], delay: float) -> Motion:
 
 @dataclass(frozen=True)
 class MomentModel:
-    """What the columns of a structure are at any motion; `rates`: how they change with those of alpha and meridian."""
+    """What the columns of a structure are at any motion; `uses_rates`: whether rates of its angles change them."""
 
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
-    rates: RateUse = "other"
+    uses_rates: bool = True
     _known: Memory[tuple[Motion, Evaluated]] = field(default_factory=Memory, compare=False, repr=False)
 
     @cached_property
@@ -220,23 +215,17 @@ class MomentModel:
         return self._known((id(motion),), lambda: (motion, {}))[1]
 
 
-def use_of_rates(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> RateUse:
-    """How the columns change with the rates of alpha and of the meridian, tried on a recorded motion."""
-    rng, found = np.random.default_rng(0), set()
+def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> bool:
+    """Whether the columns change with the rates of alpha and of the meridian, tried on a recorded motion."""
+    rng = np.random.default_rng(0)
     changes = {name: rng.standard_normal(motion.time.size) for name in ("alpha_rate", "windward_meridian_rate")}
-    motions = [
-        replace(motion, **{name: getattr(motion, name) + times * change for name, change in changes.items()})
-        for times in (0.0, 1.0, 2.0)
-    ]
-    for mechanism, theta in {(column.mechanism, column.theta) for column in columns}:
-        each = (mechanisms[mechanism].terms(m, dict(theta)) for m in motions)
-        now, once, twice = (np.array([(term.in_plane, term.out_of_plane) for term in terms]) for terms in each)
-        if not np.array_equal(now, once):
-            bent = np.max(np.abs(twice - 2.0 * once + now), initial=0.0)
-            # A mechanism with parameters may multiply what C_mw has of the rates by what it has itself.
-            straight = bent <= _ROUNDING * np.max(np.abs(once - now)) and not mechanisms[mechanism].parameters()
-            found.add("affine" if straight else "other")
-    return "other" if "other" in found else "affine" if found else "unused"
+    changed = replace(motion, **{name: getattr(motion, name) + change for name, change in changes.items()})
+
+    def terms(mechanism: str, theta: Theta, motion: Motion) -> list[tuple[FloatArray, FloatArray]]:
+        return [(term.in_plane, term.out_of_plane) for term in mechanisms[mechanism].terms(motion, dict(theta))]
+
+    kinds = {(column.mechanism, column.theta) for column in columns}
+    return any(not np.array_equal(terms(*kind, motion), terms(*kind, changed)) for kind in kinds)
 
 
 # ---- Equations of motion and measurement equations of Section 4.4, as the likelihood takes them ----
@@ -246,7 +235,6 @@ GRAVITY = ("gravity x", "gravity y", "gravity z")  # m/s^2 in body axes of the f
 FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the normal-force slope gains with the square of alpha
 RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
-Part = ComplexArray | complex  # what a complex pair gains, (n,) or the same everywhere
 
 
 @dataclass(frozen=True)
@@ -293,64 +281,11 @@ class VehicleModel:
             force = force + lever_force(arm, omega, body_rate, p, here.input("p_rate"))
         return real_rows(omega + _pair(GYROS, context, theta), force + _pair(ACCELEROMETERS, context, theta))
 
-    def dynamics_slopes(
-        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
-    ) -> dict[str, FloatArray]:
-        """Derivatives (4, n) of the dynamics by the parameters and courses that they are affine in, by name: those of
-        coefficients, forces, gravity and errors that add, but for what changes the columns themselves.
-        """
-        here, context = point(x, u, t), self._context(u)
-        names = self.moments.structure.names
-        accelerations, knotted, missing = self.shapes(here, theta, delayed).on_grid
-        share, slower = self._moment_share(context, theta), 1.0 + _error(SPEED_ERROR, context, theta)
-        lacking = np.zeros_like(accelerations)
-        lacking[knotted] = 1j * _forward(here) * missing
-        pushed = self._force_scale(here, context, theta) * self._force_shapes(here, context)
-        turned = zip(
-            (*names, *_own(MOMENTS, context)), (*share * accelerations, *_both(np.conj(here.to_body))), strict=True
-        )
-        gained = zip(
-            (*names, *self.forces, *_own((*GRAVITY, *CROSSFLOW), context)),
-            (*share * lacking, *slower * pushed, *slower * _gravity_axes(here), *_both(slower)),
-            strict=True,
-        )
-        return self._slopes(dict(turned), dict(gained), _own(READ, context), here)
-
-    def outputs_slopes(
-        self, x: FloatArray, u: FloatArray, theta: Values, t: FloatArray, delayed: AtDelays = MappingProxyType({})
-    ) -> dict[str, FloatArray]:
-        """The same of the outputs."""
-        here, context = point(x, u, t), self._context(u)
-        names, arm = self.moments.structure.names, context.vehicle.accelerometer_position
-        turned = np.zeros((len(names), t.size), dtype=complex)
-        if any(arm):
-            averaged = self.shapes(here, theta, delayed).averaged
-            turned = _swung(arm, averaged * (self._moment_share(context, theta) * here.to_body))
-        pushed = self._force_scale(here, context, theta) * here.to_body * self._force_shapes(here, context)
-        gained = zip(
-            (*names, *self.forces, *_own((*MOMENTS, *ACCELEROMETERS), context)),
-            (*turned, *pushed, *_swung(arm, _both(1.0)), *_both(1.0)),
-            strict=True,
-        )
-        read = zip(_own(GYROS, context), _both(1.0), strict=True)
-        return self._slopes(dict(read), dict(gained), _own((*GRAVITY, *CROSSFLOW, SPEED_ERROR), context), here)
-
-    def _slopes(
-        self, first: Mapping[str, Part], second: Mapping[str, Part], none: Sequence[str], here: Point
-    ) -> dict[str, FloatArray]:
-        """Rows (4, n) of what two pairs gain by each name, `none` by some; without those that change the columns."""
-        shape_changing = {*self.moments.shape_parameters, *self.rate_parameters(self._context(here.u).flight)}
-        return {
-            name: real_rows(*(np.broadcast_to(pair.get(name, 0.0), here.time.size) for pair in (first, second)))
-            for name in {**first, **second, **dict.fromkeys(none)}
-            if name not in shape_changing
-        }
-
     def rate_parameters(self, flight: int) -> tuple[str, ...]:
         """Parameters and courses that change the rates of alpha and of the meridian at given states, where the columns
         feel these.
         """
-        if self.moments.rates == "unused":
+        if not self.moments.uses_rates:
             return ()
         return (*self.forces, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
 
@@ -484,17 +419,6 @@ def _gravity_axes(at: Point) -> ComplexArray:
     """What gravity along each axis of the first sample adds across the body in de-rolled axes, (3, n)."""
     first = ROW["gravity_xy"]
     return np.asarray(at.u[first : first + 3] + 1j * at.u[first + 3 : first + 6])
-
-
-def _both(part: ComplexArray | FloatArray | float) -> ComplexArray:
-    """What a pair gains by its first and by its second member, by so much each."""
-    return np.array([part, 1j * part])
-
-
-def _swung(arm: tuple[float, float, float], omega_rate: ComplexArray) -> ComplexArray:
-    """What accelerometers on this arm read of an angular acceleration alone, m/s^2."""
-    none = np.zeros(1)
-    return lever_force(arm, none.astype(complex), omega_rate, none, none)
 
 
 def _own(names: Sequence[str], context: Context) -> list[str]:

@@ -12,39 +12,27 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, use_of_rates
+from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, rates_used
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
-from brv_hypo.identification.parameters import (
-    READ,
-    ROLL_RATE_ERROR,
-    Structure,
-    Tolerated,
-    input_error,
-    of_flight,
-    structure_of,
-    unique,
-)
+from brv_hypo.identification.parameters import READ, Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.uncertainty import Regressed
-from brv_hypo.likelihood import FitResult, Segment, fit
-from brv_hypo.likelihood.derivatives import PartialJacobian
-from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood
-from brv_hypo.likelihood.uncertainty import Whiteness
+from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
+from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
-from brv_hypo.motion.measurement import BENT
+from brv_hypo.motion.smoother import BENT
 
 # ---- The estimation problem: options, node records, equations, start values, priors, bounds ----
 
 
-IDENTIFIED_STEPS = 30  # of `identify` alone, if a user says nothing else
+IDENTIFIED_STEPS = 30  # of one search of `identify`, if its caller says nothing else
 IDENTIFIED_FORCE_DEGREE = 1  # Legendre degree of the normal-force slope in time
 IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and what it leaves is of its square
 # Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see the
@@ -52,19 +40,6 @@ IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and
 IDENTIFIED_KNOT_REACH = 3.0
 
 _ROUNDING = 1e-9
-
-
-class IdentificationConfig(BaseModel):
-    """Options of `identify`; the defaults suit an unknown flight.
-
-    `begin_anew`: search from the data alone where the regression's fit leads nowhere, which takes several times as
-    long.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    max_iterations: int = Field(default=IDENTIFIED_STEPS, ge=1)
-    begin_anew: bool = True
 
 
 @dataclass(frozen=True)
@@ -81,7 +56,7 @@ class Problem:
     tolerated: tuple[tuple[Tolerated, int], ...]  # the values that are known to a tolerance, each with its flight
     applied: dict[str, float]  # what was taken out of the record of each before, in tolerances, by name
     block: int  # samples to a node
-    config: IdentificationConfig
+    max_iterations: int  # of one search
     placed_delays: tuple[float, ...]  # delays (s) for which nodes were placed
     states: tuple[FloatArray, ...] = ()  # states (4, nodes) by segment of an earlier fit, where there is one
     first_noise: FloatArray | None = None  # noise covariance (4, 4) of that
@@ -143,8 +118,6 @@ class Problem:
         time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}
         gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
         bent = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
-        if self.model.moments.rates == "affine":
-            bent = {of_flight(ROLL_RATE_ERROR, flight) for flight in self.flights}  # its square acts on the lever
         return frozenset({*self.structure.names, *self.model.forces, *time_varying, *gravity} - bent)
 
     @property
@@ -157,8 +130,8 @@ class Problem:
     ) -> FitResult:
         """Maximum likelihood, with some parameters `fixed`."""
         return fit(
-            PartialJacobian(self.model.dynamics, self.model.dynamics_slopes, self.affine),
-            PartialJacobian(self.model.outputs, self.model.outputs_slopes, self.affine),
+            Differenced(self.model.dynamics, self.affine),
+            Differenced(self.model.outputs, self.affine),
             self.segments(),
             self.theta,
             bounds=self.bounds | {name: (self.theta[name], self.theta[name]) for name in fixed},
@@ -166,7 +139,7 @@ class Problem:
             delays=self.structure.delays,
             reach=dict.fromkeys(self.structure.knots, IDENTIFIED_KNOT_REACH * self.seconds_to_node),
             first_noise=self.first_noise,
-            max_iterations=max_iterations or self.config.max_iterations,
+            max_iterations=max_iterations or self.max_iterations,
             tolerance=IDENTIFIED_TOLERANCE,
             near_start=near_start,
         )
@@ -176,8 +149,8 @@ def build_problem(
     frame: RateFrame,
     columns: Sequence[Regressor],
     values: FloatArray,
-    config: IdentificationConfig,
     regressed: Regressed | None = None,
+    max_iterations: int = IDENTIFIED_STEPS,
 ) -> Problem:
     """Lay out the problem of a regression model; `regressed` as in `identify`.
 
@@ -197,7 +170,7 @@ def build_problem(
     structure = structure_of(columns, frame.mechanisms, *span)
     forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(IDENTIFIED_FORCE_DEGREE + 1))
     model = VehicleModel(
-        MomentModel(structure, frame.mechanisms, use_of_rates(columns, frame.mechanisms, frame.motions[0])),
+        MomentModel(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
         forces,
         span,
@@ -229,7 +202,7 @@ def build_problem(
         tolerated=tolerated,
         applied=applied,
         block=size,
-        config=config,
+        max_iterations=max_iterations,
         placed_delays=delays_of(columns),
     )
 
@@ -265,9 +238,6 @@ def _force_start(frame: RateFrame, span: tuple[float, float]) -> tuple[FloatArra
     return np.asarray(np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0)), bend
 
 
-OUTPUTS = ("q", "r", "ay", "az")
-
-
 @dataclass(frozen=True)
 class Estimate:
     """One parameter."""
@@ -276,16 +246,8 @@ class Estimate:
     value: float
     """In `units`."""
     std_error: float
-    """The one to report: that for white residuals where they are white, else the larger of the two below."""
-    std_error_white: float
-    std_error_coloured: float
-    """Corrected for the colour of the residuals."""
+    """That for white residuals where they are white, else the larger of that and the one for coloured residuals."""
     units: str
-
-    @property
-    def f_ratio(self) -> float:
-        """Square of value over standard error, as in Table 4.3."""
-        return (self.value / self.std_error) ** 2 if self.std_error > 0.0 else float("nan")
 
 
 @dataclass(frozen=True)
@@ -303,8 +265,6 @@ class Identification:
     """Coefficients (columns,), in the units of the columns."""
     covariance: FloatArray
     """(columns, columns), all other parameters accounted for; at the reported standard errors."""
-    frame: RateFrame
-    """The regression's frame, C_mw of Eq. 5.1 brought up to date."""
     terms: tuple[Estimate, ...] = ()
     """The coefficients."""
     nonlinear: tuple[Estimate, ...] = ()
@@ -313,29 +273,18 @@ class Identification:
     """Normal-force slope (1/rad) and its drift."""
     instruments: tuple[Estimate, ...] = ()
     """What is known to a tolerance only, errors of the record and moments, each with its prior in the estimate."""
-    environment: tuple[Estimate, ...] = ()
-    """Gravity (m/s^2) in de-rolled axes of the first sample."""
     log_likelihood: float = float("nan")
     """Minus the NLLF of Eq. 3.10 with erratum E8, of the innovations at every sample."""
     iterations: int = 0
     """Of all searches together."""
     innovations: tuple[FloatArray, ...] = ()
-    """By segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2), at `times`."""
-    times: tuple[FloatArray, ...] = ()
-    """By segment, s."""
+    """By segment, (4, samples): measured minus predicted q, r (rad/s), ay, az (m/s^2)."""
     whiteness: tuple[Whiteness, ...] = ()
-    """Test of each output's innovations, in the order of OUTPUTS."""
+    """Test of each output's innovations, in the order of `innovations`."""
     seconds: float = 0.0
     """Wall clock."""
     problem: Problem | None = None
     """What was solved; None where it could not be begun."""
-    fit: FitResult | None = None
-    """The likelihood's own result."""
-
-    @property
-    def converged(self) -> bool:
-        """Whether the estimates may be used."""
-        return self.status == "converged"
 
 
 # ---- The fit ----
@@ -364,9 +313,10 @@ def identify(
     frame: RateFrame,
     columns: Sequence[Regressor],
     values: FloatArray,
-    options: IdentificationConfig | None = None,
     *,
     regressed: Regressed | None = None,
+    max_iterations: int = IDENTIFIED_STEPS,
+    begin_anew: bool = True,
 ) -> Identification:
     """Estimate the coefficients, delays and knots of a regression model from the instruments' own readings.
 
@@ -377,17 +327,18 @@ def identify(
     Args:
         frame: the reconstructed flights, as regressed; C_mw of Eq. 5.1 as `with_in_plane_moment` left it.
         columns: the model's columns. values: their regression coefficients (columns,).
-        options: see `IdentificationConfig`.
         regressed: what the regression says beside its coefficients; None where the records are as measured.
+        max_iterations: of one search.
+        begin_anew: search from the data alone where the regression's fit leads nowhere, which takes several times as
+            long.
 
     Returns:
         The refined model; a failure is its status, with the regression's values left in place.
     """
     begun = clock.perf_counter()
-    options = options or IdentificationConfig()
     try:
-        problem = build_problem(frame, columns, values, options, regressed)
-        problem, found, iterations = _search(problem)
+        problem = build_problem(frame, columns, values, regressed, max_iterations)
+        problem, found, iterations = _search(problem, begin_anew)
     except (UnanswerableError, UsageError) as error:
         return Identification(
             status="failed",
@@ -395,13 +346,12 @@ def identify(
             columns=tuple(columns),
             values=np.asarray(values),
             covariance=np.full((len(columns), len(columns)), np.nan),
-            frame=frame,
             seconds=clock.perf_counter() - begun,
         )
     return replace(_summary(problem, found), iterations=iterations, seconds=clock.perf_counter() - begun)
 
 
-def _search(problem: Problem) -> tuple[Problem, FitResult, int]:
+def _search(problem: Problem, begin_anew: bool) -> tuple[Problem, FitResult, int]:
     """The fit, repeated until its own motion lays out the same nodes and block means, and its iterations."""
     searches: list[FitResult] = []
 
@@ -414,7 +364,7 @@ def _search(problem: Problem) -> tuple[Problem, FitResult, int]:
         problem = problem.refreshed(solve(problem, fixed=knots, max_iterations=IDENTIFIED_FIRST_STEPS))
     found = solve(problem)
     near = found.status == "stalled" and bool(found.history) and found.history[-1].step_length < IDENTIFIED_CLOSE
-    if problem.config.begin_anew and not found.converged and not near:
+    if begin_anew and not found.converged and not near:
         found = solve(problem, near_start=False)
     held = _loose_knots(problem, found)
     if held:
@@ -486,14 +436,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     def estimate(name: str, units: str, shown: str | None = None, size: float = 1.0, applied: float = 0.0) -> Estimate:
         plain, coloured = (size * e.get(name, np.nan) for e in (found.std_error, found.std_error_coloured))
         reported = plain if white else max(plain, coloured)
-        return Estimate(
-            name=shown or name,
-            value=size * (theta[name] + applied),
-            std_error=reported,
-            std_error_white=plain,
-            std_error_coloured=coloured,
-            units=units,
-        )
+        return Estimate(shown or name, size * (theta[name] + applied), reported, units)
 
     def of_one(name: str, flight: int, units: str, size: float = 1.0) -> Estimate:
         """The estimate of a flight's own parameter, by the name that a reader knows."""
@@ -528,14 +471,10 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
         ),
         forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
         instruments=instruments,
-        environment=tuple(of_one(name, flight, "m/s^2") for flight in problem.flights for name in GRAVITY),
         log_likelihood=_log_likelihood(innovations),
         innovations=innovations,
-        times=tuple(record.time for record in problem.records),
         whiteness=found.whiteness,
-        frame=problem.frame.with_in_plane_moment(columns, values),
         problem=problem,
-        fit=found,
     )
 
 
@@ -543,7 +482,7 @@ def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
     """Covariance of the coefficients at the reported standard errors."""
     index = [found.names.index(term.name) for term in terms]
     covariance = found.covariance[np.ix_(index, index)]
-    stretch = np.array([term.std_error / term.std_error_white for term in terms])
+    stretch = np.array([term.std_error / found.std_error[term.name] for term in terms])
     return np.asarray(covariance * np.outer(stretch, stretch))
 
 

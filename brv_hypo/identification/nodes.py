@@ -27,8 +27,7 @@ from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.kinematics import crossflow
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, crossflow
 
 IDENTIFIED_FEWEST_NODES = 12  # of a segment
 IDENTIFIED_LARGEST_BLOCK = 5  # samples from node to node

@@ -44,7 +44,7 @@ from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import Regressor, TimeBasis, theta_grid
 from brv_hypo.motion.inputs import SmoothInputs
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.kinematics import angle_of_attack, crossflow
+from brv_hypo.motion.motion import angle_of_attack, crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import InputError
 

@@ -24,15 +24,19 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
-from brv_hypo.flight.mounting import nose_axis, relative_axes
-from brv_hypo.flight.plausibility import gains, mounting_fault
+from brv_hypo.flight.plausibility import gains, mounting_fault, nose_axis, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
-from brv_hypo.importing.beside import ATTITUDE
-from brv_hypo.importing.formats import clock_fault
-from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, numeric_table, stated_units
-from brv_hypo.importing.rocket_log import DECIMATED_LEAST_GAIN, DECIMATED_PER_CYCLE, PAD_FEWEST_SAMPLES, clock_offset
+from brv_hypo.importing.formats import clock_fault, read_all
+from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, stated_units
+from brv_hypo.importing.rocket_log import (
+    ATTITUDE,
+    DECIMATED_LEAST_GAIN,
+    DECIMATED_PER_CYCLE,
+    PAD_FEWEST_SAMPLES,
+    clock_offset,
+)
 from brv_hypo.io.text import one_line
 
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
@@ -84,8 +88,8 @@ def guess_map(data: str | Path, *others: str | Path) -> Guess:
 
 
 def _examined(path: Path) -> ForeignTable:
-    table = numeric_table(path)
-    known = [name for name, values in table.columns.items() if np.any(np.isfinite(values))]
+    table = ForeignTable(path, read_all(path))
+    known = [name for name, values in table.read.columns.items() if np.any(np.isfinite(values))]
     chosen, others = rules.by_name(known)
     for channel, column in chosen.items():
         dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}.get(channel)
@@ -115,7 +119,7 @@ def _nowhere_said(column: str, units: str) -> str:
 
 def _find_time(table: ForeignTable) -> None:
     """The column of time, and its units by the rate that they make."""
-    finite = {name: values for name, values in table.columns.items() if np.all(np.isfinite(values))}
+    finite = {name: values for name, values in table.read.columns.items() if np.all(np.isfinite(values))}
     rising = [name for name, values in finite.items() if values.size > 1 and np.all(np.diff(values) > 0.0)]
     entry = table.entries.get("time")
     if entry is None or entry.column not in rising:
@@ -136,11 +140,11 @@ def _find_time(table: ForeignTable) -> None:
 
 def _no_clock(table: ForeignTable) -> str:
     """Why no column is time, by the one that is called so or rises most."""
-    rises = {name: np.mean(np.diff(values) > 0.0) for name, values in table.columns.items() if values.size > 1}
+    rises = {name: np.mean(np.diff(values) > 0.0) for name, values in table.read.columns.items() if values.size > 1}
     time = table.entries.get("time")
     named = time.column if time is not None else max(rises, key=lambda each: rises[each], default="")
     fault = clock_fault(table.read, named) if rises.get(named, 0.0) > 0.3 else None
-    known = ", ".join(map(one_line, table.columns)) or "none"
+    known = ", ".join(map(one_line, table.read.columns)) or "none"
     return fault or (
         f"no column rises strictly from sample to sample, as time does (there are {known}). Likely cause: a table "
         "without time. Remedy: add a column of sample times."
@@ -152,13 +156,13 @@ def _find_unnamed(table: ForeignTable) -> None:
     if "ax" in table.entries:
         return
     used = {entry.column for entry in table.entries.values()}
-    free = [name for name in table.columns if name not in used]
-    rest = rules.find_rest(table.in_si("time"), [table.columns[name] for name in free])
-    reads = {name: abs(float(np.mean(table.columns[name][:rest]))) for name in free} if rest else {}
+    free = [name for name in table.read.columns if name not in used]
+    rest = rules.find_rest(table.in_si("time"), [table.read.columns[name] for name in free])
+    reads = {name: abs(float(np.mean(table.read.columns[name][:rest]))) for name in free} if rest else {}
     up = next((name for name, size in reads.items() if rules.gravity_units(size)), None)
     if up is None:
         return
-    names = list(table.columns)
+    names = list(table.read.columns)
     at = names.index(up)
     before = names[max(at - 3, 0) : at]
     gyros = at - 3 if len(before) == 3 and set(before) <= set(free) else at + 3
@@ -334,7 +338,7 @@ def _speed_like_push(table: ForeignTable) -> None:
 def _add(found: _Guessed, other: ForeignTable) -> None:
     """What another file adds: properties of the vehicle; else channels that the main table lacks, on its own clock."""
     properties: dict[str, MapEntry] = {}
-    for column in other.columns:
+    for column in other.read.columns:
         name = rules.vehicle_property(column)
         if name is not None and name not in properties:
             properties[name] = replace(_named(column, VEHICLE_DIMENSIONS[name], other), why="by name")
@@ -485,7 +489,7 @@ def _unused(found: _Guessed, tables: Sequence[ForeignTable]) -> list[tuple[str, 
         elif table is not found.table:
             used |= {table.entries["time"].column, *([table.align.column] if table.align else [])}
         place = "" if table is found.table else f"{one_line(table.path.name)}: "
-        for name, values in table.columns.items():
+        for name, values in table.read.columns.items():
             if name not in used:
                 known = values[np.isfinite(values)]
                 unused.append((place, name, f"{known.min():.4g} to {known.max():.4g}" if known.size else "empty"))

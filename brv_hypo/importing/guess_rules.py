@@ -22,10 +22,9 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.mounting import GRAVITY, Tilt
+from brv_hypo.flight.plausibility import GRAVITY, Tilt
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
-from brv_hypo.importing.formats import read_all
 from brv_hypo.io.binary import ColumnTable
 
 MAGNETOMETER = ("mx", "my", "mz")  # no channels of format 1: they tell the roll rate
@@ -279,9 +278,6 @@ class ForeignTable:
     """The numeric columns of a file and what is known of them so far."""
 
     path: Path
-    delimiter: str
-    columns: dict[str, FloatArray]
-    """(n,) each, as they were read."""
     read: ColumnTable
     """With the units that the table states."""
     entries: dict[str, MapEntry] = field(default_factory=dict)
@@ -297,7 +293,7 @@ class ForeignTable:
 
     def values(self, channel: str) -> FloatArray:
         """The column of a channel (n,), as it was read."""
-        return self.columns[self.entries[channel].column]
+        return np.asarray(self.read.columns[self.entries[channel].column])
 
     def in_si(self, channel: str) -> FloatArray:
         """The column of a channel (n,), SI."""
@@ -332,9 +328,3 @@ class ForeignTable:
         before = self.entries[channel]
         named = () if before.units == units or before.unsure else (f"its name says {before.units}, {why}",)
         self.change(channel, why, units=units, unsure=named)
-
-
-def numeric_table(path: Path) -> ForeignTable:
-    """Every column of numbers of a file. Raises UsageError and FlightRecordError as `read_all`."""
-    table = read_all(path)
-    return ForeignTable(path, table.delimiter, dict(table.columns), table)

@@ -45,10 +45,9 @@ from scipy.spatial.transform import Rotation
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
-from brv_hypo.flight.format import RawTable, assemble
+from brv_hypo.flight.format import assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
-from brv_hypo.flight.mounting import SCALE_HEIGHT, Tilt, nose_axis
-from brv_hypo.flight.plausibility import contradictions, gyro_fault, mounting_fault
+from brv_hypo.flight.plausibility import SCALE_HEIGHT, Tilt, contradictions, gyro_fault, mounting_fault, nose_axis
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
@@ -69,10 +68,11 @@ from brv_hypo.flight.record import (
 from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tolerances_of, with_stated
 from brv_hypo.flight.units import EXAMPLES, Dimension, to_si
 from brv_hypo.importing import rocket_log
-from brv_hypo.importing.beside import ATTITUDE, attitude_of, together
 from brv_hypo.importing.formats import Layout, clock_fault, found_file, nearest, read_columns
 from brv_hypo.importing.guess_rules import stated_units
+from brv_hypo.importing.rocket_log import ATTITUDE, attitude_of, together
 from brv_hypo.io.binary import ColumnTable
+from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import naming, one_line, refusal
 
 OF_UNIT = " of unit "  # between the name of a channel and the number of a further unit
@@ -211,8 +211,6 @@ class RecordMap(Layout):
 
 def read_map(path: str | Path) -> RecordMap:
     """The validated map at `path`. Raises UsageError, naming the entry that is wrong."""
-    from brv_hypo.io.mappings import read_yaml
-
     file = Path(path)
     content = read_yaml(file, "a map with the keys channels and vehicle")
     # A guessed map has null for what no table gives.
@@ -332,7 +330,7 @@ class Imported:
     """A foreign record: the flight, what it was made from, and the phases that it holds."""
 
     flight: Flight
-    raw: tuple[RawTable, ...]
+    raw: Mapping[str, ColumnTable]
     phases: tuple[Phase, ...]
 
 
@@ -351,7 +349,7 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     folders = (Path(map_path).parent, source.parent)
     files: dict[str | None, Path] = {None: source}
     files |= {name: found_file(each.file, folders) for name, each in mapping.recorders.items()}
-    raw: dict[str | None, RawTable] = {}
+    raw: dict[str | None, ColumnTable] = {}
     zero, notes = None, list[str]()
     for name, path in files.items():
         recorder = mapping.recorders[name] if name is not None else None
@@ -370,16 +368,20 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
             units[clock.column] = clock.units
         if (fault := clock_fault(table, clock.column)) is not None:
             raise FlightRecordError(f"{path}: {fault}")
-        raw[name] = RawTable(name or "main", table.columns, {column: unit or "" for column, unit in units.items()})
+        raw[name] = replace(table, units={column: unit or "" for column, unit in units.items()})
         notes += table.notes
     with naming(source):
         record, faults, phases = _record(raw, mapping, source, folders, zero, notes)
     flight = assemble(record)
-    return Imported(replace(flight, faults=(*faults, *flight.faults)), tuple(raw.values()), phases)
+    return Imported(
+        replace(flight, faults=(*faults, *flight.faults)),
+        {name or "main": table for name, table in raw.items()},
+        phases,
+    )
 
 
 def _record(
-    raw: Mapping[str | None, RawTable],
+    raw: Mapping[str | None, ColumnTable],
     mapping: RecordMap,
     source: Path,
     folders: tuple[Path, ...],
@@ -452,9 +454,9 @@ def _record(
             "channels": {name: values[around] for name, values in channels.items()},
             "vehicle": vehicle,
             "instruments": instruments_of(mapping, tolerances, inertia, kept, None if sigma is None else sigma[inside]),
-            "planet": mapping.planet.strip().lower(),
-            "title": one_line(mapping.title),
-            "source": one_line(mapping.source or source.name),
+            "planet": mapping.planet,
+            "title": mapping.title,
+            "source": mapping.source or source.name,
             "path": str(source),
             "recorded_units": {n: each.units for n, each in mapping.channels.items() if n in CHANNEL_DIMENSIONS},
             "notes": notes,
@@ -514,7 +516,7 @@ def _turn(
     return np.asarray(matrix)
 
 
-def _on_one_clock(raw: Mapping[str | None, RawTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
+def _on_one_clock(raw: Mapping[str | None, ColumnTable], mapping: RecordMap) -> tuple[FloatArray, Channels, list[str]]:
     """All channels, SI, on the stamps of the main table, NaN where another recorder has none; notes."""
     channels = {
         name: _channel(raw[None].columns[entry.column], entry, _dimension(name, entry), name)

@@ -22,7 +22,7 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.kinematics import crossflow
+from brv_hypo.motion.motion import crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 
 

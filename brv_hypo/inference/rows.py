@@ -77,9 +77,16 @@ class Block:
         """Rows of the flight (m, columns) with what has no prior projected out."""
         return np.asarray(rows - self.own @ (self.own.T @ rows))
 
+    @cached_property
+    def _directions(self) -> tuple[FloatArray, FloatArray]:
+        """Those of both kinds (m, rank), orthonormal, and how much of each whitening takes away (rank, 1)."""
+        share = np.concatenate([np.ones(self.own.shape[1]), 1.0 - self.shrunk])
+        return np.concatenate([self.own, self.errors], axis=1), share[:, np.newaxis]
+
     def whitened(self, rows: FloatArray) -> FloatArray:
-        """Rows of the flight (m, columns) where errors within tolerances are noise."""
-        return np.asarray(rows - self.errors @ (((1.0 - self.shrunk) * (self.errors.T @ rows).T).T))
+        """Rows of the flight (m, columns), where errors within tolerances are noise, less what has no prior."""
+        directions, share = self._directions
+        return np.asarray(rows - directions @ (share * (directions.T @ rows)))
 
 
 class OfFlight(NamedTuple):
@@ -114,7 +121,7 @@ class Products(NamedTuple):
         for number, block in enumerate(rows.blocks):
             chosen = np.flatnonzero(use[block.rows])
             if chosen.size:
-                z, those = block.z[chosen], block.rows[chosen]
+                z, those = _of(block.z, chosen), block.rows[chosen]
                 flights[number] = OfFlight(z.T @ z, z.T @ rows.shared[those], z.T @ rows.y[those], chosen)
         return cls(count, float(y @ y), shared.T @ shared, shared.T @ y, flights)
 
@@ -125,11 +132,11 @@ class Products(NamedTuple):
         for number, known in self.flights.items():
             block = rows.blocks[number]
             those = block.rows[known.chosen]
-            columns = x[those]
-            across += columns.T @ rows.shared[those]
+            columns = _of(x, those)
+            across += columns.T @ _of(rows.shared, those)
             right += columns.T @ rows.y[those]
             own += columns.T @ columns
-            border = np.concatenate([known.with_border, block.z[known.chosen].T @ columns], axis=1)
+            border = np.concatenate([known.with_border, _of(block.z, known.chosen).T @ columns], axis=1)
             flights[number] = known._replace(with_border=border)
         whole = np.block([[self.across, across.T], [across, own]])
         return Products(self.rows, self.square, whole, np.append(self.right, right), flights)
@@ -139,6 +146,11 @@ class Products(NamedTuple):
         flights = {number: self.flights[number].less(theirs) for number, theirs in other.flights.items()}
         across, right = self.across - other.across, self.right - other.right
         return Products(self.rows - other.rows, self.square - other.square, across, right, flights)
+
+
+def _of(rows: FloatArray, chosen: IntArray) -> FloatArray:
+    """Those chosen, in their order; no copy where they are all."""
+    return rows if chosen.size == rows.shape[0] else rows[chosen]
 
 
 @dataclass(frozen=True)
@@ -198,7 +210,7 @@ class Rows:
         """Rows (n, columns) at unit noise: what has no prior is projected out, errors within tolerances are noise."""
         out = np.where(self.counted[:, np.newaxis], raw, 0.0)
         for block in self.blocks:
-            out[block.rows] = block.whitened(block.less(out[block.rows]))
+            out[block.rows] = block.whitened(_of(out, block.rows))
         return np.asarray(out)
 
     def only(self, families: Collection[str]) -> Rows:
@@ -295,7 +307,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
         shrunk = 1.0 / np.sqrt(1.0 + sizes**2)
         errors = (directions, shrunk, right.T * (sizes * shrunk), tuple(mine[j] for j in within))
         block = Block(rows, raw, columns, raw, own, *errors)
-        blocks.append(replace(block, z=block.whitened(block.less(counted * raw))))
+        blocks.append(replace(block, z=block.whitened(counted * raw)))
     groups = (
         *(Group(each.name, each.family, each.units, each.size, RECORD_AMPLITUDE) for each in drifts),
         *(Group(each.name, each.family, "1", moment, MOMENT_AMPLITUDE) for each in moments),

@@ -3,20 +3,20 @@
     fit                   fit.py          the entrance: dynamics, outputs, segments, start values -> FitResult
     Segment               segment.py      a continuous record
     TimeVaryingParameter  segment.py      a parameter that varies along a segment: weights times basis functions of time
-    PartialJacobian       derivatives.py  a function with what is known of its derivatives
+    Differenced           collocation.py  a function that is differentiated by differences
     FitResult             result.py       estimate, standard errors, likelihood, innovations; its report
     Status                search.py       how the search ended, with cause and remedy
 
-In the order of the data: segment (checked input), derivatives (complex step or central differences),
-collocation (Hermite-Simpson defects), elimination (of the states), gauss_newton (step, line search, extrapolation),
-starts (starting points, long gaps, finer meshes), noise (measurement noise), filter_error (process noise), search, then
-uncertainty and result (standard errors, and what cannot be trusted).
+In the order of the data: segment (checked input), collocation (complex step or central differences; Hermite-Simpson
+defects), elimination (of the states), gauss_newton (step, line search, extrapolation), statistics (noise; standard
+errors), filter_error (process noise), search, result (and what cannot be trusted), starts (starting points, long gaps,
+finer meshes), fit.
 """
 
-from brv_hypo.likelihood.derivatives import Delayed, PartialJacobian
+from brv_hypo.likelihood.collocation import Delayed, Differenced
 from brv_hypo.likelihood.fit import fit
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import Segment, TimeVaryingParameter
 
-__all__ = ["Delayed", "FitResult", "PartialJacobian", "Segment", "Status", "TimeVaryingParameter", "fit"]
+__all__ = ["Delayed", "Differenced", "FitResult", "Segment", "Status", "TimeVaryingParameter", "fit"]

@@ -1,30 +1,282 @@
-"""The dynamics as Hermite-Simpson defects between samples, linearised over a whole segment at once.
+"""First derivatives of the user's functions, and the dynamics as Hermite-Simpson defects, a whole segment at once.
 
-For the interval from sample k to k + 1 of length h (Hargraves and Paris, J. Guidance 10, 1987)
+The complex step is exact to rounding (Squire and Trapp, SIAM Review 40, 1998) for functions that accept complex arrays
+and are analytic: no abs, no comparison of complex values, no arctan2. Else, and for a function that is `Differenced`,
+central differences are taken, each step scaled by the variable that it changes. For the interval from sample k to k + 1
+of length h (Hargraves and Paris, J. Guidance 10, 1987)
 
     x_mid  = (x_k + x_k+1) / 2 + h / 8 (f_k - f_k+1)
     defect = x_k+1 - x_k - h / 6 (f_k + 4 f_mid + f_k+1)
 
-which is fourth-order accurate and, each state being an unknown, never integrates an unstable motion.
+which is fourth-order accurate and, each state being an unknown, never integrates an unstable motion. Entrances:
+`evaluate`, `jacobian`, `evaluate_segment`, `linearise_segment`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
-from typing import NamedTuple
+import warnings
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.likelihood.derivatives import Delayed, Function, Jacobian, Method, Points, evaluate, jacobian
+from brv_hypo.arrays import FloatArray
+from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.elimination import BlockRows, Coupling
-from brv_hypo.likelihood.segment import Grid, Stencil
+from brv_hypo.likelihood.segment import Grid, SampledParameter, Stencil
 
-_AT_ONCE = 8192
-"""Samples at which the functions are evaluated at a time: what a call needs stays small beside the record."""
+# ---- First derivatives of the user's functions ----
+
+
+@dataclass(frozen=True)
+class Differenced:
+    """A function (x, u, theta, t[, delayed]) -> (m, n) whose derivatives are central differences."""
+
+    function: Callable[..., Any]
+    affine: frozenset[str] = frozenset()
+    """Parameters and time-varying ones in which the function is affine, all else held: one difference is exact."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        """The function."""
+        return self.function(*arguments)
+
+
+Method = Literal["complex", "central"]
+Function = Callable[..., Any]
+
+_COMPLEX_STEP = 1e-30
+_CENTRAL_STEP = float(np.finfo(float).eps) ** (1 / 3)
+_AGREEMENT = 1e-4  # largest relative difference to central differences at which the complex step is accepted
+_BLOCK_ROUNDING = 1e-8  # rounding of central differences, against the largest derivative of a block
+
+_NEXT_TO_ZERO = 1e-8  # magnitude of a start value below which it may be meant as 0
+_NEGLIGIBLE = 1e-6
+"""Magnitude of a parameter, against what moves a function by its own size, that is too small for a step."""
+
+
+class Delayed(NamedTuple):
+    """States (n_states, n) and inputs (n_inputs, n) a delay earlier, as the user's functions see them."""
+
+    x: FloatArray
+    u: FloatArray
+
+
+@dataclass(frozen=True)
+class Points:
+    """Where a function is evaluated."""
+
+    x: FloatArray  # states, (n_states, n)
+    u: FloatArray  # inputs, (n_inputs, n)
+    t: FloatArray  # times, (n,), s
+    delayed: Mapping[str, Delayed] = field(default_factory=dict)  # x(t - delay) and u(t - delay) by the delay's name
+    rates: Mapping[str, Delayed] = field(default_factory=dict)  # their derivatives by time
+    time_varying: tuple[SampledParameter, ...] = ()  # the parameters that vary along the samples
+
+
+class Jacobian(NamedTuple):
+    """Value (m, n) and derivatives by states, parameters and delayed states.
+
+    `by_state` is (n, m, n_states), `by_parameter` (n, m, p), `by_delayed` (n, m, n_states) by name.
+    """
+
+    value: FloatArray
+    by_state: FloatArray
+    by_parameter: FloatArray
+    by_delayed: dict[str, FloatArray]
+
+
+def evaluate(function: Function, points: Points, theta: Mapping[str, Any]) -> FloatArray:
+    """The function's value, (m, n)."""
+    return np.asarray(_call(function, points.x, points, _with_time_varying(points, theta), points.delayed))
+
+
+def jacobian(
+    function: Function,
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    method: Method,
+    scale: Mapping[str, float],
+) -> Jacobian:
+    """Value and first derivatives at all points; weights of a time-varying parameter through that parameter.
+
+    `names` are the parameters to differentiate by; `scale` gives the size of each for central differences.
+    """
+    n_states = points.x.shape[0]
+    theta = _with_time_varying(points, theta)
+    kind: type = complex if method == "complex" else float
+    x: Any = points.x.astype(kind)
+    delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
+    # The complex step has the value in its real part.
+    value = [] if method == "complex" else [np.asarray(_call(function, points.x, points, theta, points.delayed))]
+    affine = function.affine if isinstance(function, Differenced) else frozenset[str]()
+
+    def derivative(move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False) -> FloatArray:
+        if method == "complex":
+            moved = np.asarray(move(1j * _COMPLEX_STEP))
+            if not value:
+                value.append(moved.real.copy())
+            return np.asarray(moved.imag.T / _COMPLEX_STEP)
+        size = size_of()
+        if straight:
+            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
+        step = _CENTRAL_STEP * size
+        return np.asarray((np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step))
+
+    def along_row(array: FloatArray, row: int) -> Callable[[Any], Any]:
+        def move(step: Any) -> Any:
+            kept = array[row].copy()
+            array[row] += step
+            moved = np.array(_call(function, x, points, theta, delayed))  # a copy: it may be a view of x
+            array[row] = kept
+            return moved
+
+        return move
+
+    def along_parameter(name: str) -> Callable[[Any], Any]:
+        def move(step: Any) -> Any:
+            delayed_then = delayed
+            if name in delayed:
+                rate, now = points.rates[name], points.delayed[name]
+                delayed_then = delayed | {name: Delayed(now.x - step * rate.x, now.u - step * rate.u)}
+            return _call(function, x, points, dict(theta) | {name: theta[name] + step}, delayed_then)
+
+        return move
+
+    columns = [derivative(along_row(x, row), partial(_size, points.x[row])) for row in range(n_states)]
+    through: dict[str, FloatArray] = {}
+    for varying in points.time_varying:
+        if any(weight in names for weight in varying.weights):
+            size = partial(_largest_size, varying.weights, theta, scale)
+            own = derivative(along_parameter(varying.name), size, varying.name in affine)
+            for w, shape in zip(varying.weights, varying.shapes, strict=True):
+                part = own * shape[:, None]
+                through[w] = through[w] + part if w in through else part
+    columns += [
+        through[name]
+        if name in through
+        else derivative(along_parameter(name), partial(_largest_size, (name,), theta, scale), name in affine)
+        for name in names
+    ]
+    for name, before in delayed.items():
+        columns += [
+            derivative(along_row(before.x, row), partial(_size, points.delayed[name].x[row])) for row in range(n_states)
+        ]
+    stacked = np.stack(columns, axis=-1)
+    last = n_states + len(names)
+    by_delayed = {
+        name: stacked[:, :, last + i * n_states : last + (i + 1) * n_states] for i, name in enumerate(delayed)
+    }
+    return Jacobian(value[0], stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
+
+
+def choose_method(
+    functions: tuple[Function, ...],
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    scale: Mapping[str, float],
+) -> Method:
+    """The complex step where every function takes it and central differences agree; else those."""
+    if any(isinstance(function, Differenced) for function in functions):
+        return "central"
+    for function in functions:
+        central = jacobian(function, points, theta, names, "central", scale)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", np.exceptions.ComplexWarning)
+                exact = jacobian(function, points, theta, names, "complex", scale)
+        except (TypeError, np.exceptions.ComplexWarning):
+            return "central"
+        pairs = zip((*exact[1:3], *exact[3].values()), (*central[1:3], *central[3].values()), strict=True)
+        if not all(_agree(a, b) for a, b in pairs):
+            return "central"
+    return "complex"
+
+
+def parameter_scales(
+    functions: tuple[Function, ...],
+    points: Points,
+    theta: Mapping[str, float],
+    names: tuple[str, ...],
+    known: Mapping[str, float] | None = None,
+) -> dict[str, float]:
+    """A size for each parameter, so that one that starts at 0, or next to it, gets a sensible difference step.
+
+    A parameter has its own magnitude, unless that is next to nothing against the change that would move a function by
+    as much as the function's own size, at most 1: then it has that change. `known` gives the size of some beforehand.
+    """
+    known = known or {}
+    scale = {name: max(abs(theta[name]), known.get(name, 0.0)) for name in names}
+    small = [name for name in names if scale[name] < _NEGLIGIBLE]
+    if not small:
+        return scale
+    origin = dict(theta) | {name: 0.0 for name in small if scale[name] < _NEXT_TO_ZERO}
+    reference = [evaluate(f, points, origin) for f in functions]
+    for name in small:
+        change = origin | {name: origin[name] + _CENTRAL_STEP}
+        ratios = [1.0]
+        for function, value in zip(functions, reference, strict=True):
+            moved, size = np.linalg.norm(evaluate(function, points, change) - value), np.linalg.norm(value)
+            if 0 < moved < np.inf and size > 0:
+                ratios.append(float(_CENTRAL_STEP * size / moved))
+        if scale[name] < _NEGLIGIBLE * min(ratios):
+            scale[name] = min(ratios)
+    return scale
+
+
+def check_shape(function: Function, points: Points, theta: Mapping[str, float], rows: int, what: str) -> None:
+    """Refuse a function whose value has the wrong shape or is not finite at the start.
+
+    Raises:
+        UsageError: with what was got and what was expected.
+    """
+    value = evaluate(function, points, theta)
+    expected = (rows, points.t.size)
+    if value.shape != expected:
+        raise UsageError(
+            f"{what} returned an array of shape {value.shape}; expected {expected}, one row per "
+            f"{'state' if what == 'dynamics' else 'output'} and one column per sample"
+        )
+    if not np.all(np.isfinite(value)):
+        raise UsageError(
+            f"{what} is not finite at the start values; check theta0, x0 and u, or start nearer to the solution"
+        )
+
+
+def _with_time_varying(points: Points, theta: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters, and the time-varying ones at their values."""
+    return {varying.name: varying.at(theta) for varying in points.time_varying} | dict(theta)
+
+
+def _call(
+    function: Function, x: FloatArray, points: Points, theta: Mapping[str, Any], delayed: Mapping[str, Delayed]
+) -> Any:
+    if delayed:
+        return function(x, points.u, theta, points.t, delayed)
+    return function(x, points.u, theta, points.t)
+
+
+def _largest_size(names: Collection[str], theta: Mapping[str, float], scale: Mapping[str, float]) -> float:
+    """Size of the largest parameter, for a difference step."""
+    return max(max(abs(theta[name]), scale.get(name, 1.0)) for name in names)
+
+
+def _size(row: FloatArray) -> float:
+    size = float(np.sqrt(np.mean(row**2)))
+    return size if size > 0 else 1.0
+
+
+def _agree(exact: FloatArray, central: FloatArray) -> bool:
+    """Whether each entry, (n, m, columns), agrees over the samples, rounding of the whole block aside."""
+    size = np.abs(central).max(axis=0, initial=0.0)
+    allowed = _AGREEMENT * size + _BLOCK_ROUNDING * size.max(initial=0.0)
+    return bool(np.all(np.isfinite(exact)) and np.all(np.abs(exact - central) <= allowed))
+
+
+# ---- The dynamics as defects between samples, linearised over a whole segment ----
 
 
 @dataclass(frozen=True)
@@ -50,137 +302,90 @@ class Linearisation:
     output_by_parameter: FloatArray  # their derivatives by the parameters, (n, n_outputs, p)
 
 
-def parts_of(n: int) -> list[slice]:
-    """n samples in parts to be worked on at a time."""
-    edges = np.linspace(0, n, -(-n // _AT_ONCE) + 1).astype(np.int64).tolist()
-    return [slice(first, last) for first, last in pairwise(edges)]
-
-
 def evaluate_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Defects (n - 1, n_states) and predicted outputs (n, n_outputs) at states x, (n_states, n)."""
-    back = {name: grid.delayed(theta[name]) for name in model.delays}
-    defects, outputs = [], []
-    for part in parts_of(grid.n):
-        there = _There(model, grid, x, theta, back, _Place.of(grid, part))
-        f_mid = evaluate(model.dynamics, there.points(there.place.middles, there.halfway), theta)
-        defects.append(there.defect(there.slopes[0], f_mid, there.slopes[1]))
-        outputs.append(evaluate(model.outputs, there.at_samples, theta)[:, : there.place.own].T)
-    return np.concatenate(defects), np.concatenate(outputs)
+    there = _There(model, grid, x, theta)
+    f, f_end = there.slopes
+    f_mid = evaluate(model.dynamics, there.points(grid.intervals[1], there.halfway), theta)
+    return there.defect(f, f_mid, f_end), evaluate(model.outputs, there.at_samples, theta).T
 
 
 def linearise_segment(
-    model: Model,
-    grid: Grid,
-    x: FloatArray,
-    theta: Mapping[str, float],
-    names: tuple[str, ...],
-    part: slice = slice(None),
+    model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> Linearisation:
-    """Defects, outputs and their derivatives by states and by the named parameters: those of all samples and
-    intervals, or of the samples of a part and of the intervals that begin there.
-    """
-    back = {name: grid.delayed(theta[name]) for name in model.delays}
-    place = _Place.of(grid, part)
-    there = _There(model, grid, x, theta, back, place)
+    """Defects, outputs and their derivatives by states and by the named parameters."""
+    there = _There(model, grid, x, theta)
     slope = there.jacobian(model.dynamics, there.everywhere, names)
     output = there.jacobian(model.outputs, there.at_samples, names)
-    by_state, by_parameter = _defect_derivatives(place, slope, back)
-    own = slice(0, place.own)
+    by_state, by_parameter = _defect_derivatives(grid, slope, there.back)
+    late = [(there.back[name].part(slice(grid.n)), block) for name, block in output.by_delayed.items()]
     return Linearisation(
-        defect=there.defect(*(slope.value[:, where] for where in place.of_intervals)),
+        defect=there.defect(*(slope.value[:, where] for where in grid.intervals)),
         defect_by_state=by_state,
         defect_by_parameter=by_parameter,
-        output=output.value.T[own],
-        output_by_state=_with_delays(
-            output.by_state[own, None],
-            [(back[d].part(place.samples).part(own), b[own]) for d, b in output.by_delayed.items()],
-        ),
-        output_by_parameter=output.by_parameter[own],
+        output=output.value.T,
+        output_by_state=_with_delays(output.by_state[:, None], late),
+        output_by_parameter=output.by_parameter,
     )
-
-
-class _Place(NamedTuple):
-    """A part of a grid."""
-
-    samples: IntArray  # its samples and one more, where there is one, for the last interval
-    middles: IntArray  # the points halfway
-    ends: IntArray  # the intervals' ends, where inputs jump there
-    step: FloatArray  # lengths of the intervals, s
-    own: int  # how many samples are its own
-
-    @classmethod
-    def of(cls, grid: Grid, part: slice) -> _Place:
-        first, last, _ = part.indices(grid.n)
-        samples = np.arange(first, min(last + 1, grid.n))
-        middles = grid.n + samples[:-1]
-        ends = middles + grid.n - 1 if grid.jumps else middles[:0]
-        return cls(samples, middles, ends, grid.step[samples[:-1]], last - first)
-
-    @property
-    def everywhere(self) -> IntArray:
-        """Samples, ends, midpoints."""
-        return np.concatenate([self.samples, self.ends, self.middles])
-
-    @property
-    def of_intervals(self) -> tuple[slice, slice, slice]:
-        """Where `everywhere` has the intervals' starts, midpoints and ends; without jumps these are samples."""
-        count = self.middles.size
-        end = self.samples.size if self.ends.size else 1
-        middle = self.samples.size + self.ends.size
-        return slice(0, count), slice(middle, middle + count), slice(end, end + count)
 
 
 @dataclass(frozen=True)
 class _There:
-    """A part of a segment at some states and parameters."""
+    """A segment at some states and parameters."""
 
     model: Model  # the functions
     grid: Grid  # the segment
-    x: FloatArray  # states of the whole segment, (n_states, n)
+    x: FloatArray  # its states, (n_states, n)
     theta: Mapping[str, float]  # parameters by name
-    back: Mapping[str, Stencil]  # what the delays see, by their names
-    place: _Place  # the part
 
     @cached_property
-    def here(self) -> FloatArray:
-        """The states at the samples."""
-        return self.x[:, self.place.samples]
+    def back(self) -> Mapping[str, Stencil]:
+        """What the delays see, by their names."""
+        return {name: self.grid.delayed(self.theta[name]) for name in self.model.delays}
 
     @cached_property
     def at_samples(self) -> Points:
         """The samples."""
-        return self.points(self.place.samples)
+        return self.points(slice(self.grid.n), self.x)
 
     @cached_property
     def slopes(self) -> tuple[FloatArray, FloatArray]:
         """The dynamics at the starts and at the ends of the intervals."""
         f = evaluate(self.model.dynamics, self.at_samples, self.theta)
-        if not self.place.ends.size:
+        if not self.grid.jumps:
             return f[:, :-1], f[:, 1:]
-        ends = self.points(self.place.ends, self.x[:, self.place.samples[1:]])
+        ends = self.points(self.grid.intervals[2], self.x[:, 1:])
         return f[:, :-1], evaluate(self.model.dynamics, ends, self.theta)
 
     @property
     def halfway(self) -> FloatArray:
         """The states at the midpoints."""
         f, f_end = self.slopes
-        return np.asarray(0.5 * (self.here[:, :-1] + self.here[:, 1:]) + self.place.step / 8 * (f - f_end))
+        return np.asarray(0.5 * (self.x[:, :-1] + self.x[:, 1:]) + self.grid.step / 8 * (f - f_end))
 
     @property
     def everywhere(self) -> Points:
-        """Samples, ends where inputs jump, and midpoints."""
-        jumped = self.here[:, 1:] if self.grid.jumps else self.here[:, :0]
-        return self.points(self.place.everywhere, np.concatenate([self.here, jumped, self.halfway], axis=1))
+        """Samples, midpoints and ends where inputs jump."""
+        jumped = self.x[:, 1:] if self.grid.jumps else self.x[:, :0]
+        return self.points(slice(None), np.concatenate([self.x, self.halfway, jumped], axis=1))
 
     def defect(self, f: FloatArray, f_mid: FloatArray, f_end: FloatArray) -> FloatArray:
         """Of each interval, (intervals, n_states), by the dynamics at its start, midpoint and end."""
-        return np.asarray(np.diff(self.here, axis=1) - self.place.step / 6 * (f + 4 * f_mid + f_end)).T
+        return np.asarray(np.diff(self.x, axis=1) - self.grid.step / 6 * (f + 4 * f_mid + f_end)).T
 
-    def points(self, where: IntArray, at: FloatArray | None = None) -> Points:
-        """Some of the samples and midpoints; `at` gives states other than samples."""
-        return _points(self.grid, self.x, self.back, where, at)
+    def points(self, where: slice, at: FloatArray) -> Points:
+        """Some of the grid's times, with the states `at` them, and what the delays see there."""
+        delayed: dict[str, Delayed] = {}
+        rates: dict[str, Delayed] = {}
+        u = self.grid.u[:, : self.grid.n]
+        for name, whole in self.back.items():
+            stencil = whole.part(where)
+            delayed[name] = Delayed(stencil.apply(self.x), stencil.apply(u))
+            rates[name] = Delayed(stencil.apply(self.x, rate=True), stencil.apply(u, rate=True))
+        time_varying = tuple(varying.part(where) for varying in self.grid.time_varying)
+        return Points(at, self.grid.u[:, where], self.grid.t[where], delayed, rates, time_varying)
 
     def jacobian(self, function: Function, points: Points, names: tuple[str, ...]) -> Jacobian:
         """Derivatives by the named parameters, zero by those that the segment ignores."""
@@ -195,31 +400,15 @@ class _There:
         return found._replace(by_parameter=by_parameter)
 
 
-def start_points(grid: Grid, theta: Mapping[str, float], delays: tuple[str, ...]) -> Points:
-    """The samples, or some thousand of them, with the states as the segment's start gives them."""
+def start_points(model: Model, grid: Grid, theta: Mapping[str, float]) -> Points:
+    """The samples, with the states as the segment's start gives them."""
     x = grid.start if grid.start.ndim == 2 else np.repeat(grid.start[:, None], grid.n, axis=1)
-    selected = np.unique(np.linspace(0, grid.n - 1, min(grid.n, _AT_ONCE)).astype(np.int64))
-    return _points(grid, x, {name: grid.delayed(theta[name]) for name in delays}, selected)
+    return _There(model, grid, x, theta).at_samples
 
 
-def _points(
-    grid: Grid, x: FloatArray, back: Mapping[str, Stencil], where: IntArray, at: FloatArray | None = None
-) -> Points:
-    """Some of the samples and midpoints, and what the delays see there; `at` gives states other than samples."""
-    delayed: dict[str, Delayed] = {}
-    rates: dict[str, Delayed] = {}
-    u = grid.u[:, : grid.n]
-    for name, whole in back.items():
-        stencil = whole.part(where)
-        delayed[name] = Delayed(stencil.apply(x), stencil.apply(u))
-        rates[name] = Delayed(stencil.apply(x, rate=True), stencil.apply(u, rate=True))
-    time_varying = tuple(varying.part(where) for varying in grid.time_varying)
-    return Points(x[:, where] if at is None else at, grid.u[:, where], grid.t[where], delayed, rates, time_varying)
-
-
-def _defect_derivatives(place: _Place, slope: Jacobian, back: Mapping[str, Stencil]) -> tuple[BlockRows, FloatArray]:
-    h = place.step[:, None, None]
-    parts = place.of_intervals
+def _defect_derivatives(grid: Grid, slope: Jacobian, back: Mapping[str, Stencil]) -> tuple[BlockRows, FloatArray]:
+    h = grid.step[:, None, None]
+    parts = grid.intervals
     a, a_mid, a_end = (slope.by_state[where] for where in parts)
     b, b_mid, b_end = (slope.by_parameter[where] for where in parts)
     by_parameter = -h / 6 * (b + 4 * b_mid + b_end) - h**2 / 12 * (a_mid @ (b - b_end))
@@ -233,13 +422,14 @@ def _defect_derivatives(place: _Place, slope: Jacobian, back: Mapping[str, Stenc
         d, d_mid, d_end = (by_delayed[where] for where in parts)
         stencil = back[name]
         coupling += [
-            (stencil.part(place.samples[:-1]), -h / 6 * d - h / 4 * (through_mid @ d)),
-            (stencil.part(place.samples[1:]), -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
-            (stencil.part(place.middles), -2 * h / 3 * d_mid),
+            (stencil.part(slice(grid.n - 1)), -h / 6 * d - h / 4 * (through_mid @ d)),
+            (stencil.part(slice(1, grid.n)), -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
+            (stencil.part(parts[1]), -2 * h / 3 * d_mid),
         ]
     return _with_delays(local, coupling), by_parameter
 
 
 def _with_delays(local: FloatArray, coupling: list[tuple[Stencil, FloatArray]]) -> BlockRows:
     """The local blocks, (rows, width, m, n_states), plus those that act on delayed states."""
-    return BlockRows(0, local, tuple(Coupling(stencil.index, stencil.value, block) for stencil, block in coupling))
+    acting = ((stencil, block) for stencil, block in coupling if np.any(block))
+    return BlockRows(local, tuple(Coupling(stencil.index, stencil.value, block) for stencil, block in acting))

@@ -9,26 +9,20 @@ dp = w, for every dp at once. With multipliers l = Q^-1 w its stationary point s
 
 Output error is Q = 0, a constraint; filter error Q > 0. `solve_saddle` factors the matrix, ordered sample by sample
 (stage k holds the multipliers of the constraint that ends at sample k, k = 0: the initial state, then the states of
-sample k): its factors are sparse, and pivoting keeps it stable however fast the motion grows or decays. A delay would
-fill them: exact dynamics with delays are condensed, as long as the motion does not grow beyond its digits: the states
-follow from the first one by forward substitution,
-
-    D dx = -(c, C) dp,    dx = s + S dp + E a,    a the first state, by least squares of the outputs.
-
-`eliminate` is the entrance.
+sample k): its factors are sparse, and pivoting keeps it stable however fast the motion grows or decays. A delay fills
+them, as far as the ordering of its columns cannot help it. Entrances: `eliminate`, `log_determinant`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
@@ -46,37 +40,16 @@ class Coupling:
     weight: FloatArray
     blocks: FloatArray
 
-    def part(self, where: slice) -> Coupling:
-        """Some of the rows."""
-        return Coupling(self.index[where], self.weight[where], self.blocks[where])
-
 
 @dataclass(frozen=True)
 class BlockRows:
-    """A sparse matrix of block rows: row k acts on the states of samples k + offset, k + offset + 1, ...
+    """A sparse matrix of block rows: row k acts on the states of samples k, k + 1, ...
 
-    `blocks` is (n_rows, width, m, n_states); blocks that would stand outside the samples are zero. `couplings` act
-    on samples further away.
+    `blocks` is (n_rows, width, m, n_states); `couplings` act on samples further away.
     """
 
-    offset: int
     blocks: FloatArray
     couplings: tuple[Coupling, ...] = ()
-
-    @staticmethod
-    def joined(parts: Sequence[BlockRows]) -> BlockRows:
-        """Rows of several parts, one after the other; couplings that act on nothing are dropped."""
-        if len(parts) == 1 and all(np.any(c.blocks) for c in parts[0].couplings):
-            return parts[0]
-        couplings = [
-            Coupling(*(np.concatenate([getattr(c, name) for c in each]) for name in ("index", "weight", "blocks")))
-            for each in zip(*(part.couplings for part in parts), strict=True)
-        ]
-        return BlockRows(
-            parts[0].offset,
-            np.concatenate([part.blocks for part in parts]),
-            tuple(c for c in couplings if np.any(c.blocks)),
-        )
 
     @cached_property
     def filled(self) -> tuple[int, ...]:
@@ -102,8 +75,7 @@ class BlockRows:
         columns = x.reshape(n, x.shape[1], -1)
         product = np.zeros((*self.blocks.shape[::2], columns.shape[2]))
         for w in self.filled:
-            column = np.clip(np.arange(self.blocks.shape[0]) + self.offset + w, 0, n - 1)
-            product += self.blocks[:, w] @ columns[column]
+            product += self.blocks[:, w] @ columns[w : w + self.blocks.shape[0]]
         for coupling in self.couplings:
             delayed = np.zeros((coupling.index.shape[0], *columns.shape[1:]))
             for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
@@ -131,18 +103,16 @@ class BlockRows:
         """Rows, samples, and the blocks that stand there."""
         for w in self.filled:
             row = np.flatnonzero(self.blocks[:, w].any(axis=(1, 2)))
-            yield row, row + self.offset + w, self.blocks[row, w]
+            yield row, row + w, self.blocks[row, w]
         for coupling in self.couplings:
             for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
                 row = np.flatnonzero(weight)
                 yield row, index[row], weight[row, None, None] * coupling.blocks[row]
 
-    def own(self, first: int = 0) -> FloatArray:
-        """How each row acts on the sample of its own number, (n_rows, m, n_states); `first` is that of row 0."""
-        found = np.zeros((self.blocks.shape[0], *self.blocks.shape[2:]))
-        if 0 <= -self.offset < self.blocks.shape[1]:
-            found += self.blocks[:, -self.offset]
-        rows = np.arange(first, first + self.blocks.shape[0])
+    def own(self) -> FloatArray:
+        """How each row acts on the sample of its own number, (n_rows, m, n_states)."""
+        found = self.blocks[:, 0].copy()
+        rows = np.arange(self.blocks.shape[0])
         for coupling in self.couplings:
             for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
                 found += np.where(index == rows, weight, 0.0)[:, None, None] * coupling.blocks
@@ -161,33 +131,20 @@ class Quadratic:
     defect_by_parameter: FloatArray  # C, (n, n_states, p)
     variance: FloatArray  # diagonal of Q, (n, n_states); row 0 infinite where the initial state is free
 
-    @property
-    def exact(self) -> bool:
-        """Whether no noise drives the states."""
-        return not np.any(self.variance[1:])
+    def direct(self) -> FloatArray:
+        """[r J_p], (n, n_outputs, 1 + p)."""
+        return np.concatenate([self.residual[:, :, None], self.by_parameter], axis=2)
 
-    def direct(self, part: slice = slice(None)) -> FloatArray:
-        """[r J_p] of some samples, (samples, n_outputs, 1 + p)."""
-        return np.concatenate([self.residual[part, :, None], self.by_parameter[part]], axis=2)
-
-    def defects(self, part: slice = slice(None)) -> FloatArray:
-        """[c C] of some samples, (samples, n_states, 1 + p); zero where the initial state is free."""
-        found = np.concatenate([self.defect[part, :, None], self.defect_by_parameter[part]], axis=2)
-        found[np.isinf(self.variance[part])] = 0.0
+    def defects(self) -> FloatArray:
+        """[c C], (n, n_states, 1 + p); zero where the initial state is free."""
+        found = np.concatenate([self.defect[:, :, None], self.defect_by_parameter], axis=2)
+        found[np.isinf(self.variance)] = 0.0
         return found
 
 
-_SLAB = 8  # rows of a slab over its columns: small slabs stay in cache, and below what a threaded BLAS would split
-
-
 def upper_triangle(rows: FloatArray) -> FloatArray:
-    """R of a tall matrix, (columns, columns): QR of slabs, then of their triangles (TSQR)."""
+    """R of a matrix, (columns, columns), of fewer rows too."""
     columns = rows.shape[1]
-    slab = _SLAB * columns
-    while rows.shape[0] > slab:
-        spare = -rows.shape[0] % slab
-        padded = np.concatenate([rows, np.zeros((spare, columns))]) if spare else rows
-        rows = np.asarray(np.linalg.qr(padded.reshape(-1, slab, columns), mode="r")).reshape(-1, columns)
     padded = np.concatenate([rows, np.zeros((columns, columns))])
     return np.asarray(np.linalg.qr(padded, mode="r"))
 
@@ -202,109 +159,31 @@ def _residual_last(columns: FloatArray) -> FloatArray:
 
 
 _SINGULAR = 1e13  # condition, from the growth of a random right-hand side, at which states count as undetermined
-_GROWTH = 1e6
-"""Growth of the motion from the first state beyond which it is not condensed: states lose so many digits, multipliers,
-of which only the size matters, the square of it.
-"""
-_OBSERVABLE = 1e-8
-"""Singular value of what the outputs see of the first state, against the largest, below which one is unseen."""
+_FOLLOWED = 1e-7
+"""A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
 
 
 @dataclass(frozen=True)
-class Eliminated(ABC):
-    """The states as affine functions of the parameter step dp, `x` (n, n_states, 1 + p) by 1 and dp.
-
-    `weights` (1 + p,) are 1 and dp, or a derivative's 0 and direction.
-    """
+class Eliminated:
+    """One segment with its states as affine functions of the parameter step dp: everything by 1 and dp."""
 
     problem: Quadratic
-    x: FloatArray
+    x: FloatArray  # change of the states, (n, n_states, 1 + p)
+    multiplier: FloatArray  # of the dynamics, (n, n_states, 1 + p); row 0 is the initial state's
     triangle: FloatArray
     """That of `residuals` and of the whitened process noise, the constant part as last column, (1 + p, 1 + p)."""
-
-    def states(self, weights: FloatArray) -> FloatArray:
-        """dx, (n, n_states)."""
-        return np.asarray(self.x @ weights)
-
-    @abstractmethod
-    def multipliers(self, weights: FloatArray) -> FloatArray:
-        """The multipliers of the dynamics, (n, n_states); row 0 is the initial state's."""
+    void: BoolArray
+    """The parameters that the states can follow entirely, (p,): what is left of them is rounding, and set to zero."""
+    log_det: float  # see `log_determinant`
 
     def residuals(self) -> FloatArray:
         """r + J dx + J_p dp, (n, n_outputs, 1 + p): the constant part and the derivative by dp."""
-        return self.problem.direct() + self.problem.by_state.dot(self.x)
-
-
-@dataclass(frozen=True)
-class SaddlePoint(Eliminated):
-    """By the factors of the whole matrix: `multiplier` (n, n_states, 1 + p); `log_det`: see `log_determinant`."""
-
-    multiplier: FloatArray
-    log_det: float
-
-    def multipliers(self, weights: FloatArray) -> FloatArray:
-        """See `Eliminated`."""
-        return np.asarray(self.multiplier @ weights)
-
-
-@dataclass(frozen=True)
-class Condensed(Eliminated):
-    """By forward substitution; `dynamics` has the factors of D."""
-
-    dynamics: SuperLU
-
-    def multipliers(self, weights: FloatArray) -> FloatArray:
-        """See `Eliminated`: D' l = -J' (r + J dx + J_p dp)."""
-        n, m = self.problem.defect.shape
-        pull = -(self.problem.by_state.matrix(n).T @ (self.residuals() @ weights).ravel())
-        found = np.asarray(self.dynamics.solve(pull, trans="T")).reshape(n, m)  # type: ignore[call-overload]
-        found[0, np.isinf(self.problem.variance[0])] = 0.0
+        found = self.problem.direct() + self.problem.by_state.dot(self.x)
+        found[:, :, 1:][:, :, self.void] = 0.0
         return found
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:
-    """The states eliminated; None where the outputs leave one undetermined."""
-    condensed = condense(problem) if problem.exact and problem.defect_by_state.couplings else None
-    return solve_saddle(problem) if condensed is None else condensed
-
-
-def condense(problem: Quadratic) -> Condensed | None:
-    """The states of exact dynamics as they follow from the first one; None where that is unstable or undetermined."""
-    from scipy.sparse.linalg import splu
-
-    n, m = problem.defect.shape
-    columns = 1 + problem.by_parameter.shape[2]
-    try:
-        dynamics = splu(_dynamics(problem, np.ones(m)).tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
-    except RuntimeError:  # exactly singular
-        return None
-    right = np.zeros((n, m, columns + m))
-    right[1:, :, :columns] = -problem.defects(slice(1, None))
-    right[0, :, columns:] = np.eye(m)
-    paths = np.asarray(dynamics.solve(right.reshape(n * m, -1))).reshape(right.shape)
-    x, units = paths[:, :, :columns], paths[:, :, columns:]
-    if not np.all(np.isfinite(paths)) or np.abs(units).max() > _GROWTH:
-        return None
-    first = np.zeros((m, columns))
-    start, variance = problem.defects(slice(0, 1))[0], problem.variance[0]
-    first[variance == 0.0] = -start[variance == 0.0]
-    free, known = variance > 0.0, np.isfinite(variance) & (variance > 0.0)
-    observed = problem.by_state.dot(paths)
-    rest = problem.direct() + observed[:, :, :columns] + observed[:, :, columns:] @ first
-    count = int(free.sum())
-    outputs = np.concatenate([observed[:, :, columns:][:, :, free], rest], axis=2).reshape(-1, count + columns)
-    prior = np.concatenate([np.eye(m)[known][:, free], start[known]], axis=1) / np.sqrt(variance[known])[:, None]
-    # The constant part goes last: the triangle below the first state's rows is that of what is left.
-    order = np.array([*range(count), *range(count + 1, count + columns), count])
-    triangle = upper_triangle(np.concatenate([outputs, prior])[:, order])
-    singular = np.linalg.svd(triangle[:count, :count], compute_uv=False)
-    if count and not singular[-1] > _OBSERVABLE * singular[0]:
-        return None
-    first[free] = -np.linalg.solve(triangle[:count, :count], triangle[:count, count:])[:, [-1, *range(columns - 1)]]
-    return Condensed(problem, x + units @ first, triangle[count:, count:], dynamics)
-
-
-def solve_saddle(problem: Quadratic) -> SaddlePoint | None:
     """The stationary point by the factors of the whole matrix; None where the outputs leave a state undetermined."""
     n, m = problem.defect.shape
     weight = _balance(problem.by_state)
@@ -328,7 +207,12 @@ def solve_saddle(problem: Quadratic) -> SaddlePoint | None:
     residuals = direct + problem.by_state.dot(x)
     noise = np.sqrt(np.where(np.isfinite(problem.variance), problem.variance, 0.0))[:, :, None] * multiplier
     rows = [_residual_last(residuals), *([_residual_last(noise)] if np.any(noise) else [])]
-    return SaddlePoint(problem, x, upper_triangle(np.concatenate(rows)), multiplier, _log_det(factor, problem, weight))
+    triangle = upper_triangle(np.concatenate(rows))
+    by_parameter = problem.by_parameter
+    left = np.sum(triangle[:, :-1] ** 2, axis=0)
+    void = left <= _FOLLOWED**2 * np.einsum("nap,nap->p", by_parameter, by_parameter)
+    triangle[:, :-1][:, void] = 0.0
+    return Eliminated(problem, x, multiplier, triangle, void, _log_det(factor, problem, weight))
 
 
 def log_determinant(problem: Quadratic) -> float:

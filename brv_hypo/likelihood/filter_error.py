@@ -27,19 +27,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.collocation import evaluate_segment, linearise_segment, parts_of
-from brv_hypo.likelihood.elimination import log_determinant, solve_saddle
-from brv_hypo.likelihood.gauss_newton import (
-    Iterate,
-    Parts,
-    Problem,
-    Sensitivity,
-    information_factor,
-    linearised,
-    quadratic_of,
-    sensitivity_of,
-)
-from brv_hypo.likelihood.noise import Shape, log_determinants
+from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.elimination import Eliminated, eliminate, log_determinant
+from brv_hypo.likelihood.gauss_newton import Iterate, Problem, information_factor, linearised, quadratic_of
+from brv_hypo.likelihood.statistics import Shape, log_determinants
 
 Variances = Sequence[tuple[FloatArray, FloatArray]]
 """Process noise (n_states,) per root second, and covariance of the measurement noise (n_outputs, n_outputs)."""
@@ -63,7 +54,7 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     total = np.zeros(len(variances))
     theta = problem.parameters.as_mapping(iterate.theta)
     for grid, x in zip(problem.grids, iterate.x, strict=True):
-        linear = [(part, linearise_segment(problem.model, grid, x, theta, (), part)) for part in parts_of(grid.n)]
+        linear = linearise_segment(problem.model, grid, x, theta, ())
         for k, (noise, covariance) in enumerate(variances):
             quadratic = quadratic_of(replace(problem, process_noise=noise), grid, x, linear, covariance)
             variance = quadratic.variance.copy()
@@ -73,14 +64,14 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     return total
 
 
-def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> FloatArray:
+def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> FloatArray:
     """Its derivative by theta, (p,), the states following."""
     here = [(problem.process_noise, iterate.covariance)]
     return np.asarray(_determinant_gradients(problem, iterate, segments, here)[0])
 
 
 def _determinant_gradients(
-    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], variances: Variances
+    problem: Problem, iterate: Iterate, segments: Sequence[Eliminated], variances: Variances
 ) -> FloatArray:
     """Derivatives of the determinants by theta, the states following, (k, p)."""
     names = problem.parameters.names
@@ -88,7 +79,7 @@ def _determinant_gradients(
     for i, name in enumerate(names):
         step = _THETA_STEP * max(abs(iterate.theta[i]), (problem.model.scale or {}).get(name, 1.0))
         direction = np.eye(1, 1 + len(names), 1 + i)[0]
-        follow = [0.0 if s.void[i] else s.eliminated.states(direction).T * problem.size[:, None] for s in segments]
+        follow = [0.0 if s.void[i] else (s.x @ direction).T * problem.size[:, None] for s in segments]
         up, down = (
             replace(
                 iterate,
@@ -161,7 +152,6 @@ _CURVED = 0.1  # least curvature of the likelihood along a step, against that ex
 _VANISHED = 1e-2  # NLLF that a variance has left to win on its way to 0 below which it counts as 0
 _UNSEEN = 1e-10
 """Singular value of the scaled sensitivities, against the largest, of a combination that the data do not see."""
-_COUPLED = 12  # variances up to which all their cross informations are had; beyond, those of the diagonals of Q and R
 
 
 @dataclass(frozen=True)
@@ -226,7 +216,7 @@ class Scored:
     first: float = 0.0  # length of the first step, in standard errors
     last: float = 0.0  # the same of the last
     information: FloatArray | None = None  # the Hessian that it ended with, (k, k)
-    segments: tuple[Sensitivity, ...] = ()  # the sensitivities there, none where the states are not determined
+    segments: tuple[Eliminated, ...] = ()  # the sensitivities there, none where the states are not determined
 
 
 def scored(
@@ -234,7 +224,7 @@ def scored(
     iterate: Iterate,
     directions: Directions,
     enough: float,
-    held: Sequence[Parts] | None = None,
+    held: Sequence[Linearisation] | None = None,
     information: FloatArray | None = None,
 ) -> Scored:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
@@ -279,10 +269,10 @@ class _Solved:
     problem: Problem  # with the process noise
     iterate: Iterate  # with the measurement noise, the states where they are linear about
     directions: Directions  # what is estimated
-    linear: Sequence[Parts]  # the linearisation
+    linear: Sequence[Linearisation]  # the linearisation
     objective: float  # half the weighted sum of squares
     log_det: float  # log det C + log det I(theta), but for a constant
-    segments: tuple[Sensitivity, ...]  # the segments, states integrated out
+    segments: tuple[Eliminated, ...]  # the segments, states integrated out
 
     @property
     def nllf(self) -> float:
@@ -298,8 +288,7 @@ class _Solved:
     def information(self) -> FloatArray:
         """The expected Hessian, from second differences."""
         count, unit = self.directions.count, _DIFFERENCE * np.eye(self.directions.count)
-        coupled = count if count <= _COUPLED else len(self.directions.driven) + self.problem.grids[0].y.shape[0]
-        pairs = np.array([(a, b) for a in range(min(coupled, count)) for b in range(a)], dtype=int).reshape(-1, 2)
+        pairs = np.array([(a, b) for a in range(count) for b in range(a)], dtype=int).reshape(-1, 2)
         changes = np.concatenate([unit, -unit, unit[pairs[:, 0]] + unit[pairs[:, 1]]])
         found = self.at(self.changed_variances(changes))
         differences = np.array([(each or self).log_det - self.log_det for each in found])
@@ -346,21 +335,23 @@ def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArra
     return found
 
 
-def _solved(problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Parts]) -> _Solved | None:
+def _solved(
+    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Linearisation]
+) -> _Solved | None:
     """None where the states are not determined."""
     segments, log_det, squares = [], 0.0, 0.0
-    for grid, x, parts in zip(problem.grids, iterate.x, linear, strict=True):
-        solution = solve_saddle(quadratic_of(problem, grid, x, parts, iterate.covariance))
+    for grid, x, each in zip(problem.grids, iterate.x, linear, strict=True):
+        solution = eliminate(quadratic_of(problem, grid, x, each, iterate.covariance))
         if solution is None:
             return None
-        segments.append(sensitivity_of(solution))
-        squares += float(np.sum(segments[-1].triangle[:, -1] ** 2))
+        segments.append(solution)
+        squares += float(np.sum(solution.triangle[:, -1] ** 2))
         log_det += log_determinants(grid.measured, iterate.covariance) + solution.log_det
     log_det += _log_det_information(problem, iterate, segments)
     return _Solved(problem, iterate, directions, linear, 0.5 * squares, log_det, tuple(segments))
 
 
-def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity]) -> float:
+def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> float:
     """log det I(theta), priors in it, over what the data and the bounds leave free."""
     parameters = problem.parameters
     inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
@@ -381,7 +372,7 @@ _POOREST = 1.0  # variance of the logarithm of a variance that is counted at mos
 
 
 def with_unknown_variances(
-    here: _Solved, segments: Sequence[Sensitivity], spread: FloatArray, covariance: FloatArray
+    here: _Solved, segments: Sequence[Eliminated], spread: FloatArray, covariance: FloatArray
 ) -> FloatArray:
     """The covariance of theta (p, p), nan where it was; `spread` (unknowns, unknowns) is that of the variances."""
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
@@ -426,7 +417,7 @@ class NoiseErrors:
 
 
 def noise_errors(
-    problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Sensitivity], covariance: FloatArray
+    problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Eliminated], covariance: FloatArray
 ) -> NoiseErrors:
     """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
     unknown = NoiseErrors.unknown(problem, iterate, covariance)

@@ -10,10 +10,8 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.collocation import Model, start_points
-from brv_hypo.likelihood.derivatives import Function, check_shape, choose_method, parameter_scales
+from brv_hypo.likelihood.collocation import Function, Model, check_shape, choose_method, parameter_scales, start_points
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem
-from brv_hypo.likelihood.noise import Shape, least_variance
 from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
@@ -30,6 +28,7 @@ from brv_hypo.likelihood.starts import (
     states_from_outputs,
     stretches,
 )
+from brv_hypo.likelihood.statistics import Shape, least_variance
 from brv_hypo.progress import Progress, report_to, silent
 
 
@@ -64,7 +63,7 @@ def fit(
     dynamics : callable
         f(x, u, theta, t) -> (n_states, n), vectorised over samples: x (n_states, n), u (n_inputs, n), theta name to
         value, t (n,), s. Analytic functions that accept complex x and theta get exact derivatives; others, and those
-        that come as a `PartialJacobian`, central differences.
+        that come as `Differenced`, central differences.
     outputs : callable
         h(x, u, theta, t) -> (n_outputs, n).
     segments, theta0 : sequence of Segment, mapping of str to float
@@ -169,23 +168,23 @@ class _Task:
             near = replace(
                 self, theta0=theta, process_noise=driving, first_noise=before.noise_covariance, near_start=True
             )
-            return near._solve(segments, steps)[0]
-        found, model = self._solve(segments, steps)
+            return near._solve(segments, steps)
+        found = self._solve(segments, steps)
         driven = self.process_noise is not None and np.any(self.process_noise)
         between = () if self.near_start or self.delays or driven else stretches(segments)
         if not between:
             return found
         pieces = pieces_of(segments, between)
-        part, _ = self._solve(pieces, steps)
+        part = self._solve(pieces, steps)
         if not part.converged:
             return found
         times = [np.asarray(piece.t, dtype=float)[::steps] for piece in pieces]
         theta = {name: part.theta[name] for name in self.theta0}
-        whole = bridged(segments, between, times, part.states, model, theta)
-        again, _ = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
+        whole = bridged(segments, between, times, part.states)
+        again = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
         return chosen({"the whole record": found, "the stretches between gaps": again})
 
-    def _solve(self, segments: Sequence[Segment], steps: int) -> tuple[FitResult, Model]:
+    def _solve(self, segments: Sequence[Segment], steps: int) -> FitResult:
         grids = tuple(build_grid(segment, s) for s, segment in enumerate(segments))
         if not grids:
             raise UsageError("no segments were given; expected at least one")
@@ -221,7 +220,7 @@ class _Task:
         if self.near_start and self.first_noise is not None:
             noises = {"an earlier fit": _covariance(self.first_noise, len(y))} | noises
         alone = self.near_start or y.shape[1] > _LONGEST
-        return best_of(noises, run, alone=alone, known=known is not None), model
+        return best_of(noises, run, alone=alone, known=known is not None)
 
     def _driving(self, n_states: int) -> FloatArray:
         """Process noise of each state, (n_states,)."""
@@ -243,16 +242,17 @@ class _Task:
         unknown = sorted(set(self.delays) - set(theta))
         if unknown:
             raise UsageError(f"delays names {unknown}, which theta0 does not have; it has {sorted(theta)}")
+        model = Model(self.dynamics, self.outputs, self.delays)
         for grid in grids:
-            points = start_points(grid, theta, self.delays)
+            points = start_points(model, grid, theta)
             check_shape(self.dynamics, points, theta, grid.start.shape[0], "dynamics")
             check_shape(self.outputs, points, theta, grid.y.shape[0], "outputs")
         functions = (self.dynamics, self.outputs)
-        points = start_points(grids[0], theta, self.delays)
+        points = start_points(model, grids[0], theta)
         priors = {name: std for name, (_, std) in self.priors.items() if np.isfinite(std)}
         scale = parameter_scales(functions, points, theta, parameters.names, priors)
         method = choose_method(functions, points, theta, parameters.names, scale)
-        return Model(self.dynamics, self.outputs, self.delays, method, scale)
+        return replace(model, method=method, scale=scale)
 
 
 _LONGEST = 100_000  # samples up to which a second starting point is tried

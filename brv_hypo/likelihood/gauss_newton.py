@@ -9,24 +9,22 @@ each other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_new
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray
-from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment, parts_of
-from brv_hypo.likelihood.elimination import BlockRows, Eliminated, Quadratic, eliminate, upper_triangle
-from brv_hypo.likelihood.noise import whitening
+from brv_hypo.arrays import FloatArray
+from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.elimination import Eliminated, Quadratic, eliminate, upper_triangle
 from brv_hypo.likelihood.segment import Grid, Parameters
+from brv_hypo.likelihood.statistics import whitening
 
 # ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 
 
 _RANK_TOLERANCE = 1e-10
 """Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
-_ROUNDING = 1e-7
-"""A parameter whose sensitivity shrinks by this factor as the states follow it is not seen by the data."""
 _STIFF = 1e6
 """Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
 """
@@ -59,28 +57,6 @@ class Iterate:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
-    """One segment at its linearisation point, states eliminated.
-
-    `triangle` (1 + p, 1 + p) is that of the whitened residuals and process noise that a step of the p parameters
-    of the segment leaves, the states following; its last column a step of the states alone. `void` (p,) marks the
-    parameters that the states can follow entirely.
-    """
-
-    eliminated: Eliminated
-    triangle: FloatArray
-    void: BoolArray
-
-    def residual(self) -> FloatArray:
-        """The whitened residual that a step of the states alone would leave, and its derivative by the parameters
-        with the states following, (n, n_outputs, 1 + p).
-        """
-        found = self.eliminated.residuals()
-        found[:, :, 1:][:, :, self.void] = 0.0
-        return found
-
-
-@dataclass(frozen=True)
 class Step:
     """A Gauss-Newton step, and what it promises."""
 
@@ -106,31 +82,28 @@ class SingularStatesError(ArithmeticError):
         self.stiff = stiff
 
 
-Parts = tuple[tuple[slice, Linearisation], ...]
+def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
+    """Every segment about the iterate."""
+    theta, names = problem.parameters.as_mapping(iterate.theta), problem.parameters.names
+    return tuple(
+        linearise_segment(problem.model, grid, x, theta, names)
+        for grid, x in zip(problem.grids, iterate.x, strict=True)
+    )
 
 
-def linearised(problem: Problem, iterate: Iterate) -> tuple[Parts, ...]:
-    """Every segment about the iterate, part by part."""
-    return tuple(tuple(_parts(problem, iterate, s)) for s in range(len(problem.grids)))
-
-
-def _parts(problem: Problem, iterate: Iterate, s: int) -> Iterator[tuple[slice, Linearisation]]:
-    grid, theta = problem.grids[s], problem.parameters.as_mapping(iterate.theta)
-    for part in parts_of(grid.n):
-        yield part, linearise_segment(problem.model, grid, iterate.x[s], theta, problem.parameters.names, part)
-
-
-def _moved_to(problem: Problem, iterate: Iterate, s: int, held: Parts) -> Iterator[tuple[slice, Linearisation]]:
-    """Derivatives as they were held, with what the segment's dynamics and outputs leave at the iterate."""
+def _moved_to(problem: Problem, iterate: Iterate, held: Sequence[Linearisation]) -> tuple[Linearisation, ...]:
+    """Derivatives as they were held, with what the dynamics and outputs of the segments leave at the iterate."""
     theta = problem.parameters.as_mapping(iterate.theta)
-    defect, output = evaluate_segment(problem.model, problem.grids[s], iterate.x[s], theta)
-    for part, each in held:
-        yield part, replace(each, defect=defect[part], output=output[part])
+    found = []
+    for grid, x, each in zip(problem.grids, iterate.x, held, strict=True):
+        defect, output = evaluate_segment(problem.model, grid, x, theta)
+        found.append(replace(each, defect=defect, output=output))
+    return tuple(found)
 
 
 def sensitivities(
-    problem: Problem, iterate: Iterate, anchored: bool = False, held: Sequence[Parts] | None = None
-) -> tuple[Sensitivity, ...]:
+    problem: Problem, iterate: Iterate, anchored: bool = False, held: Sequence[Linearisation] | None = None
+) -> tuple[Eliminated, ...]:
     """Linearise every segment and eliminate its states.
 
     `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it
@@ -139,33 +112,28 @@ def sensitivities(
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
-    return tuple(
-        sensitivity_of(_eliminated(problem, iterate, s, anchored, None if held is None else held[s]))
-        for s in range(len(problem.grids))
-    )
+    linear = linearised(problem, iterate) if held is None else _moved_to(problem, iterate, held)
+    found = []
+    for s, (grid, x, each) in enumerate(zip(problem.grids, iterate.x, linear, strict=True)):
+        quadratic = quadratic_of(problem, grid, x, each, iterate.covariance)
+        if np.any(problem.process_noise):  # delays meet noise on the way to a start, whose states are near: held
+            quadratic = replace(
+                quadratic,
+                by_state=replace(quadratic.by_state, couplings=()),
+                defect_by_state=replace(quadratic.defect_by_state, couplings=()),
+            )
+        if anchored:
+            free = np.isinf(quadratic.variance)
+            defect, variance = np.where(free, 0.0, quadratic.defect), np.where(free, _ANCHOR**2, quadratic.variance)
+            quadratic = replace(quadratic, defect=defect, variance=variance)
+        eliminated = eliminate(quadratic)
+        if eliminated is None:
+            raise SingularStatesError(s, float(np.abs(quadratic.defect_by_state.blocks).max()) > _STIFF)
+        found.append(eliminated)
+    return tuple(found)
 
 
-def _eliminated(problem: Problem, iterate: Iterate, s: int, anchored: bool, held: Parts | None = None) -> Eliminated:
-    """Segment s linearised and its states eliminated."""
-    linear = _parts(problem, iterate, s) if held is None else _moved_to(problem, iterate, s, held)
-    quadratic = quadratic_of(problem, problem.grids[s], iterate.x[s], linear, iterate.covariance)
-    if not quadratic.exact:  # delays meet noise on the way to a start only, whose states are near: they are held
-        quadratic = replace(
-            quadratic,
-            by_state=replace(quadratic.by_state, couplings=()),
-            defect_by_state=replace(quadratic.defect_by_state, couplings=()),
-        )
-    if anchored:
-        free = np.isinf(quadratic.variance)
-        defect, variance = np.where(free, 0.0, quadratic.defect), np.where(free, _ANCHOR**2, quadratic.variance)
-        quadratic = replace(quadratic, defect=defect, variance=variance)
-    eliminated = eliminate(quadratic)
-    if eliminated is None:
-        raise SingularStatesError(s, float(np.abs(quadratic.defect_by_state.blocks).max()) > _STIFF)
-    return eliminated
-
-
-def information_factor(segments: Sequence[Sensitivity]) -> FloatArray:
+def information_factor(segments: Sequence[Eliminated]) -> FloatArray:
     """Upper triangle of [J_p r] over all segments, (p + 1, p + 1).
 
     Its first p columns factor the information matrix.
@@ -178,7 +146,7 @@ def information_factor(segments: Sequence[Sensitivity]) -> FloatArray:
 def gauss_newton_step(
     problem: Problem,
     iterate: Iterate,
-    segments: Sequence[Sensitivity],
+    segments: Sequence[Eliminated],
     gradient: FloatArray | None = None,
     frozen: bool = False,
 ) -> Step:
@@ -204,8 +172,8 @@ def gauss_newton_step(
     multiplier = 0.0
     for segment in segments:
         weights = np.append(1.0, change)
-        x.append(segment.eliminated.states(weights).T * problem.size[:, None])
-        multiplier = max(multiplier, float(np.abs(segment.eliminated.multipliers(weights)).max()))
+        x.append((segment.x @ weights).T * problem.size[:, None])
+        multiplier = max(multiplier, float(np.abs(segment.multiplier @ weights).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
     promised = 0.5 * float(np.sum((system[:, :p] @ change + system[:, p]) ** 2)) + float(slope @ change)
     cost, violation = objective(problem, iterate)
@@ -231,7 +199,7 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
         theta = problem.parameters.as_mapping(iterate.theta)
         defect, output = evaluate_segment(problem.model, grid, x, theta)
         whitener = whitening(iterate.covariance, grid.measured)
-        residual = _whitened(whitener, grid, output, slice(None))
+        residual = _whitened(whitener, grid, output)
         scaled = np.concatenate([start_defect(problem, grid, x), defect / problem.size])
         variance = _variance(problem, grid)
         tight = variance == 0
@@ -250,44 +218,27 @@ def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> It
 
 
 def quadratic_of(
-    problem: Problem, grid: Grid, x: FloatArray, linear: Iterable[tuple[slice, Linearisation]], covariance: FloatArray
+    problem: Problem, grid: Grid, x: FloatArray, linear: Linearisation, covariance: FloatArray
 ) -> Quadratic:
-    """One segment's linearisation, part by part, with outputs whitened and states divided by their size."""
+    """One segment's linearisation with outputs whitened and states divided by their size."""
     size = problem.size
-    residual, by_parameter, outputs, dynamics, defect_by_parameter = [], [], [], [], []
-    defect = [start_defect(problem, grid, x)]
-    for part, each in linear:
-        whitener = whitening(covariance, grid.measured[:, part])
-        residual.append(_whitened(whitener, grid, each.output, part))
-        by_parameter.append(whitener @ each.output_by_parameter)
-        defect.append(each.defect / size)
-        defect_by_parameter.append(each.defect_by_parameter / size[:, None])
-        outputs.append(each.output_by_state.turned(whitener, size))
-        dynamics.append(each.defect_by_state.turned(1.0 / size, size))
+    whitener = whitening(covariance, grid.measured)
+    by_parameter = linear.defect_by_parameter / size[:, None]
     return Quadratic(
-        residual=np.concatenate(residual),
-        by_state=BlockRows.joined(outputs),
-        by_parameter=np.concatenate(by_parameter),
-        defect=np.concatenate(defect),
-        defect_by_state=BlockRows.joined(dynamics),
-        defect_by_parameter=np.concatenate([np.zeros_like(defect_by_parameter[0][:1]), *defect_by_parameter]),
+        residual=_whitened(whitener, grid, linear.output),
+        by_state=linear.output_by_state.turned(whitener, size),
+        by_parameter=whitener @ linear.output_by_parameter,
+        defect=np.concatenate([start_defect(problem, grid, x), linear.defect / size]),
+        defect_by_state=linear.defect_by_state.turned(1.0 / size, size),
+        defect_by_parameter=np.concatenate([np.zeros_like(by_parameter[:1]), by_parameter]),
         variance=_variance(problem, grid),
     )
 
 
-def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray, part: slice) -> FloatArray:
-    """Whitened predicted minus measured output of a part, (samples, n_outputs), zero in gaps."""
-    difference = np.where(grid.measured.T[part], output - grid.y.T[part], 0.0)
+def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
+    """Whitened predicted minus measured output, (n, n_outputs), zero in gaps."""
+    difference = np.where(grid.measured.T, output - grid.y.T, 0.0)
     return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
-
-
-def sensitivity_of(eliminated: Eliminated) -> Sensitivity:
-    """Columns of parameters that the states can follow entirely are zero: what is left of them is rounding."""
-    triangle = eliminated.triangle.copy()
-    direct = eliminated.problem.by_parameter
-    void = np.sum(triangle[:, :-1] ** 2, axis=0) <= _ROUNDING**2 * np.einsum("nap,nap->p", direct, direct)
-    triangle[:, :-1][:, void] = 0.0
-    return Sensitivity(eliminated, triangle, void)
 
 
 def start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:

@@ -17,29 +17,24 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.derivatives import Method, Points, evaluate
-from brv_hypo.likelihood.elimination import SaddlePoint
+from brv_hypo.likelihood.collocation import Method, Points, evaluate
+from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import NoiseErrors, directions_of, kalman_innovations, noise_errors
-from brv_hypo.likelihood.gauss_newton import (
-    Iterate,
-    Problem,
-    Sensitivity,
-    SingularStatesError,
-    information_factor,
-    sensitivities,
-)
-from brv_hypo.likelihood.noise import estimate_covariance, negative_log_likelihood, whitening
+from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
 from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid
-from brv_hypo.likelihood.uncertainty import (
+from brv_hypo.likelihood.statistics import (
     Identifiability,
     Linearised,
     Whiteness,
     coloured_covariance,
     covariance_from_information,
+    estimate_covariance,
     identifiability,
     inflation,
+    negative_log_likelihood,
     whiteness,
+    whitening,
 )
 from brv_hypo.results import Row, Tabular
 
@@ -293,7 +288,7 @@ _ROUNDING = 1e-12  # the same of rounding
 _MOST_JUDGED = 8192
 """Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
 
-Segments = tuple[Sensitivity, ...]
+Segments = tuple[Eliminated, ...]
 
 
 def assess(outcome: Outcome, options: Options) -> FitResult:
@@ -313,7 +308,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
     segments, loose = _sensitivities(outcome)
-    rows = () if np.any(problem.process_noise) else tuple(segment.residual()[sampled] for segment in segments)
+    rows = () if np.any(problem.process_noise) else tuple(segment.residuals()[sampled] for segment in segments)
     if segments:
         triangle = information_factor(segments)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
@@ -494,7 +489,7 @@ _PARTIAL = np.stack([_NODES ** (k + 1) / (k + 1) for k in range(5)], axis=1) @ n
 
 
 def mesh_shift(
-    problem: Problem, iterate: Iterate, segments: Sequence[Sensitivity], covariance: FloatArray
+    problem: Problem, iterate: Iterate, segments: Sequence[Eliminated], covariance: FloatArray
 ) -> FloatArray:
     """How far exact dynamics would move the estimate, (p,), in standard errors; nan where that is not known.
 
@@ -508,10 +503,9 @@ def mesh_shift(
         return np.full(p, np.nan)
     gradient = np.zeros(p)
     for grid, x, segment in zip(problem.grids, iterate.x, segments, strict=True):
-        assert isinstance(segment.eliminated, SaddlePoint)  # only delays are condensed
         with np.errstate(all="ignore"):
             error = interval_errors(problem, grid, x, problem.parameters.as_mapping(iterate.theta))
-        multiplier = segment.eliminated.multiplier[1:, :, 1:]
+        multiplier = segment.multiplier[1:, :, 1:]
         gradient += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
     block = covariance[np.ix_(known, known)]
     shift = np.full(p, np.nan)
@@ -550,10 +544,9 @@ def _slopes(
 
 def _within(grid: Grid, signal: FloatArray, s: float) -> FloatArray:
     """A signal at a fraction of every interval: on the parabola by its start, middle and end, before a jump there."""
-    n = grid.n
-    end = signal[:, 2 * n - 1 :] if grid.jumps else signal[:, 1:n]
+    start, middle, end = (signal[:, where] for where in grid.intervals)
     weights = 2.0 * (s - 0.5) * (s - 1.0), 4.0 * s * (1.0 - s), 2.0 * s * (s - 0.5)
-    return np.asarray(weights[0] * signal[:, : n - 1] + weights[1] * signal[:, n : 2 * n - 1] + weights[2] * end)
+    return np.asarray(weights[0] * start + weights[1] * middle + weights[2] * end)
 
 
 def _hermite(s: float, h: FloatArray, x: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:

@@ -14,7 +14,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import evaluate_segment
+from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
+from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import (
     Directions,
     determinant,
@@ -26,9 +27,7 @@ from brv_hypo.likelihood.filter_error import (
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
     Iterate,
-    Parts,
     Problem,
-    Sensitivity,
     SingularStatesError,
     gauss_newton_step,
     line_search,
@@ -37,7 +36,7 @@ from brv_hypo.likelihood.gauss_newton import (
     objective,
     sensitivities,
 )
-from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.statistics import Shape, estimate_covariance, negative_log_likelihood
 from brv_hypo.progress import Report, silent
 
 
@@ -116,7 +115,6 @@ derivatives of another place, off by less than that way."""
 _FAR = 1e-3
 """The same, in standard errors, of the gradient of what integrating the states out adds: it turns with the logarithm of
 the information, so that the estimate is off by that way over the root of the samples."""
-_HELD_VALUES = 4_000_000  # samples times parameters up to which derivatives are kept for that
 _TOO_SHORT = 1e-2
 """Length of a step, in standard errors, below which the merit cannot judge it beside process noise: the states follow
 the objective alone, and where they are not quite there the determinant may rise as they go.
@@ -168,7 +166,7 @@ class Outcome:
     status: Status  # how it ended
     message: str  # the same in words, with cause and remedy
     history: tuple[Iteration, ...]  # every iteration
-    segments: tuple[Sensitivity, ...] = ()
+    segments: tuple[Eliminated, ...] = ()
     """The sensitivities from which the last step came, where that step was negligible and they still hold."""
 
 
@@ -192,7 +190,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         try:
             segments, unseen = noise.segments, None
             if not segments:
-                segments, unseen = _sensitivities(problem, iterate, derivatives.here(_derivatives, problem, iterate))
+                segments, unseen = _sensitivities(problem, iterate, derivatives.here(linearised, problem, iterate))
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         noisy = bool(np.any(problem.process_noise))
@@ -281,18 +279,12 @@ class _Nearby(Generic[T]):
         self._way += length
 
 
-_Derivatives = _Nearby[tuple[Parts, ...] | None]
-
-
-def _derivatives(problem: Problem, iterate: Iterate) -> tuple[Parts, ...] | None:
-    """Those of dynamics and outputs, each as much as many evaluations; None where they would be too many to keep."""
-    samples = sum(grid.n for grid in problem.grids)
-    return linearised(problem, iterate) if samples * len(problem.parameters.names) <= _HELD_VALUES else None
+_Derivatives = _Nearby[tuple[Linearisation, ...]]
 
 
 def _sensitivities(
-    problem: Problem, iterate: Iterate, held: tuple[Parts, ...] | None
-) -> tuple[tuple[Sensitivity, ...], SingularStatesError | None]:
+    problem: Problem, iterate: Iterate, held: tuple[Linearisation, ...]
+) -> tuple[tuple[Eliminated, ...], SingularStatesError | None]:
     """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
     try:
         return sensitivities(problem, iterate, held=held), None
@@ -307,7 +299,7 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
     """
     for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
-            held = _derivatives(problem, iterate)
+            held = linearised(problem, iterate)
             found = scored(problem, iterate, _wanted(problem, options, estimate_noise), _NEAR_NOISE, held)
             problem, iterate = found.problem, found.iterate
             try:
@@ -332,7 +324,7 @@ class _Noise:
     def __init__(self, options: Options) -> None:
         self._options = options
         self._information: FloatArray | None = None
-        self.segments: tuple[Sensitivity, ...] = ()
+        self.segments: tuple[Eliminated, ...] = ()
         """Sensitivities where the search stands, if it is known."""
 
     def updated(
@@ -352,7 +344,7 @@ class _Noise:
         if not wanted.count:
             return problem, iterate, True
         enough = max(_FEW, _FRACTION * length)
-        held = derivatives.here(_derivatives, problem, iterate)
+        held = derivatives.here(linearised, problem, iterate)
         found = scored(problem, iterate, wanted, enough, held, self._information)
         self.segments = found.segments
         self._information = found.information if found.first < _NEAR_NOISE else None

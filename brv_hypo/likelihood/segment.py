@@ -220,6 +220,12 @@ class Grid:
         return int(self.y.shape[1])
 
     @property
+    def intervals(self) -> tuple[slice, slice, slice]:
+        """Where `t` and `u` have the intervals' starts, midpoints and ends; without jumps the ends are samples."""
+        n = self.n
+        return slice(n - 1), slice(n, 2 * n - 1), slice(2 * n - 1, None) if self.jumps else slice(1, n)
+
+    @property
     def first(self) -> FloatArray:
         """The guess of the initial state, (n_states,)."""
         return self.start if self.start.ndim == 1 else self.start[:, 0]

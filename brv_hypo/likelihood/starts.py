@@ -16,8 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import Model, linearise_segment, parts_of
-from brv_hypo.likelihood.derivatives import Points, evaluate
+from brv_hypo.likelihood.collocation import Model, linearise_segment
 from brv_hypo.likelihood.gauss_newton import (
     Iterate,
     Problem,
@@ -28,10 +27,10 @@ from brv_hypo.likelihood.gauss_newton import (
     objective,
     sensitivities,
 )
-from brv_hypo.likelihood.noise import least_variance, noise_from_differences
 from brv_hypo.likelihood.result import TOLERATED, FitResult, StartingPoint
 from brv_hypo.likelihood.search import Status
 from brv_hypo.likelihood.segment import WIDTH, Grid, Parameters, Segment, build_grid, inputs_at, inputs_of
+from brv_hypo.likelihood.statistics import least_variance, noise_from_differences
 
 # ---- Where the search starts: states read off the outputs, then smoothed with the dynamics held loosely ----
 
@@ -99,13 +98,9 @@ def states_from_outputs(
             continue
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
         measured = _without_gaps(grid)
-        moved = np.empty_like(x)
-        for part in parts_of(grid.n):
-            linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), (), part)
-            pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(part.start), rcond=1e-6)
-            difference = measured[:, part] - linear.output.T
-            moved[:, part] = x[:, part] + np.einsum("nij,jn->in", pseudo_inverse, difference)
-        histories.append(moved)
+        linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), ())
+        pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(), rcond=1e-6)
+        histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, measured - linear.output.T))
     return tuple(histories)
 
 
@@ -187,12 +182,11 @@ def _without_gaps(grid: Grid) -> FloatArray:
     return filled
 
 
-# ---- Long gaps, in which nothing was measured: fitted around first, then bridged by the model ----
+# ---- Long gaps, in which nothing was measured: fitted around first, then across ----
 
 
 _LONG = 8  # times the usual distance of measured samples from which a gap is bridged
 _LEAST = 2 * WIDTH  # samples of a stretch at least
-_TOO_FAR = 10.0  # times the largest measured state above which the motion across a gap is discarded
 
 
 @dataclass(frozen=True)
@@ -241,53 +235,17 @@ def pieces_of(segments: Sequence[Segment], between: Sequence[Stretch]) -> list[S
 
 
 def bridged(
-    segments: Sequence[Segment],
-    between: Sequence[Stretch],
-    times: Sequence[FloatArray],
-    states: Sequence[FloatArray],
-    model: Model,
-    theta: Mapping[str, float],
+    segments: Sequence[Segment], between: Sequence[Stretch], times: Sequence[FloatArray], states: Sequence[FloatArray]
 ) -> list[Segment]:
-    """The segments with histories: the states of each stretch, (n_states, n) at `times`, and the motion between."""
+    """The segments with histories: the states of each stretch, (n_states, n) at `times`, straight lines between."""
     found = []
     for number, segment in enumerate(segments):
-        grid = build_grid(segment, number)
-        t = grid.t[: grid.n]
         own = [i for i, stretch in enumerate(between) if stretch.number == number]
-        if not own:
-            found.append(segment)
-            continue
-        known = np.concatenate([states[i] for i in own], axis=1)
-        at = np.concatenate([times[i] for i in own])
-        x = np.stack([np.interp(t, at, row) for row in known])
-        for i, following in zip(own, [*own[1:], None], strict=True):
-            stop = grid.n if following is None else between[following].first
-            carried = _carried(model, grid, x, between[i].last, stop, theta)
-            if np.all(np.abs(carried) < _TOO_FAR * np.abs(known).max(axis=1, keepdims=True)):
-                x[:, between[i].last : stop] = carried
-        found.append(begun(segment, x))
-    return found
-
-
-def _carried(model: Model, grid: Grid, x: FloatArray, first: int, stop: int, theta: Mapping[str, float]) -> FloatArray:
-    """States from sample `first` to before `stop` by Runge-Kutta steps from the first, (n_states, stop - first)."""
-    found = x[:, first:stop].copy()
-
-    def slope(state: FloatArray, at: int) -> FloatArray:
-        where = slice(at, at + 1)
-        time_varying = tuple(varying.part(where) for varying in grid.time_varying)
-        points = Points(state[:, None], grid.u[:, where], grid.t[where], time_varying=time_varying)
-        return evaluate(model.dynamics, points, theta)[:, 0]
-
-    with np.errstate(all="ignore"):
-        for k in range(found.shape[1] - 1):
-            at, now, h = first + k, found[:, k], grid.step[first + k]
-            end = 2 * grid.n - 1 + at if grid.jumps else at + 1
-            k1 = slope(now, at)
-            k2 = slope(now + h / 2 * k1, grid.n + at)
-            k3 = slope(now + h / 2 * k2, grid.n + at)
-            k4 = slope(now + h * k3, end)
-            found[:, k + 1] = now + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        if own:
+            known = np.concatenate([states[i] for i in own], axis=1)
+            at, t = np.concatenate([times[i] for i in own]), np.asarray(segment.t, dtype=float)
+            segment = begun(segment, np.stack([np.interp(t, at, row) for row in known]))
+        found.append(segment)
     return found
 
 

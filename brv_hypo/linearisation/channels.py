@@ -18,7 +18,7 @@ from brv_hypo.constants import HELD_OUT_BLOCK, HELD_OUT_OF, HELD_OUT_SHORTEST
 from brv_hypo.linearisation.frame import Piece, RateFrame
 from brv_hypo.linearisation.whitening import NoiseModel, applied
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.kinematics import effective
+from brv_hypo.motion.motion import effective
 from brv_hypo.motion.signals import ColouredNoise
 
 

@@ -20,8 +20,7 @@ from brv_hypo.mechanisms.checked import checked, read_only
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import CommonTime, OwnTime
 from brv_hypo.model.term import Regressor, Theta, evaluated
-from brv_hypo.motion.kinematics import body_from_plane
-from brv_hypo.motion.motion import Motion, with_in_plane_moment
+from brv_hypo.motion.motion import Motion, body_from_plane, with_in_plane_moment
 from brv_hypo.motion.reconstruction import Reconstruction
 
 Piece = tuple[int, int]

@@ -21,8 +21,7 @@ from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.term import Regressor, evaluated, summed
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.kinematics import CROSSFLOW_FLOOR, crossflow
-from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
+from brv_hypo.motion.motion import CROSSFLOW_FLOOR, Motion, crossflow, crossflow_rate, recorded, with_crossflow
 from brv_hypo.motion.reconstruction import Reconstruction
 
 # The parts of the crossflow and of its rate, as names of quantities.

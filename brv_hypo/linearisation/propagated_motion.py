@@ -13,7 +13,6 @@ from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import WALK_FEWEST_MODES, WALK_LEFT_OUT, WALK_MODES_PER_CYCLE, WALK_MOST_MODES
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import (
     InertialRecord,
     WindStart,
@@ -26,8 +25,8 @@ from brv_hypo.motion.inertial import (
 )
 from brv_hypo.motion.inputs import with_smooth_inputs
 from brv_hypo.motion.interpolation import SplineGrid
-from brv_hypo.motion.kinematics import crossflow, windward_meridian
-from brv_hypo.motion.motion import Motion, crossflow_rate, recorded, with_crossflow
+from brv_hypo.motion.methods import ReconstructionConfig
+from brv_hypo.motion.motion import Motion, crossflow, crossflow_rate, recorded, windward_meridian, with_crossflow
 from brv_hypo.motion.pipeline import axial_share
 from brv_hypo.motion.reconstruction import Reconstruction
 

@@ -27,8 +27,7 @@ from brv_hypo.flight.units import is_unit
 from brv_hypo.mechanisms.checked import Wrapped, read_only, unchecked
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, Parameter, Process, RecordEffect, Term, TimeVariation
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.motion.kinematics import angle_of_attack, angle_rates
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates
 
 DURATION = 6.0  # seconds of the sample motion and of the sample record
 

@@ -20,8 +20,8 @@ from numpy.polynomial.legendre import legvander
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.mechanisms.contract import Mechanism, Term
-from brv_hypo.motion.measurement import BENT
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.smoother import BENT
 
 BEND_DRIFT = 0.5  # what the bend changes by, of itself (1 sigma), between the ends of a flight: about what slopes do
 

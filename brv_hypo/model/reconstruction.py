@@ -15,7 +15,7 @@ from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.mechanisms.registry import nuisance_mechanisms, perturbations
 from brv_hypo.motion import Reconstruction, ReconstructionConfig
 from brv_hypo.motion import reconstruct as reconstruct_with
-from brv_hypo.motion.config import ReconstructionSettings
+from brv_hypo.motion.methods import ReconstructionSettings
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -33,8 +32,16 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.derived import atmosphere, averaged
 from brv_hypo.flight.format import masked_flight
-from brv_hypo.flight.mounting import GRAVITY, fitted_slopes, integral, nose_axis, path_into_force
-from brv_hypo.flight.plausibility import contradictions, mounting_fault
+from brv_hypo.flight.plausibility import (
+    GRAVITY,
+    contradictions,
+    fitted_slopes,
+    integral,
+    mounting_fault,
+    nose_axis,
+    path_into_force,
+    relative_turns,
+)
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, RecordFault, RecordTrial, Vehicle
 from brv_hypo.motion.inertial import arm_acceleration, gravity_magnitude
 from brv_hypo.motion.signals import differentiated, white_noise_level
@@ -48,6 +55,7 @@ COMPATIBILITY_GRAVITY_UNKNOWN = 1.0  # the same without altitude: all of it
 # 1-sigma of the deceleration by lift, in what it is where the force has the slope of any body.
 COMPATIBILITY_LIFT_DOUBT = 1.0
 COMPATIBILITY_ANY_SPEED = 1e3  # m/s, 1-sigma of the speed that a segment starts with: open
+PRESSURE_COMPARED = 50  # samples about, at which pressure and altitude are compared
 COMPATIBILITY_AXIAL_SAMPLES = 60  # that tell the deceleration; the time goes with their cube
 COMPATIBILITY_AXIAL_REACH = 4.0 * limits.COMPATIBILITY_AXIAL_SPREAD  # logarithms of it that are tried
 COMPATIBILITY_AXIAL_STEPS = 41  # values tried, a fifth of a spread apart
@@ -100,12 +108,8 @@ class Correction:
 AS_IT_IS = Correction((), "", "", changes=0)
 
 
-def corrections() -> tuple[Correction, ...]:
+def corrections() -> Iterator[Correction]:
     """Every mistake that is tried, the simplest first."""
-    return (*_signs_and_exchanges(), *_units(), *_turned_gyros())
-
-
-def _signs_and_exchanges() -> Iterator[Correction]:
     for triad, names in _TRIADS.items():
         for i, name in enumerate(names):
             yield _of_triad(triad, (name,), "sign", f"{name} reads as if its sign were flipped", _scaled(i, -1.0))
@@ -115,19 +119,21 @@ def _signs_and_exchanges() -> Iterator[Correction]:
             matrix[[i, j]] = matrix[[j, i]]
             words = f"{names[i]} and {names[j]} read as if they were exchanged"
             yield _of_triad(triad, (names[i], names[j]), "axes", words, matrix)
+    yield from _units()
+    yield from _turned_gyros()
 
 
 def _units() -> Iterator[Correction]:
-    for triad, factor, too_small, too_large in _TRIAD_UNITS:
+    for triad, factor, *mislabels in _TRIAD_UNITS:
         names = _TRIADS[triad]
-        for value, mislabel in ((factor, too_small), (1.0 / factor, too_large)):
+        for value, mislabel in zip((factor, 1.0 / factor), mislabels, strict=True):
             for i, name in enumerate(names):
                 words = f"{name} reads as if it were {mislabel}"
                 yield _of_triad(triad, (name,), "units", words, _scaled(i, value))
             words = f"{', '.join(names)} read as if they were {mislabel}"
             yield _of_triad(triad, names, "units", words, value * np.eye(3))
-    for chosen, factor, too_small, too_large in _AIR_UNITS:
-        for value, mislabel in ((factor, too_small), (1.0 / factor, too_large)):
+    for chosen, factor, *mislabels in _AIR_UNITS:
+        for value, mislabel in zip((factor, 1.0 / factor), mislabels, strict=True):
             velocity, pressure, altitude = (value if name in chosen else 1.0 for name in _AIR)
             verb = "read as if they were" if len(chosen) > 1 else "reads as if it were"
             words = f"{' and '.join(chosen)} {verb} {mislabel}"
@@ -137,21 +143,19 @@ def _units() -> Iterator[Correction]:
 def _turned_gyros() -> Iterator[Correction]:
     """The other ways in which the transverse gyros can stand to the transverse accelerometers.
 
-    Signs and an exchange of y and z make 16 ways, counted with the sign of p; those of a single mistake are
-    above. Turning both triads together changes nothing that can be seen.
+    Those of a single mistake are above. Turning both triads together changes nothing that can be seen.
     """
-    for swapped, p, q, r in product((False, True), (1.0, -1.0), (1.0, -1.0), (1.0, -1.0)):
-        names = _TRIADS["gyros"]
-        flipped = [name for name, sign in zip(names, (p, q, r), strict=True) if sign < 0.0]
+    for matrix in relative_turns():
+        swapped = matrix[1, 1] == 0.0
+        flipped = [name for name, sign in zip(GYROS, matrix.sum(axis=1), strict=True) if sign < 0.0]
         changes = len(flipped) + swapped
         if changes < 2:
             continue
         mistakes = ["q and r were exchanged"] if swapped else []
         if flipped:
             mistakes.append(f"the sign of {' and '.join(flipped)} flipped")
-        at_fault = tuple(name for name in names if name in flipped or (swapped and name != "p"))
+        at_fault = tuple(name for name in GYROS if name in flipped or (swapped and name != "p"))
         words = f"axes and signs of the gyros are in doubt: they read as if {', and '.join(mistakes)}"
-        matrix = np.diag([p, q, r])[:, [0, 2, 1] if swapped else [0, 1, 2]]
         yield _of_triad("gyros", at_fault, "axes", words, matrix, changes)
 
 
@@ -173,10 +177,10 @@ def _of_triad(
 
 @dataclass(frozen=True)
 class Readings:
-    """One segment of n samples, in SI."""
+    """What a record of n samples reads, in SI, and its white noise."""
 
     time: FloatArray
-    """Since its first sample (n,), s."""
+    """(n,), s."""
     rates: FloatArray
     """p, q, r (3, n)."""
     change: FloatArray
@@ -189,26 +193,56 @@ class Readings:
     """(n,)"""
     altitude: FloatArray | None
     """(n,), where the record has one."""
-
-
-@dataclass(frozen=True)
-class PreparedRecord:
-    """A flight, made ready to be judged under many corrections."""
-
-    flight: Flight
-    """As it was read."""
-    segments: tuple[Readings, ...]
-    """Those that are long enough."""
     rate_sigma: FloatArray
     """White noise (3,) of the gyros, rad/s."""
     force_sigma: FloatArray
     """White noise (3,) of the accelerometers, m/s^2."""
     velocity_sigma: float
     """White noise of the speed, m/s."""
-    wind_sigma: float
-    """Standard deviation of the wind along the path, m/s."""
-    gravity: float
-    """Its size, m/s^2."""
+
+    @classmethod
+    def of(cls, flight: Flight) -> Readings:
+        """Those of a flight, its rates differentiated once for all corrections."""
+        rates, forces = (np.stack([getattr(flight, name) for name in triad]) for triad in _TRIADS.values())
+        rate_sigma, force_sigma = (
+            np.array([white_noise_level(channel, flight.segments) for channel in triad]) for triad in (rates, forces)
+        )
+        change = np.zeros_like(rates)
+        if any(flight.vehicle.accelerometer_position):
+            change = np.stack([differentiated(flight, channel).rate.real for channel in rates])
+        air = (flight.velocity, flight.dynamic_pressure, flight.altitude)
+        velocity_sigma = white_noise_level(flight.velocity, flight.segments)
+        return cls(flight.time, rates, change, forces, *air, rate_sigma, force_sigma, velocity_sigma)
+
+    def corrected(self, correction: Correction) -> Readings:
+        """Those of the record without the mistake."""
+        speed, pressure, height = correction.air
+        return Readings(
+            time=self.time,
+            rates=correction.gyros @ self.rates,
+            change=correction.gyros @ self.change,
+            forces=correction.accelerometers @ self.forces,
+            velocity=speed * self.velocity,
+            dynamic_pressure=pressure * self.dynamic_pressure,
+            altitude=None if self.altitude is None else height * self.altitude,
+            rate_sigma=np.sqrt(correction.gyros**2 @ self.rate_sigma**2),
+            force_sigma=np.sqrt(correction.accelerometers**2 @ self.force_sigma**2),
+            velocity_sigma=speed * self.velocity_sigma,
+        )
+
+    def segment(self, first: int, stop: int) -> Readings:
+        """Those of some samples, whose time is counted from the first."""
+        part = slice(first, stop)
+        return replace(
+            self,
+            time=self.time[part] - self.time[first],
+            rates=self.rates[:, part],
+            change=self.change[:, part],
+            forces=self.forces[:, part],
+            velocity=self.velocity[part],
+            dynamic_pressure=self.dynamic_pressure[part],
+            altitude=None if self.altitude is None else self.altitude[part],
+        )
 
 
 @dataclass(frozen=True)
@@ -241,98 +275,45 @@ class Compatibility:
         return float(np.sum((before - after)[both])) + other.cost - self.cost
 
 
-def prepared(flight: Flight) -> PreparedRecord:
-    """The segments of a flight that are long enough, with rates differentiated once for all corrections."""
-    segments = tuple(piece for piece in flight.segments if piece[1] - piece[0] >= COMPATIBILITY_FEWEST_SAMPLES)
-    rates = np.stack([flight.p, flight.q, flight.r])
-    forces = np.stack([flight.ax, flight.ay, flight.az])
-    rate_sigma, force_sigma = (
-        np.array([white_noise_level(channel, flight.segments) for channel in triad]) for triad in (rates, forces)
-    )
-    change = np.zeros_like(rates)
-    if segments and any(flight.vehicle.accelerometer_position):
-        change = np.stack([differentiated(flight, channel).rate.real for channel in rates])
-    height = flight.altitude
-    return PreparedRecord(
-        flight=flight,
-        segments=tuple(
-            Readings(
-                time=flight.time[a:b] - flight.time[a],
-                rates=rates[:, a:b],
-                change=change[:, a:b],
-                forces=forces[:, a:b],
-                velocity=flight.velocity[a:b],
-                dynamic_pressure=flight.dynamic_pressure[a:b],
-                altitude=None if height is None else height[a:b],
-            )
-            for a, b in segments
-        ),
-        rate_sigma=rate_sigma,
-        force_sigma=force_sigma,
-        velocity_sigma=white_noise_level(flight.velocity, flight.segments),
-        wind_sigma=max(limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind)),
-        gravity=gravity_magnitude(flight) or COMPATIBILITY_GRAVITY,
-    )
-
-
-def compatibility_of(record: PreparedRecord, correction: Correction) -> Compatibility:
-    """How well the record, corrected, keeps to the relations."""
-    pieces = [_corrected(piece, correction) for piece in record.segments]
-    rate_sigma = np.sqrt(correction.gyros**2 @ record.rate_sigma**2)
-    force_sigma = np.sqrt(correction.accelerometers**2 @ record.force_sigma**2)
-    tallies = [_tally(record, piece, rate_sigma, force_sigma) for piece in pieces]
-    total = np.sum([tally.squares for tally in tallies], axis=0) if tallies else np.zeros((3, 3))
+def compatibility_of(flight: Flight, readings: Readings, correction: Correction) -> Compatibility:
+    """How well what a flight reads, corrected, keeps to the relations."""
+    readings = readings.corrected(correction)
+    pieces = [readings.segment(*segment) for segment in _long_segments(flight)]
+    relations = [_relations(flight.vehicle, piece) for piece in pieces]
+    total = np.sum([squares for squares, _, _ in relations], axis=0)
     size = np.maximum(total[:, 0], 1e-300)
     noise = total[:, 2] / size
     informative = (total[:, 0] > 0.0) & (noise < limits.COMPATIBILITY_TOO_NOISY)
     left = np.where(informative, np.clip(total[:, 1] / size, 0.0, 1.0), 1.0)
     slope = None
     if informative[0]:
-        weight = np.array([tally.squares[0, 0] for tally in tallies])
-        slope = float(weight @ np.array([tally.normal_slope for tally in tallies]) / np.sum(weight))
+        weight = np.array([squares[0, 0] for squares, _, _ in relations])
+        slope = float(weight @ np.array([each for _, each, _ in relations]) / np.sum(weight))
         if slope <= 0.0:
             left[0], slope = 1.0, None
-    axial, axial_sigma = _axial(record, pieces, correction)
-    pressure = _pressure_ratio(record.flight, correction)
+    axial, axial_sigma = _axial(flight, pieces)
+    pressure = _pressure_ratio(flight, readings)
     cost = (
         _of_ratio(slope and slope / limits.COMPATIBILITY_NORMAL_SLOPE, limits.COMPATIBILITY_NORMAL_SPREAD)
         + _of_axial(axial, axial_sigma)
         + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
         # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
-        + _of_ratio(max([1.0, *(tally.steady for tally in tallies)]), 1.0)
-        + _of_noise(rate_sigma)
-        + _of_noise(force_sigma)
+        + _of_ratio(max([1.0, *(steady for _, _, steady in relations)]), 1.0)
+        + _of_noise(readings.rate_sigma)
+        + _of_noise(readings.force_sigma)
         + limits.COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
 
 
-def _corrected(piece: Readings, correction: Correction) -> Readings:
-    speed, pressure, height = correction.air
-    return replace(
-        piece,
-        rates=correction.gyros @ piece.rates,
-        change=correction.gyros @ piece.change,
-        forces=correction.accelerometers @ piece.forces,
-        velocity=speed * piece.velocity,
-        dynamic_pressure=pressure * piece.dynamic_pressure,
-        altitude=None if piece.altitude is None else height * piece.altitude,
-    )
+def _long_segments(flight: Flight) -> list[tuple[int, int]]:
+    return [(a, b) for a, b in flight.segments if b - a >= COMPATIBILITY_FEWEST_SAMPLES]
 
 
-@dataclass(frozen=True)
-class _Tally:
-    """One segment: `squares` (3, 3) of each relation to be explained, not explained, and of noise; C_N per rad; a
+def _relations(vehicle: Vehicle, piece: Readings) -> tuple[FloatArray, float, float]:
+    """Of one segment, squares (3, 3) of each relation to be explained, not explained, and of noise; C_N per rad; and a
     constant force in the body over what varies of it.
     """
-
-    squares: FloatArray
-    normal_slope: float
-    steady: float
-
-
-def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, force_sigma: FloatArray) -> _Tally:
-    vehicle = record.flight.vehicle
     time = piece.time
     roll = integral(time, piece.rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
@@ -345,7 +326,7 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
     scale = pressure * vehicle.reference_area / vehicle.mass
     tau = 2.0 * time / time[-1] - 1.0
     powers = np.stack([np.ones_like(tau), tau, tau**2])
-    noise, rate_noise = (2.0 * float(np.mean(sigma[1:] ** 2)) for sigma in (force_sigma, rate_sigma))
+    noise, rate_noise = (2.0 * float(np.mean(sigma[1:] ** 2)) for sigma in (piece.force_sigma, piece.rate_sigma))
 
     first, slope = path_into_force(time, piece.rates, forces, piece.velocity, scale, noise)
     # Relation 2, integrated; a moment fixed in the body may come and go.
@@ -362,10 +343,10 @@ def _tally(record: PreparedRecord, piece: Readings, rate_sigma: FloatArray, forc
     static = [integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
     third, _ = fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
     steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
-    return _Tally(np.array([first, second, third]), slope, steady)
+    return np.array([first, second, third]), slope, steady
 
 
-def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correction) -> tuple[float, float]:
+def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
     """True over sensed deceleration, from the change of the speed, and the standard deviation of that.
 
     Least squares weighted by what else changes the airspeed: wind that wanders, gravity along the path, the normal
@@ -373,6 +354,8 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
     large deviation.
     """
     information, right = 0.0, 0.0
+    gravity = gravity_magnitude(flight) or COMPATIBILITY_GRAVITY
+    wind = max(limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind))
     for piece in pieces:
         every = max(1, piece.time.size // COMPATIBILITY_AXIAL_SAMPLES)
         time = piece.time[::every]
@@ -382,14 +365,14 @@ def _axial(record: PreparedRecord, pieces: list[Readings], correction: Correctio
             place = np.linspace(-1.0, 1.0, piece.time.size)
             smooth = np.polyval(np.polyfit(place, piece.altitude, COMPATIBILITY_ALTITUDE_DEGREE), place)
             fall = np.gradient(smooth, piece.time)
-            change = change + record.gravity * integral(piece.time, fall / piece.velocity)
+            change = change + gravity * integral(piece.time, fall / piece.velocity)
             doubt = COMPATIBILITY_GRAVITY_DOUBT
         apart = np.abs(time[:, None] - time) / (COMPATIBILITY_WIND_MEMORY * time[-1])
-        covariance = record.wind_sigma**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
-        covariance += (doubt * record.gravity) ** 2 * np.outer(time, time)
-        lift = COMPATIBILITY_LIFT_DOUBT * _slowed_by_lift(record.flight.vehicle, piece)[::every]
+        covariance = wind**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
+        covariance += (doubt * gravity) ** 2 * np.outer(time, time)
+        lift = COMPATIBILITY_LIFT_DOUBT * _slowed_by_lift(flight.vehicle, piece)[::every]
         covariance += np.outer(lift, lift)
-        covariance += (record.velocity_sigma * correction.air[0]) ** 2 * np.eye(time.size)
+        covariance += piece.velocity_sigma**2 * np.eye(time.size)
         sensed = integral(piece.time, piece.forces[0])[::every]
         weighted = np.linalg.solve(covariance, sensed)
         information += float(weighted @ sensed)
@@ -407,20 +390,16 @@ def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
     return integral(piece.time, normal * angle)
 
 
-def _pressure_ratio(flight: Flight, correction: Correction) -> float | None:
+def _pressure_ratio(flight: Flight, readings: Readings) -> float | None:
     """Recorded over expected dynamic pressure: by the density, or by the altitude in Earth's atmosphere."""
-    speed, pressure, height = correction.air
-    density = flight.density
-    if flight.planet == "earth" and flight.altitude is not None:
-        every = max(1, flight.samples // 50)
-        altitude = height * flight.altitude[::every]
-        expected = 0.5 * atmosphere(altitude, "density") * (speed * flight.velocity[::every]) ** 2
-        ratios = pressure * flight.dynamic_pressure[::every] / expected
-    elif density is not None:
-        expected = 0.5 * density * (speed * flight.velocity) ** 2
-        ratios = pressure * flight.dynamic_pressure / expected
+    if flight.planet == "earth" and readings.altitude is not None:
+        some = slice(None, None, max(1, flight.samples // PRESSURE_COMPARED))
+        density = atmosphere(readings.altitude[some], "density")
+    elif flight.density is not None:
+        some, density = slice(None), flight.density
     else:
         return None
+    ratios = readings.dynamic_pressure[some] / (0.5 * density * readings.velocity[some] ** 2)
     ratios = ratios[np.isfinite(ratios) & (ratios > 0.0)]
     return float(np.median(ratios)) if ratios.size else None
 
@@ -470,13 +449,12 @@ def try_record(flight: Flight) -> tuple[Flight, RecordTrial]:
     try:
         masked, faults = masked_flight(flight)
     except FlightRecordError as error:
-        unusable = _fault(flight, "record", "unusable", str(error))
+        unusable = RecordFault.over(flight.time, "record", "unusable", str(error), decisive=True)
         return flight, RecordTrial(sound=False, faults=(*flight.faults, unusable))
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        record = prepared(averaged(masked))
         physics = _physics(masked)
         turned = any(fault.fault == "mounting" for fault in physics)  # axes of the unit are not those of the vehicle
-        found = (*faults, *physics, *(() if turned else _contradictions(record)))
+        found = (*faults, *physics, *(() if turned else _contradictions(averaged(masked))))
     trial = RecordTrial(sound=not any(fault.decisive for fault in found), faults=found)
     return (masked if masked.faults == faults else replace(masked, faults=faults)), trial
 
@@ -493,19 +471,19 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     return (*contradictions(flight.time, known, flight.vehicle, flight.planet == "earth"), *turned)
 
 
-def _contradictions(record: PreparedRecord) -> tuple[RecordFault, ...]:
+def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     """The mistake whose correction restores the record best; and whether the gyros contradict it even so."""
-    flight = record.flight
-    if not record.segments:
+    if not _long_segments(flight):
         return ()
-    as_read = compatibility_of(record, AS_IT_IS)
+    readings = Readings.of(flight)
+    as_read = compatibility_of(flight, readings, AS_IT_IS)
     broken = _broken(as_read)
     if not broken:
         return ()
     found = []
     strained = set(broken) == {"path, strained"}
     least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
-    tried = [(one, compatibility_of(record, one)) for one in corrections()]
+    tried = [(one, compatibility_of(flight, readings, one)) for one in corrections()]
     ranked = sorted(((one, after.better_than(as_read), after) for one, after in tried), key=lambda entry: -entry[1])
     corrected = ranked[0][2]
     likely = [
@@ -516,10 +494,11 @@ def _contradictions(record: PreparedRecord) -> tuple[RecordFault, ...]:
     if likely and likely[0] is ranked[0][0]:
         best, others = likely[0], "; or ".join(one.words for one in likely[1 : 1 + MOST_OTHERS])
         nearly = f" (nearly as likely: {others})" if others else ""
-        found.append(_fault(flight, ", ".join(best.channels), best.fault, f"{best.words}{nearly}: correct the map"))
+        words = f"{best.words}{nearly}: correct the map"
+        found.append(RecordFault.over(flight.time, ", ".join(best.channels), best.fault, words, decisive=True))
     if "path" in broken and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
-        found.append(_fault(flight, "p, q, r, ay, az", "axes", words))
+        found.append(RecordFault.over(flight.time, "p, q, r, ay, az", "axes", words, decisive=True))
     return tuple(found)
 
 
@@ -557,7 +536,3 @@ def _unrelated(found: Compatibility) -> bool:
     """Whether much of each instrument does not follow from the others, though noise would let it."""
     conclusive = found.informative & (found.noise < limits.COMPATIBILITY_QUIET)
     return bool(conclusive[0] and (found.left[conclusive] > limits.COMPATIBILITY_UNRELATED).all())
-
-
-def _fault(flight: Flight, channel: str, fault: str, action: str) -> RecordFault:
-    return RecordFault(channel, fault, float(flight.time[0]), float(flight.time[-1]), action, decisive=True)

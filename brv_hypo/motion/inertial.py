@@ -5,9 +5,11 @@ that do not turn, Eq. 3.1 is then a quadrature, linear in the velocity at the st
 
     V(t) = V_0 + integral of specific force + g t
 
-Its magnitude is the speed through still air; what turns the air's flow is divided by the speed relative to the air,
-the record's `velocity`, which a wind along the track changes. `start_from_nose` is the start of the angular rate
-method (Section 3.2.1), `wind_direction` the direction of the velocity from a start.
+The attitude comes by way of the de-rolled axes, which turn with the body but for its roll: x is the body's, and a
+transverse pair is y + i z times exp(i roll). What is left to integrate varies with the slow pitching motion only,
+whatever the roll rate. The magnitude of V is the speed through still air; what turns the air's flow is divided by the
+speed relative to the air, the record's `velocity`, which a wind along the track changes. `start_from_nose` is the start
+of the angular rate method (Section 3.2.1), `wind_direction` the direction of the velocity from a start.
 """
 
 from __future__ import annotations
@@ -20,9 +22,9 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.kinematics import body_attitude, unit
+from brv_hypo.motion.methods import ReconstructionConfig
+from brv_hypo.motion.motion import unit
 from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, transverse_noise_level
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
@@ -181,6 +183,71 @@ def arm_acceleration(
 def sensed_force(flight: Flight) -> FloatArray:
     """What the accelerometers read (n, 3), m/s^2."""
     return np.stack([flight.ax, flight.ay, flight.az], axis=1)
+
+
+# ---- Attitude from rate gyros: the roll angle, and the de-rolled axes in the axes of the first sample ----
+
+
+def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
+    """Rotation matrices (n, ..., 3, 3) from de-rolled axes to those of the first sample.
+
+    `transverse_rate` (n, ...) is (q + i r) exp(i roll) in rad/s. Where its direction changes within a step, rotations
+    do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES 7:61, 1971).
+    """
+    angle = running_integral(time, transverse_rate)
+    steps = np.diff(angle, prepend=angle[:1], axis=0)
+    coning = np.zeros(angle.shape)
+    share = (np.diff(time) ** 2 / 12.0).reshape(-1, *(1,) * (angle.ndim - 1))
+    coning[1:] = share * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
+    return _matrices(*_running_product(*_quaternions(coning, steps)))
+
+
+def rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
+    """De-rolled axes (n, ..., 3, 3) turned on by the roll angle (n, ...): the body's."""
+    cosine, sine = np.cos(roll)[..., np.newaxis], np.sin(roll)[..., np.newaxis]
+    second, third = derolled[..., 1], derolled[..., 2]
+    return np.stack([derolled[..., 0], second * cosine + third * sine, third * cosine - second * sine], axis=-1)
+
+
+def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Roll angle (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to those of the first sample.
+
+    `p` and q + i r (n, ...), rad/s, in body axes: one record, or several of the same times.
+    """
+    roll = running_integral(time, p)
+    return roll, rolled(derolled_attitude(time, transverse_rate * np.exp(1j * roll)), roll)
+
+
+def _quaternions(axial: FloatArray, transverse: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Unit quaternions a + b j (n, ...) each, of rotation vectors (axial, Re, Im) in rad: a = w + i x, b = y + i z."""
+    half = 0.5 * np.hypot(axial, np.abs(transverse))
+    scale = 0.5 * np.sinc(half / np.pi)
+    return np.cos(half) + 1j * (scale * axial), scale * transverse
+
+
+def _running_product(a: ComplexArray, b: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Products of the first 1, 2, ... n of quaternions a + b j, by doubling: log2(n) vectorised passes."""
+    reach = 1
+    while reach < a.shape[0]:
+        before_a, before_b, own_a, own_b = a[:-reach], b[:-reach], a[reach:], b[reach:]
+        a, b = (
+            np.concatenate([a[:reach], before_a * own_a - before_b * np.conj(own_b)]),
+            np.concatenate([b[:reach], before_a * own_b + before_b * np.conj(own_a)]),
+        )
+        reach *= 2
+    length = np.sqrt(np.abs(a) ** 2 + np.abs(b) ** 2)
+    return a / length, b / length
+
+
+def _matrices(a: ComplexArray, b: ComplexArray) -> FloatArray:
+    """Rotation matrices (n, ..., 3, 3) of unit quaternions a + b j."""
+    w, x, y, z = a.real, a.imag, b.real, b.imag
+    out = np.empty((*a.shape, 3, 3))
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1.0 - 2.0 * (yy + zz), 2.0 * (xy - wz), 2.0 * (xz + wy)
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2.0 * (xy + wz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz - wx)
+    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2.0 * (xz - wy), 2.0 * (yz + wx), 1.0 - 2.0 * (xx + yy)
+    return out
 
 
 # ---- The velocity from a start, by forces and gravity ----

@@ -11,9 +11,8 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.inertial import arm_acceleration, sensed_force
+from brv_hypo.motion.inertial import arm_acceleration, derolled_attitude, sensed_force
 from brv_hypo.motion.interpolation import running_integral
-from brv_hypo.motion.kinematics import derolled_attitude
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.signals import (
     InputError,

@@ -24,7 +24,6 @@ RESPONSE_FASTEST = 95.0  # percentile of the meridian's rate that is the fastest
 
 # Samples from which splines have no knot at the second and the last but one.
 _FEWEST = 4
-_AT_ONCE = 1_000_000  # values that are worked on at once: what that needs beside them stays small
 
 
 @dataclass(frozen=True)
@@ -64,9 +63,6 @@ class SplineGrid:
 
     def slopes(self, values: Values) -> Values:
         """Slopes at the samples of the splines through `values` (m, columns), real or complex."""
-        width = max(1, _AT_ONCE // self.time.size)
-        if values.shape[1] > width:
-            return np.hstack([self.slopes(values[:, k : k + width]) for k in range(0, values.shape[1], width)])
         factored, off, before, after = self._equations
         rises = np.diff(values, axis=0)
         right = np.empty(values.shape, dtype=rises.dtype)
@@ -79,10 +75,6 @@ class SplineGrid:
 
     def integrals(self, values: Values, slopes: Values) -> Values:
         """Integrals (m, columns) from the first sample to each of the splines with these values and slopes."""
-        width = max(1, _AT_ONCE // self.time.size)
-        if values.shape[1] > width:
-            some = [slice(k, k + width) for k in range(0, values.shape[1], width)]
-            return np.hstack([self.integrals(values[:, own], slopes[:, own]) for own in some])
         out = np.zeros_like(slopes)
         parts = self.steps / 2.0 * (values[:-1] + values[1:])
         parts += self.steps**2 / 12.0 * (slopes[:-1] - slopes[1:])

@@ -1,4 +1,10 @@
-"""`Motion`: all that a mechanism may know of a vehicle's flight, as arrays over time.
+"""Axes and angles, as CONVENTIONS defines them; `Motion`: all that a mechanism may know of a flight, over time.
+
+A transverse pair (y, z) in body axes is one complex number y + i z. With it the conventions read
+
+    crossflow        xi = (v + i w) / V = i sin(alpha) exp(-i phi_w)
+    moment           C_m + i C_n = (C_N' + i C_Z') exp(-i phi_w)
+    transverse rate  omega = q + i r
 
 `recorded` gives a motion its past: every quantity tau seconds earlier, by cubic interpolation; angles by way of the
 crossflow, because alpha has a cusp and the meridian jumps by pi where alpha passes through zero. `with_crossflow`
@@ -9,7 +15,6 @@ alpha passes by zero).
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,7 +26,6 @@ from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.interpolation import Quadrature, lagrange
-from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, crossflow, plane_from_body, windward_meridian
 
 # Way of the crossflow from node to node, of its least distance from zero on that way: the meridian turns by no more,
 # rad. Splines through a damping or a constant moment that turns so err by some 1e-5 of it.
@@ -32,6 +36,61 @@ NODE_LATE = 0.5
 NODE_WOUND = 0.5
 NODE_HALVINGS = 7  # of a sample: what turns faster does so in less than a hundredth of a sample
 NODE_MOST = 8  # added to a stretch at most, of its samples: noise passes by zero all the time
+
+
+# ---- Angles, elementwise over arrays of any one shape ----
+
+
+# Below this crossflow (rad) the meridian rate is damped towards zero: it is undefined at alpha = 0.
+CROSSFLOW_FLOOR = 1e-6
+
+
+def angle_of_attack(crossflow: ComplexArray) -> FloatArray:
+    """Total angle of attack in rad, >= 0, from the crossflow (v + i w) / V (Eq. 3.3)."""
+    return np.asarray(np.arcsin(np.clip(np.abs(crossflow), 0.0, 1.0)), dtype=float)
+
+
+def windward_meridian(crossflow: ComplexArray) -> FloatArray:
+    """phi_w = atan2(v, w) in rad, from body z toward body y (Eq. 3.4, erratum E5); wrapped to (-pi, pi]."""
+    return np.arctan2(crossflow.real, crossflow.imag)
+
+
+def crossflow(alpha: FloatArray, phi_w: FloatArray) -> ComplexArray:
+    """(v + i w) / V of an angle of attack and a windward meridian, both in rad (Eq. 2.5, erratum E1)."""
+    return np.asarray(1j * np.sin(alpha) * np.exp(-1j * phi_w), dtype=complex)
+
+
+def unit(xi: ComplexArray) -> ComplexArray:
+    """Unit numbers of the same direction; zero stays zero."""
+    return np.asarray(xi / np.maximum(np.abs(xi), 1e-12))
+
+
+def effective(xi: ComplexArray) -> ComplexArray:
+    """Crossflow of size alpha rather than sin(alpha): what a force linear in alpha follows."""
+    size = np.abs(xi)
+    return np.asarray(xi * (np.arcsin(np.minimum(size, 1.0)) / np.maximum(size, 1e-12)))
+
+
+def angle_rates(xi: ComplexArray, xi_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Rates of alpha and phi_w, rad/s, from the crossflow and its rate (1/s)."""
+    product = xi_rate * np.conj(xi)
+    size_squared = np.abs(xi) ** 2
+    size = np.sqrt(size_squared + CROSSFLOW_FLOOR**2)
+    cos_alpha = np.sqrt(np.maximum(1.0 - size_squared, 1e-12))
+    return product.real / (size * cos_alpha), -product.imag / size**2
+
+
+def body_from_plane(in_plane: FloatArray, out_of_plane: FloatArray, phi_w: FloatArray) -> ComplexArray:
+    """C_m + i C_n from C_N' and C_Z' (Eq. 2.6, erratum E2)."""
+    return np.asarray((in_plane + 1j * out_of_plane) * np.exp(-1j * phi_w), dtype=complex)
+
+
+def plane_from_body(moment: ComplexArray, phi_w: FloatArray) -> ComplexArray:
+    """C_N' + i C_Z' from C_m + i C_n: the inverse of `body_from_plane`."""
+    return np.asarray(moment * np.exp(1j * phi_w), dtype=complex)
+
+
+# ---- The motion of a vehicle ----
 
 
 SMOOTH = (
@@ -164,8 +223,6 @@ def nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
 
 _CROSSFLOW = "crossflow"
 _MOMENT = "in_plane_moment"
-# Values of past quantities that are kept, 8 bytes each: the same delays are asked for again and again.
-_KEPT_VALUES = 500_000
 
 
 def recorded(motion: Motion) -> Motion:
@@ -179,64 +236,43 @@ def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
     if not isinstance(past, _Past):
         return recorded(moved)
     splines = {name: each for name, each in past.splines.items() if name != _MOMENT}
-    return replace(moved, history=_Past(replace(moved, history=None), splines, past.kept))
+    return replace(moved, history=_Past(replace(moved, history=None), splines))
 
 
 class _Past:
     """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
 
-    `splines` through the crossflow and other quantities are made when they are first asked for. `kept` are quantities
-    that were asked for lately, by delay and name; all but the in-plane moment, which may be another.
+    `splines` through the crossflow and other quantities are made when they are first asked for.
     """
 
-    def __init__(
-        self,
-        motion: Motion,
-        splines: dict[str, CubicSpline] | None = None,
-        kept: OrderedDict[tuple[float, str], Any] | None = None,
-        ago: float = 0.0,
-    ) -> None:
+    def __init__(self, motion: Motion, splines: dict[str, CubicSpline] | None = None, ago: float = 0.0) -> None:
         self.motion, self.ago = motion, ago
         self.splines = {} if splines is None else splines
-        self.kept = OrderedDict() if kept is None else kept
 
     def __reduce__(self) -> Any:
         """A pickled motion need not hold what can be found again."""
-        return _Past, (self.motion, None, None, self.ago)
+        return _Past, (self.motion, None, self.ago)
 
     def __call__(self, tau: float) -> Motion:
-        past = _Past(self.motion, self.splines, self.kept, self.ago + tau)
+        past = _Past(self.motion, self.splines, self.ago + tau)
         earlier = object.__new__(EarlierMotion)
         vars(earlier).update(past=past, history=past, time=fixed(self.motion.time - past.ago))
         return earlier
 
     def quantity(self, time: FloatArray, name: str) -> Any:
-        """One quantity of the motion at these times (n,), kept for the next time."""
-        key = (self.ago, name)
-        if key in self.kept:
-            return self.kept[key]
-        found = fixed(self._at(time, name))
-        if name != _MOMENT:
-            self.kept[key] = found
-        while len(self.kept) * np.size(found) > _KEPT_VALUES:
-            self.kept.popitem(last=False)
-        return found
-
-    def _at(self, time: FloatArray, name: str) -> Any:
+        """One quantity of the motion at these times (n,)."""
         motion = self.motion
-        if name == "alpha":
-            return angle_of_attack(self._crossflow_at(time))
-        if name == "windward_meridian":
+        if name in ("alpha", "windward_meridian"):
+            parts = self._interpolated(_CROSSFLOW, time)
+            xi = np.asarray(parts[:, 0] + 1j * parts[:, 1], dtype=complex)
+            if name == "alpha":
+                return angle_of_attack(xi)
             before = np.minimum(time - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
-            return _unwrapped_near(windward_meridian(self._crossflow_at(time)) + before, motion.windward_meridian)
+            return _unwrapped_near(windward_meridian(xi) + before, motion.windward_meridian)
         values = getattr(motion, name)
         if name not in (*SMOOTH, _MOMENT) or not np.all(np.isfinite(values)):
             return values  # taken for constant
         return self._interpolated(name, time)
-
-    def _crossflow_at(self, time: FloatArray) -> ComplexArray:
-        found = self._interpolated(_CROSSFLOW, time)
-        return np.asarray(found[:, 0] + 1j * found[:, 1], dtype=complex)
 
     def _interpolated(self, name: str, time: FloatArray) -> FloatArray:
         """Values at these times (n,); before the first sample those of the first."""
@@ -255,7 +291,7 @@ class EarlierMotion(Motion):
         past = vars(self).get("past")
         if past is None or name.startswith("_") or not hasattr(past.motion, name):
             raise AttributeError(f"a motion has no quantity '{name}'")
-        vars(self)[name] = found = past.quantity(self.time, name)
+        vars(self)[name] = found = fixed(past.quantity(self.time, name))
         return found
 
 

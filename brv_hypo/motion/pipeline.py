@@ -15,30 +15,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from brv_hypo import thresholds as limits
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, gravity_magnitude, inertial_record
-from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, plane_from_body, windward_meridian
-from brv_hypo.motion.methods import method_of
-from brv_hypo.motion.motion import Motion, recorded
+from brv_hypo.motion.interpolation import blocks
+from brv_hypo.motion.methods import ReconstructionConfig, method_of
+from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, plane_from_body, recorded, windward_meridian
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, EffectEstimate, MomentEstimate, Reconstruction, WindHistory
-from brv_hypo.motion.responses import EffectFit, Perturbation, corrected
+from brv_hypo.motion.responses import EffectFit, Perturbation, corrected, projected_variance
 from brv_hypo.motion.signals import rms
-from brv_hypo.thresholds import (
-    FASTEST_RATE,
-    LARGEST_MOMENT,
-    LEAST_SWING,
-    WARNED_ALPHA,
-    WARNED_GRAVITY,
-    WARNED_MOMENTS,
-    WARNED_PER_CYCLE,
-)
 
 WARNED_LEFT = 10.0  # percent of the moments that fitted errors of the record leave, below which a warning tells it
-
 AXIAL_SIGNIFICANT = 25.0  # squares of standard errors by which the axial coefficient has to change (seed 162023)
 
 
@@ -46,9 +36,9 @@ def require_answerable(flight: Flight) -> None:
     """Raises UnanswerableError where the rates stand still or cannot be true, or the air is too thin."""
     rates = np.hypot(flight.q, flight.r)
     fastest = float(max(rates.max(), np.abs(flight.p).max()))
-    if fastest > FASTEST_RATE:
+    if fastest > limits.FASTEST_RATE:
         raise UnanswerableError(
-            f"the gyros reach {fastest:.3g} rad/s, expected less than {FASTEST_RATE:.0f}: their units are "
+            f"the gyros reach {fastest:.3g} rad/s, expected less than {limits.FASTEST_RATE:.0f}: their units are "
             "probably wrong. Correct the `units` attributes of p, q and r."
         )
     motion = float(np.std(flight.q) + np.std(flight.r))
@@ -59,11 +49,11 @@ def require_answerable(flight: Flight) -> None:
         )
     duration = float(flight.time[-1] - flight.time[0])
     pressure = float(np.max(flight.dynamic_pressure))
-    swing = LARGEST_MOMENT * pressure * flight.vehicle.moment_scale * duration
-    if swing < LEAST_SWING * motion:
+    swing = limits.LARGEST_MOMENT * pressure * flight.vehicle.moment_scale * duration
+    if swing < limits.LEAST_SWING * motion:
         raise UnanswerableError(
             f"dynamic pressure is at most {pressure:.3g} Pa: even a moment coefficient of "
-            f"{LARGEST_MOMENT:.0f} would change the rates by only {swing:.1g} rad/s. The vehicle is not yet in "
+            f"{limits.LARGEST_MOMENT:.0f} would change the rates by only {swing:.1g} rad/s. The vehicle is not yet in "
             "the air that matters; give a later window (--start), or check the units of dynamic_pressure."
         )
 
@@ -78,11 +68,16 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
     covariance counts in `sigma`.
     """
     spin = record.spin_rate
-    responses = effects.responses.moment
+    responses = effects.responses
+    errors = responses.rows.all_of(np.asarray(responses.moment @ (effects.value - effects.known)))
+    variance = np.empty(record.time.size)
+    for rows in blocks(variance.size):
+        changes = responses.rows.all_of(responses.moment, rows)
+        variance[rows] = sum(projected_variance(part, effects.covariance) for part in (changes.real, changes.imag))
     noise = error_of_differentiation(record)
     return MomentEstimate(
-        body=record.moment - responses.of(effects.value - effects.known),
-        sigma=np.sqrt(noise**2 + 0.5 * responses.variance(effects.covariance)),
+        body=record.moment - errors,
+        sigma=np.sqrt(noise**2 + 0.5 * variance),
         noise_sigma=noise,
         usable=record.measured & spin.interior,
         noise_correlation=spin.noise_correlation,
@@ -176,7 +171,7 @@ def _attitude_lost(record: InertialRecord) -> str | None:
 def _alpha_error(record: InertialRecord, wind: WindHistory) -> str | None:
     alpha = angle_of_attack(wind.crossflow)[record.measured]
     share = rms(wind.alpha_sigma[record.measured]) / max(rms(alpha), 1e-150)
-    if share < WARNED_ALPHA:
+    if share < limits.WARNED_ALPHA:
         return None
     known = f"known to {100.0 * share:.0f} % of its rms only"
     return (
@@ -194,7 +189,7 @@ def _moment_noise(record: InertialRecord, moments: MomentEstimate) -> str | None
     if not usable.any():
         return "no stretch of the record is long enough to differentiate the gyros: there are no moments"
     size = rms(moments.body[usable]) / np.sqrt(2.0)
-    if rms(moments.noise_sigma[usable]) < WARNED_MOMENTS * max(size, 1e-300):
+    if rms(moments.noise_sigma[usable]) < limits.WARNED_MOMENTS * max(size, 1e-300):
         return None
     pressure = record.flight.dynamic_pressure[usable]
     shown = rms(record.moment[usable] * pressure) / np.sqrt(2.0)
@@ -221,7 +216,7 @@ def _samples_per_cycle(record: InertialRecord) -> str | None:
     if power <= 0.0:
         return "the transverse rates hold nothing but noise"
     step = float(np.sqrt(max(np.mean(np.abs(change) ** 2) - 4.0 * noise, 0.0) / power))
-    if 2.0 * np.pi > WARNED_PER_CYCLE * step:
+    if 2.0 * np.pi > limits.WARNED_PER_CYCLE * step:
         return None
     strongest = strongest_frequency(flight.q, flight.r, flight.step, flight.segments)
     beside = f"; that of the strongest has {flight.sample_rate / strongest:.3g}" if strongest > 0.0 else ""
@@ -235,7 +230,7 @@ def _samples_per_cycle(record: InertialRecord) -> str | None:
 def _gravity(record: InertialRecord, wind: WindHistory) -> str | None:
     expected = gravity_magnitude(record.flight)
     found = float(np.linalg.norm(wind.gravity))
-    if expected is None or found == 0.0 or found < WARNED_GRAVITY * expected:
+    if expected is None or found == 0.0 or found < limits.WARNED_GRAVITY * expected:
         return None
     return (
         f"the velocity turns as if gravity were {found:.1f} m/s^2 where {expected:.1f} is expected: wind "

@@ -16,11 +16,10 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.binary import Dataset, Tree, write_tree
-from brv_hypo.motion.config import Method
 from brv_hypo.motion.inertial import InertialRecord, WindStart
 from brv_hypo.motion.interpolation import Quadrature
-from brv_hypo.motion.kinematics import angle_of_attack, crossflow
-from brv_hypo.motion.motion import Motion, at_nodes, quadrature
+from brv_hypo.motion.methods import Method
+from brv_hypo.motion.motion import Motion, angle_of_attack, at_nodes, crossflow, quadrature
 from brv_hypo.motion.responses import EffectFit
 from brv_hypo.motion.signals import InputError, rms
 from brv_hypo.results import HasCharts, Histories

@@ -11,22 +11,27 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
-from typing import Any, Generic
+from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray, Values
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHANNELS, Flight, Vehicle
-from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration
+from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude
 from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, full_grid, running_integral, spacing
-from brv_hypo.motion.kinematics import body_attitude, windward_meridian
+from brv_hypo.motion.motion import windward_meridian
 from brv_hypo.motion.signals import differentiated
 
 # Width of differences by errors of the record, in standard deviations: what is of second order in it would tell apart
 # errors that the record cannot (both clocks of the inertial unit late by 1 sigma is a motion 1 sigma later).
 RESPONSE_STEP = 1e-2
+GRAVITY_PARTS = 3  # unknowns that stand before the errors of the record
 RESPONSE_PER_CYCLE = 24  # samples of the fastest motion that carry what errors do: 2e-6 of it is lost between them
+
+
+Axes = tuple[FloatArray, FloatArray]
+"""Two axes (n, 3) across the velocity."""
 
 
 @dataclass(frozen=True)
@@ -127,32 +132,6 @@ MOST_NAMED = 3  # errors named where none can be corrected
 
 
 @dataclass(frozen=True)
-class Responses(Generic[Values]):
-    """One quantity's changes by those effects, `which` (m,), that change it at all: `values` (kept, m)."""
-
-    which: IntArray
-    rows: DecimatedGrid
-    values: Values
-
-    def at(self, rows: slice) -> Values:
-        """These rows of the changes (rows, m)."""
-        return self.rows.all_of(self.values, rows)
-
-    def of(self, effects: FloatArray) -> Values:
-        """The change (n,) by effects of these sizes (k,)."""
-        return self.rows.all_of(np.asarray(self.values @ effects[self.which]))
-
-    def variance(self, covariance: FloatArray) -> FloatArray:
-        """Variance (n,) of both parts by effects of that covariance (k, k)."""
-        own = covariance[np.ix_(self.which, self.which)]
-        out = np.empty(self.rows.count)
-        for rows in blocks(out.size):
-            changes = self.at(rows)
-            out[rows] = projected_variance(changes.real, own) + projected_variance(changes.imag, own)
-        return out
-
-
-@dataclass(frozen=True)
 class EffectResponses:
     """Changes of what the record says, for an error of each of k effects of one standard deviation.
 
@@ -165,12 +144,12 @@ class EffectResponses:
     """The samples that are kept."""
     drift: FloatArray
     """Velocity relative to the air in the axes of the first sample, as the body sees it (kept, 3, k), m/s."""
-    force: Responses[ComplexArray]
-    """Transverse force, m/s^2."""
-    pressure: Responses[FloatArray]
-    """Dynamic pressure over itself, which the normal force follows as it follows its slope."""
-    moment: Responses[ComplexArray]
-    """C_m + i C_n."""
+    force: ComplexArray
+    """Transverse force (kept, k), m/s^2."""
+    pressure: FloatArray
+    """Dynamic pressure over itself (kept, k), which the normal force follows as it follows its slope."""
+    moment: ComplexArray
+    """C_m + i C_n (kept, k)."""
 
 
 @dataclass(frozen=True)
@@ -193,10 +172,9 @@ def projected_variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
 
 def no_responses(record: InertialRecord) -> EffectResponses:
     """Those of a record without errors."""
-    rows, none = full_grid(record.time.size), np.zeros(0, dtype=np.int64)
-    nothing = np.zeros((rows.count, 0))
-    unchanged: Responses[ComplexArray] = Responses(none, rows, nothing.astype(complex))
-    return EffectResponses((), rows, np.zeros((rows.count, 3, 0)), unchanged, Responses(none, rows, nothing), unchanged)
+    nothing = np.zeros((record.time.size, 0))
+    drift, unchanged = np.zeros((record.time.size, 3, 0)), nothing.astype(complex)
+    return EffectResponses((), full_grid(record.time.size), drift, unchanged, nothing, unchanged)
 
 
 def corrected(flight: Flight, fit: EffectFit) -> Flight:
@@ -228,35 +206,18 @@ def effect_responses(
     smooth, kept = noise_free(record, force), _kept(record, crossflow)
     width = max(1, AT_ONCE // kept.count)
     drift = np.empty((kept.size, 3, len(effects)))
-    changes: dict[str, dict[int, Any]] = {"force": {}, "pressure": {}, "moment": {}}
+    forces, pressures, moments = (np.empty((kept.size, len(effects)), dtype=kind) for kind in (complex, float, complex))
     for first in range(0, len(effects), width):
         some = effects[first : first + width]
         steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
         records = perturbed(smooth, [effect.apply(smooth.flight, step) for effect, step in steps])
         drifts = kept.of(_drift(smooth, crossflow, records))
-        drift[:, :, first : first + width] = drifts[:, :, : len(some)] - drifts[:, :, len(some) :]
+        drift[:, :, first : first + width] = (drifts[:, :, : len(some)] - drifts[:, :, len(some) :]) / RESPONSE_STEP
         for k, (more, less) in enumerate(zip(records[: len(some)], records[len(some) :], strict=True), start=first):
-            of_one: dict[str, Any] = {
-                "force": more.transverse_force - less.transverse_force,
-                "pressure": (more.force_scale - less.force_scale) / smooth.force_scale,
-                "moment": more.moment - less.moment,
-            }
-            for name, change in of_one.items():
-                if np.any(change):
-                    changes[name][k] = kept.of(change)
-    drift /= RESPONSE_STEP
-    gathered: dict[str, Any] = {name: _gathered(each, kept) for name, each in changes.items()}
-    return EffectResponses(effects=tuple(effects), rows=kept, drift=drift, **gathered)
-
-
-def _gathered(changes: dict[int, Any], kept: DecimatedGrid) -> Responses[Any]:
-    """Changes (kept,) by effect, per unit of them; they are let go one by one."""
-    which = np.array(list(changes), dtype=np.int64)
-    kind = changes[int(which[0])].dtype if changes else float
-    values: Any = np.empty((kept.size, which.size), dtype=kind, order="F")
-    for place, effect in enumerate(which.tolist()):
-        np.divide(changes.pop(effect), RESPONSE_STEP, out=values[:, place])
-    return Responses(which, kept, values)
+            forces[:, k] = kept.of(more.transverse_force - less.transverse_force) / RESPONSE_STEP
+            pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
+            moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
+    return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments)
 
 
 def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
@@ -269,16 +230,12 @@ def _kept(record: InertialRecord, crossflow: ComplexArray) -> DecimatedGrid:
 
 def nonzero_responses(responses: EffectResponses) -> EffectResponses:
     """The responses of those effects that change anything at all."""
-    each: dict[str, Any] = {name: getattr(responses, name) for name in ("force", "pressure", "moment")}
-    nonzero = np.any(responses.drift != 0.0, axis=(0, 1))
-    for one in each.values():
-        nonzero[one.which] = True
+    each: dict[str, Any] = {name: getattr(responses, name) for name in ("drift", "force", "pressure", "moment")}
+    nonzero = np.any([np.any(values, axis=tuple(range(values.ndim - 1))) for values in each.values()], axis=0)
     if np.all(nonzero):
         return responses
-    place = np.cumsum(nonzero) - 1
-    moved = {name: replace(one, which=place[one.which]) for name, one in each.items()}
-    left = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
-    return replace(responses, effects=left, drift=responses.drift[:, :, nonzero], **moved)
+    effects = tuple(effect for effect, kept in zip(responses.effects, nonzero, strict=True) if kept)
+    return replace(responses, effects=effects, **{name: values[..., nonzero] for name, values in each.items()})
 
 
 def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
@@ -328,3 +285,36 @@ def _wind(record: InertialRecord) -> FloatArray:
     """The wind (n, 3) m/s that is known, less that of the first sample."""
     wind = record.flight.wind
     return np.zeros((record.time.size, 3)) if wind is None else wind - wind[0]
+
+
+class Drift:
+    """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
+
+    `responses` have the drift of the errors in the axes of the first sample. Gravity turns the velocity by what of it
+    is across the velocity at each instant.
+    """
+
+    def __init__(self, record: InertialRecord, responses: EffectResponses, axes: Axes) -> None:
+        self._responses, self._axes = responses, axes
+        identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
+        self._fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
+        self._whole = self._of(slice(0, record.time.size)) if len(blocks(record.time.size)) == 1 else None
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        return self._of(rows) if self._whole is None else self._whole[rows]
+
+    def _of(self, rows: slice) -> ComplexArray:
+        second, third = (axis[rows] for axis in self._axes)
+        out = np.empty((second.shape[0], GRAVITY_PARTS + len(self._responses.effects)), dtype=complex)
+        out[:, :GRAVITY_PARTS] = np.einsum("ni,nij->nj", second + 1j * third, self._fallen[rows])
+        across = np.stack([second, third], axis=1) @ self._responses.rows.all_of(self._responses.drift, rows)
+        np.negative(across[:, 0], out=out.real[:, GRAVITY_PARTS:])
+        np.negative(across[:, 1], out=out.imag[:, GRAVITY_PARTS:])
+        return out
+
+    def of(self, unknowns: FloatArray) -> ComplexArray:
+        """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
+        of_errors = self._responses.rows.all_of(np.asarray(self._responses.drift @ unknowns[GRAVITY_PARTS:]))
+        moved = self._fallen @ unknowns[:GRAVITY_PARTS] - of_errors
+        second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
+        return np.asarray(second + 1j * third)

@@ -2,8 +2,7 @@
 
 result    the result, and its outcome in words
 changes   where this flight contradicts the model: one coefficient, or slope or damping between two times
-interval  how far the measured moments may lie from the model's
-predict   the entrance
+predict   the entrance, the frozen model, and how far the measured moments may lie from it
 """
 
 from brv_hypo.prediction.predict import predict

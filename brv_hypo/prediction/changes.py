@@ -12,15 +12,15 @@ as such are free beside it: one that is off throughout is no change between two 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 from scipy.linalg import orth
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.limits import Shape, regions
 from brv_hypo.constants import CHANGE_CHANCE, CHANGE_EDGES, CHANGE_FINER, CHANGE_ROUNDS
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import solved
@@ -32,14 +32,12 @@ from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.prediction.result import Difference, LocalChange
 
-# A change that what is fitted along takes nearly all of: what is left of it, of its own length.
-_SPENT = 1e-6
 # Eigenvalues of a covariance, its diagonal 1, that count: less is rounding.
 _KNOWN = 1e-9
 
 
 class ChangedSchedule(Mechanism):
-    """The slope of the static moment and pitch damping, from a time on."""
+    """The slope of the static moment and pitch damping, or the one of these `of` which it is, from a time on."""
 
     name = "changed schedule"
     title = "slope or damping from a time on"
@@ -47,9 +45,12 @@ class ChangedSchedule(Mechanism):
     source = "the regression"
     time_variation = ("constant", "jump")
 
+    of: str | None = None
+
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """C_malpha and C_mq."""
-        return (static_terms(motion)[1], pitch_damping_term(motion))
+        both = (static_terms(motion)[1], pitch_damping_term(motion))
+        return tuple(term for term in both if self.of in (None, term.name))
 
 
 def evidence_here(problem: Problem, columns: tuple[Regressor, ...]) -> tuple[Evidence, Evidence]:
@@ -86,60 +87,42 @@ def fixed_within(own: Evidence, columns: tuple[Regressor, ...], fixed: FloatArra
     return maximised(rows, rows.terms(None), own.at)
 
 
-class _Change(NamedTuple):
-    """A term's coefficient changed between two times; `gain` is the fall of the sum of squares at unit noise."""
-
-    term: Term
-    region: tuple[float, float]
-    value: float
-    gain: float
-
-
 def find_local_change(own: Evidence) -> LocalChange | None:
     """The change of slope or damping, against before and after, that explains most; None where chance gives as much
     among so many.
     """
     frame, motion = own.rows.frame, own.rows.frame.reconstructions[0].motion
     times = frame.time[own.rows.problem.rows.part.rows]
-    edges, anywhere = np.linspace(float(times.min()), float(times.max()), CHANGE_EDGES), slice(None)
+    edges = np.linspace(float(times.min()), float(times.max()), CHANGE_EDGES)
     terms = ChangedSchedule().terms(frame.motions[0], {})
-    change = max((_best(own, term, edges, anywhere, anywhere) for term in terms), key=lambda each: each.gain)
+
+    def best(tried: Sequence[Term], between: FloatArray) -> tuple[Term, Shape]:
+        """Of the changes of some terms between two of some times."""
+        each = [(t, regions([own], frame, ChangedSchedule(of=t.name), between, most=1)[0]) for t in tried]
+        return max(((t, shape) for t, shapes in each for shape in shapes), key=lambda pair: pair[1].peak)
+
+    term, change = best(terms, edges)
     spacing = float(edges[1] - edges[0])
     for _ in range(CHANGE_ROUNDS):
         near = spacing * np.linspace(-1.0, 1.0, 2 * CHANGE_FINER + 1)
         around = np.clip(np.concatenate([at + near for at in change.region]), edges[0], edges[-1])
-        change = _best(own, change.term, around, slice(near.size), slice(near.size, None))
+        term, change = best([term], np.unique(around))
         spacing /= CHANGE_FINER
-    p_value = float(stats.chi2.sf(change.gain, 1)) * len(terms) * math.comb(CHANGE_EDGES, 2)
-    if change.gain <= 0.0 or p_value > CHANGE_CHANCE:
+    p_value = float(stats.chi2.sf(change.peak, 1)) * len(terms) * math.comb(CHANGE_EDGES, 2)
+    if p_value > CHANGE_CHANCE:
         return None
-    mach = np.interp(change.region, motion.time, motion.mach)
+    (value,), mach = change.estimate.tolist(), np.interp(change.region, motion.time, motion.mach)
     return LocalChange(
-        term=change.term.name,
-        units=change.term.units,
+        term=term.name,
+        units=term.units,
         start_s=change.region[0],
         stop_s=change.region[1],
         mach=(float(mach.min()), float(mach.max())) if np.all(np.isfinite(mach)) else None,
-        value=change.value,
-        std_error=abs(change.value) / math.sqrt(change.gain),
-        f_ratio=change.gain,
+        value=value,
+        std_error=abs(value) / math.sqrt(change.peak),
+        f_ratio=change.peak,
         p_value=min(p_value, 1.0),
     )
-
-
-def _best(own: Evidence, term: Term, edges: FloatArray, first: slice, last: slice) -> _Change:
-    """The change from an edge of `first` to one of `last` that explains most beside all else."""
-    changes = [term_column(ChangedSchedule(), term, (), TimeBasis("jump", float(edge))) for edge in edges]
-    square, shared = own.projected_products(own.rows.of_moments(own.rows.frame, changes))
-    diagonal = np.diag(square)
-    length = (diagonal[:, np.newaxis] + diagonal - 2.0 * square)[first, last]
-    distinct = (np.subtract.outer(edges[first], edges[last]) < 0.0) & (length > _SPENT * np.max(diagonal))
-    along = (shared[:, np.newaxis] - shared)[first, last]
-    length = np.where(distinct, length, 1.0)
-    gains = np.where(distinct, along**2 / length, -1.0)
-    place = np.unravel_index(int(np.argmax(gains)), gains.shape)
-    region = float(edges[first][place[0]]), float(edges[last][place[1]])
-    return _Change(term, region, float(along[place] / length[place]), float(gains[place]))
 
 
 def find_difference(

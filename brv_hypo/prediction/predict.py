@@ -1,55 +1,67 @@
-"""`predict`: what a model that was found on other flights, its coefficients frozen, says of this one."""
+"""`predict`: what a model that was found on other flights, its coefficients frozen, says of this one.
+
+What the model's coefficients err by, and the record's errors fixed within their tolerances, change what is fitted
+along; to first order, what is left of it after that fit widens the prediction interval beyond the noise. So does the
+model's own error (`ModelError`), as measured on stretches that took no part in its fit: a record's noise says how far
+its moments lie from a model that is right, and one that is only the best that was found errs besides. What is fitted
+along takes some of the noise with it where it is fitted, and brings its own error elsewhere.
+
+The attitude is the integral of the very noise that the rates show, and the static moment follows the attitude: of noise
+at a frequency f, the difference of measured and modelled moment has 1 - (f_n / f)^2, f_n being that of the motion
+(`noise_share`).
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
+from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
-from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.summary import flight_summary, record_summary
-from brv_hypo.constants import HELD_OUT_SHORTEST, PREDICTED_BLOCKS, PREDICTED_LINEARISATIONS, TRACED_SMALLEST
+from brv_hypo.constants import (
+    BAND_FREQUENCIES,
+    BAND_LEAST_NOISE,
+    BAND_LEVEL,
+    BAND_SIGMAS,
+    HELD_OUT_SHORTEST,
+    PREDICTED_BLOCKS,
+    PREDICTED_LINEARISATIONS,
+    TRACED_SMALLEST,
+)
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.uncertainty import ResidualMoments
+from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms, record_processes
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import TimeBasis, term_column
 from brv_hypo.motion import try_record
+from brv_hypo.motion.inertial import InertialRecord
+from brv_hypo.motion.signals import middle_weights
 from brv_hypo.prediction.changes import evidence_here, find_difference, find_local_change, fixed_within
-from brv_hypo.prediction.interval import band_of, noise_of, predictive_sigma
-from brv_hypo.prediction.result import ErrorsOfPrediction, ModelSource, Prediction, Region, reason
+from brv_hypo.prediction.result import Band, ErrorsOfPrediction, ModelSource, Prediction, Region, reason
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
-from brv_hypo.tracing.final_model import Coefficients
-from brv_hypo.tracing.fit import (
-    Constrained,
-    Corrected,
-    Fit,
-    constrained,
-    correct,
-    fitted_about,
-    next_corrections,
-    noise_floor,
-)
+from brv_hypo.tracing.final_model import estimates, pair, slopes_at
+from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, correct, fitted_about, next_corrections, noise_floor
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
-# Stretches of the record whose errors are reported apart.
-_REGIONS = 8
-# What every fit finds anew: how the flight began, and the normal force that shows it.
-_OF_THE_MOTION = ("motion", "force")
-# What `refit` calls all errors of record and vehicle that the tolerances allow.
-INSTRUMENTS = "instruments"
+_REGIONS = 8  # stretches of the record whose errors are reported apart
+_OF_THE_MOTION = ("motion", "force")  # what every fit finds anew: how the flight began, and the force that shows it
+_CUTOFF = 1e-12  # singular values of what is fitted that count, of the largest
+_MOST_SHOWN = 2000  # samples of the interval that are reported: a picture has no more
+INSTRUMENTS = "instruments"  # what `refit` calls all errors of record and vehicle that the tolerances allow
 
 
 @takes_settings(
@@ -114,37 +126,32 @@ def _predict(
 ) -> Prediction:
     if here := _is_found_on(content, flight):  # all of it was flown, and its errors were fitted with the model
         content, refit = content.model_copy(update={"flown": {}}), (*refit, INSTRUMENTS)
-    model = _frozen(flight, content, refit, config, here)
-    fit, data, tolerated = model.fit, model.fit.data, _tolerated(flight)
-    freed, columns = model.freed(tolerated), model.fit.model.columns
-    frozen, within = model.solved(model.fixed), freed.solved(freed.fixed)
+    fit, left_out = _frozen(flight, content, refit, config, here)
+    data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
+    within = _freed(fit, tolerated)
     measured = data.moments(data.frame.observed)
-    left, own, left_within = (
-        data.moments(each.left.rates) for each in (frozen, model.solved(np.full(len(columns), np.nan)), within)
-    )
+    left, own, left_within = fit.left, replace(fit, fixed=np.zeros(0)).left, within.left
     errors = ErrorsOfPrediction(
         without=_mean_square(measured),
         frozen=_mean_square(left),
         own=_mean_square(own),
         noise=noise_floor(data.whole, measured),
     )
-    covariance, known = frozen.covariance.copy(), np.flatnonzero(np.isfinite(model.fixed))
-    covariance[np.ix_(known, known)] = _covariance_of(content, model, known)
+    covariance, known = fit.covariance[: len(columns), : len(columns)].copy(), np.flatnonzero(np.isfinite(fit.fixed))
+    covariance[np.ix_(known, known)] = _covariance_of(content, fit, known, not here)
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
-    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=model.elsewhere)
-    known_by = covariance[np.ix_(known, known)]
-    change = difference = None
-    if model.elsewhere:  # a test of estimates against the record that they are of would count it twice
-        whole = data.regression(fit.model, fit.linear, None, first_noise(fit.linear), record_processes())
+    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
+    known_by, change, difference = covariance[np.ix_(known, known)], None, None
+    if not here:  # a test of estimates against the record that they are of would count it twice
+        whole = data.regression(fit.model, fit.linear, processes=record_processes())
         alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
-        change = find_local_change(fixed_within(alone, columns, model.fixed, known_by))
+        change = find_local_change(fixed_within(alone, columns, fit.fixed, known_by))
         better = max(alone, beside, key=lambda each: each.level)
-        difference = find_difference(better, columns, model.fixed, known_by)
-    remain = np.flatnonzero(np.isfinite(freed.fixed))
-    fitted, noise = np.isnan(np.concatenate([freed.fixed, freed.others])), noise_of(fit, measured, within.values)
-    sigma = predictive_sigma(fit, covariance[np.ix_(remain, remain)], fitted, noise, beyond)
+        difference = find_difference(better, columns, fit.fixed, known_by)
+    remain = np.flatnonzero(np.isfinite(within.fixed))
+    sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    terms = Coefficients(columns, frozen.values, covariance).estimates(data)
+    terms = estimates(Coefficients(columns, fit.values, covariance), data)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
@@ -159,11 +166,11 @@ def _predict(
         local_change=change,
         difference=difference,
         refused=change is not None or (difference is not None and difference.p_value < REFUSED),
-        left_out=model.left_out,
-        own_record=not model.elsewhere,
+        left_out=left_out,
+        own_record=here,
         reason="",
     )
-    of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(model, refit, tolerated)
+    of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(fit, refit, tolerated)
     rest, freely = (_beyond(e, errors.without, errors.noise) for e in (errors.frozen, _mean_square(left_within)))
     said = reason(found, of_own, rest, freely, remedy)
     return found.model_copy(update={"reason": said})
@@ -172,34 +179,20 @@ def _predict(
 # ---- The frozen model on this flight ----
 
 
-@dataclass(frozen=True)
-class _Frozen:
-    """The model on this flight; `fixed` (columns,) are its frozen coefficients, `others` (unknowns,) errors of record
-    and vehicle, both NaN where they are fitted here.
+def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
+    """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
+    own = np.array([column.mechanism in names for column in fit.model.columns], dtype=bool)
+    errors = np.array([item.name in names for item in fit.nuisances], dtype=bool)
+    return replace(fit, fixed=np.where(own, np.nan, fit.fixed), others=np.where(errors, np.nan, fit.others))
 
-    `left_out` are the mechanisms of columns that belong to the times of the model's own flights; `elsewhere` says that
-    this is none of them.
+
+def _frozen(
+    flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool
+) -> tuple[Fit, tuple[str, ...]]:
+    """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
+    here, where the model is known if that is enough of the record; and the mechanisms that are left out, as they belong
+    to the times of the model's own flights, which this is not unless it is `here`.
     """
-
-    fit: Fit
-    fixed: FloatArray
-    others: FloatArray
-    left_out: tuple[str, ...] = ()
-    elsewhere: bool = True
-
-    def freed(self, names: tuple[str, ...]) -> _Frozen:
-        """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
-        own = np.array([column.mechanism in names for column in self.fit.model.columns], dtype=bool)
-        errors = np.array([item.name in names for item in self.fit.nuisances], dtype=bool)
-        return replace(self, fixed=np.where(own, np.nan, self.fixed), others=np.where(errors, np.nan, self.others))
-
-    def solved(self, fixed: FloatArray) -> Constrained:
-        """With these coefficients (columns,) fixed instead."""
-        return constrained(self.fit.problem, self.fit.data.frame, self.fit.model.columns, fixed, self.others)
-
-
-def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool) -> _Frozen:
-    """`here`: the model was estimated from this flight."""
     model = restored(content, (flight,), frozen=True)
     columns, lasts = model.columns, model.lasting
     values = {
@@ -210,18 +203,28 @@ def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config:
         kept = [c for c, own in zip(columns, lasts, strict=True) if own or {c.mechanism, c.term} & set(refit)]
         model = model.but(columns=tuple(kept), applied=())
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
-    effects = _effects(refit, model, flight)
-    model = _with_refitted(model, refit, flight, config)
+    model, effects = _with_refitted(model, refit, flight, config)
     free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in values}
     fixed = np.array([np.nan if c in free else values[c] for c in model.columns], dtype=float)
+
+    def read_with(corrections: Errors) -> Fit:
+        """The model where these are taken out of the record and `effects` are free within their tolerances."""
+        data = correct((flight,), model, config, (corrections,))
+        there = _flown(content.flown, data)
+        part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
+        fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
+        # What has no prior was found on this very record, and is taken out of it.
+        known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
+        others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
+        return replace(fit, problem=fit.problem.on(part), fixed=fixed, others=others)
+
     corrections: Errors = {}
-    found = _read_with(flight, model, fixed, effects, corrections, config, content.flown)
+    found = read_with(corrections)
     for _ in range(PREDICTED_LINEARISATIONS if effects else 0):
-        errors = found.fit.problem.rows.nuisances.values(found.solved(fixed).others, 1)[0]
-        own = {name: value for name, value in errors.items() if name[0] in effects}
+        own = {name: value for name, value in found.record_errors[0].items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
-        found = _read_with(flight, model, fixed, effects, corrections, config, content.flown)
-    return replace(found, left_out=left_out, elsewhere=not here)
+        found = read_with(corrections)
+    return found, left_out
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:
@@ -236,74 +239,132 @@ def _is_found_on(content: SavedModel, flight: Flight) -> bool:
     return of_file or digest(flight) in content.digests
 
 
-def _read_with(
-    flight: Flight,
-    model: Model,
-    fixed: FloatArray,
-    effects: tuple[str, ...],
-    corrections: Errors,
-    config: TraceConfig,
-    flown: Mapping[str, tuple[float, float]],
-) -> _Frozen:
-    """The model where `corrections` is taken out of the record and `effects` are free within their tolerances.
-
-    What is fitted here is fitted where the model is known, if that is enough of the record.
-    """
-    data = correct((flight,), model, config, (corrections,))
-    there = _flown(flown, data)
-    part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
-    fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
-    # What has no prior was found on this very record, and is taken out of it.
-    known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
-    others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
-    return _Frozen(replace(fit, problem=fit.problem.on(part)), fixed, others)
-
-
-def _effects(refit: tuple[str, ...], model: Model, flight: Flight) -> tuple[str, ...]:
-    """The names among `refit` that are errors of record or vehicle; UsageError for those that nothing has."""
-    known = {name for column in model.columns for name in (column.mechanism, column.term)}
-    others = tuple(name for name in refit if name not in known and name != INSTRUMENTS)
-    named = tuple(name for name in others if not isinstance(find_installed(name), Mechanism))
-    return tuple(dict.fromkeys((*named, *_tolerated(flight)))) if INSTRUMENTS in refit else named
-
-
 def _tolerated(flight: Flight) -> tuple[str, ...]:
     """What record and vehicle may err by within their tolerances."""
     return (*(effect.name for effect in nuisance_effects()), *(m.name for m in nuisance_mechanisms(flight)))
 
 
-def _remedy(model: _Frozen, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
+def _remedy(fit: Fit, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
     """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
-    columns = zip(model.fit.model.columns, model.fixed, strict=True)
+    columns = zip(fit.model.columns, fit.fixed, strict=True)
     fixed = {column.mechanism for column, value in columns if np.isfinite(value)}
     more = [*(name for name in tolerated if name in fixed), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
     return ",".join((*refit, *more)) if more else ""
 
 
-def _with_refitted(model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig) -> Model:
-    """The model with the constant columns of mechanisms that it lacks and that are to be fitted here."""
-    known = {name for column in model.columns for name in (column.mechanism, column.term)}
+def _with_refitted(
+    model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig
+) -> tuple[Model, tuple[str, ...]]:
+    """The model with the constant columns of mechanisms that it lacks and that are to be fitted here, and which of the
+    names are errors of record and vehicle; UsageError for a name that nothing has.
+    """
+    known, effects = {name for column in model.columns for name in (column.mechanism, column.term)}, list[str]()
     for name in refit:
         item = None if name in known or name == INSTRUMENTS else find_installed(name)
         if isinstance(item, Mechanism):
             motion = correct((flight,), model, config).reconstructions[0].motion
-            terms = item.terms(motion, {})
-            more = tuple(Regressor(name, term.name, (), TimeBasis("constant"), term.units) for term in terms)
+            more = tuple(term_column(item, term, (), TimeBasis("constant")) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)
-    return model
+        elif item is not None:
+            effects.append(name)
+        elif name == INSTRUMENTS:
+            effects += _tolerated(flight)
+    return model, tuple(effects)
 
 
-def _covariance_of(content: SavedModel, model: _Frozen, known: IntArray) -> FloatArray:
+def _covariance_of(content: SavedModel, fit: Fit, known: IntArray, elsewhere: bool) -> FloatArray:
     """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none.
 
     Not on its own flights, it is that of the coefficients that were fitted without what belongs to those alone.
     """
-    stated = (content.covariance_elsewhere or content.covariance) if model.elsewhere else content.covariance
+    stated = (content.covariance_elsewhere or content.covariance) if elsewhere else content.covariance
     errors = np.array([column.std_error or 0.0 for column in content.columns])
-    whole, mechanisms = np.array(stated) if stated else np.diag(errors**2), model.fit.data.frame.mechanisms
+    whole, mechanisms = np.array(stated) if stated else np.diag(errors**2), fit.data.frame.mechanisms
     place = {column.regressor(mechanisms[column.mechanism]): k for k, column in enumerate(content.columns)}
-    order = [place[model.fit.model.columns[k]] for k in known]
+    order = [place[fit.model.columns[k]] for k in known]
     return np.asarray(whole[np.ix_(order, order)], dtype=float)
+
+
+# ---- The prediction interval: how far the measured moments may lie from the model's, noise included ----
+
+
+def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> FloatArray:
+    """Variance of the residual moments' noise over that of the measured ones' (n,).
+
+    `stiffness` (n,) 1/s^2 is the static moment's slope, times its scale; negative where it restores. Slower than the
+    `modes` of the walk that is fitted, the noise is dealt with there.
+    """
+    spin, flight = record.spin_rate, record.flight
+    frequency = np.pi * (np.arange(BAND_FREQUENCIES) + 0.5) / BAND_FREQUENCIES
+    weights = middle_weights(spin.order, spin.half_width)
+    power = np.abs(np.exp(1j * np.outer(frequency, np.arange(weights.size))) @ weights) ** 2
+    faster = frequency > np.pi * modes * flight.step / record.time[-1]
+    first, second = (float(np.sum((power / frequency**k)[faster]) / np.sum(power)) for k in (2, 4))
+    turned = stiffness * flight.step**2
+    return np.asarray(1.0 + 2.0 * first * turned + second * turned**2, dtype=float)
+
+
+def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
+    """1-sigma (rows,) of the gyros' noise in the residual moments."""
+    record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
+    slopes = slopes_at(fit.data, motion, fit.model.columns, 0, motion.alpha) @ fit.values
+    stiffness = (slopes * record.moment_scale)[fit.data.samples_of(0)]
+    modes = fit.problem.rows.nuisances.correlated.size // 2
+    return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
+
+
+def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, beyond: FloatArray) -> ComplexArray:
+    """Standard deviation of the residual moments (rows,), of C_m as real part and of C_n as imaginary one.
+
+    `covariance` is that of the fixed coefficients (fixed columns, fixed columns); `noise_sigma` (rows,) is of the
+    moments' noise, `beyond` (rows,) of what the model lacks.
+    """
+    problem, frame, (design, _, free) = fit.problem, fit.data.frame, fit.all_unknowns
+    scale = lengths(design[:, free])
+    solved = np.linalg.pinv(design[:, free] / scale, rcond=_CUTOFF) / scale[:, np.newaxis]
+    constants = np.zeros((frame.observed.size, 2 * len(problem.rows.part.levels)))  # show in no moment
+    nuisances = [history.rates for _, history in problem.rows.nuisances.histories.batches()]
+    moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), constants, *nuisances])).body
+    of_fitted = moments[:, free]
+    slopes = moments[:, ~free] - of_fitted @ (solved @ design[:, ~free])
+    known = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))
+    # The level of the noise that the rates are weighed with, over that of the gyros.
+    raised = problem.rows.noise.rates.sigma / float(np.median([record.gyro_sigma for record in problem.records]))
+    inside = np.zeros(noise_sigma.size, dtype=bool)
+    inside[problem.rows.part.rows] = True
+    parts = []
+    for own, response in ((slopes.real, of_fitted.real @ solved), (slopes.imag, of_fitted.imag @ solved)):
+        share = raised**-2 * np.sum(response**2, axis=1) / noise_sigma**2  # of the noise, that what was fitted has
+        after = np.where(inside, np.maximum(1.0 - share, BAND_LEAST_NOISE), 1.0 + share)
+        variance = (noise_sigma**2 + beyond**2) * after
+        parts.append(np.sqrt(variance + np.maximum(np.sum((own @ known) * own, axis=1), 0.0)))
+    return np.asarray(parts[0] + 1j * parts[1])
+
+
+def band_of(
+    time: FloatArray,
+    measured: ResidualMoments,
+    left: ResidualMoments,
+    sigma: ComplexArray,
+    model_sigma: FloatArray,
+    flown: BoolArray,
+) -> Band:
+    """The band with the share of the samples that it holds where the model is known (rows,), both axes together.
+
+    `model_sigma` (rows,) is the part of `sigma` that is the model's own error.
+    """
+    kept, counted = np.flatnonzero(left.usable), left.usable & flown
+    inside = [np.abs(getattr(left.body, axis)) <= BAND_SIGMAS * getattr(sigma, axis) for axis in ("real", "imag")]
+    shown = kept[:: max(1, -(-kept.size // _MOST_SHOWN))]
+    return Band(
+        level=BAND_LEVEL,
+        inside=float(np.mean([axis[counted] for axis in inside])) if np.any(counted) else 0.0,
+        model_error=float(np.sqrt(np.mean(model_sigma[counted] ** 2))) if np.any(counted) else 0.0,
+        time_s=tuple(time[shown].tolist()),
+        measured=pair(measured.body[shown]),
+        predicted=pair((measured.body - left.body)[shown]),
+        half_width=pair(BAND_SIGMAS * sigma[shown]),
+    )
 
 
 # ---- Errors and shares ----

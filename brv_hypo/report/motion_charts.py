@@ -12,7 +12,7 @@ from scipy.signal import welch
 from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import DrawnHistories, RecordError, TermEstimate
+from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimate
 from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
@@ -392,7 +392,7 @@ def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) ->
     return [setting.chart("air", "Mach number and dynamic pressure", panels)]
 
 
-def flight_charts(setting: Setting, kept: DrawnHistories) -> list[Chart]:
+def flight_charts(setting: Setting, kept: MotionHistories) -> list[Chart]:
     """Air data, motion and attitude of the histories of a result, as far as they are known."""
     time, angles = kept.time_s, (kept.alpha_rad, kept.windward_meridian_rad)
     found = air_chart(setting, time, kept.mach, kept.dynamic_pressure_pa)

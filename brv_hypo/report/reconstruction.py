@@ -15,7 +15,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import interval, number
 from brv_hypo.motion import Reconstruction
-from brv_hypo.motion.kinematics import body_attitude
+from brv_hypo.motion.inertial import body_attitude
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report.document import Chart, Document, Line, Panel, Table, Texts
 from brv_hypo.report.motion_charts import Drawn, Setting

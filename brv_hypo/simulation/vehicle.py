@@ -23,8 +23,7 @@ from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess
 from brv_hypo.model.baseline import pitch_damping_term, static_terms
 from brv_hypo.model.term import TimeBasis, summed
-from brv_hypo.motion.kinematics import angle_rates, body_from_plane, windward_meridian
-from brv_hypo.motion.motion import Motion, nearest_turn
+from brv_hypo.motion.motion import Motion, angle_rates, body_from_plane, nearest_turn, windward_meridian
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 
 # ---- Attitude as a quaternion, body to frame: no singularity at any attitude ----

@@ -21,7 +21,7 @@ from pydantic import AfterValidator, Field, model_validator
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison import CompareConfig
 from brv_hypo.flight.clock import sigma_of_differences
-from brv_hypo.flight.mounting import GRAVITY
+from brv_hypo.flight.plausibility import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
 from brv_hypo.io.text import meant
 from brv_hypo.mechanisms import parse_hypothesis

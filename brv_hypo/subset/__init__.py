@@ -4,8 +4,7 @@ In the order of the data:
 
     best.py         ``best_subsets``, the entrance, and what it returns; ``best_columns``, the same without the fits
     frame.py        groups and parents of columns; weights, forced columns, scaling, aliases, triangular factor
-    incumbents.py   the best subsets so far, and good ones to start from
-    tree.py         nodes, subproblems of independent columns, and the include/drop tree in numpy
+    search.py       the best subsets so far, good ones to start from, and the include/drop tree in numpy
     compiled.py     the tree compiled, on several threads; kernel.py: its loops for pruning and scoring
     criteria.py     least-squares fits in extended precision and selection criteria
 """
@@ -13,7 +12,7 @@ In the order of the data:
 from brv_hypo.subset.best import Certificate, Subset, SubsetResult, best_columns, best_subsets
 from brv_hypo.subset.criteria import Criteria
 from brv_hypo.subset.frame import Alias, Group, Refusal, at_most_one, together
-from brv_hypo.subset.incumbents import Chosen
+from brv_hypo.subset.search import Chosen
 
 __all__ = [
     "Alias",

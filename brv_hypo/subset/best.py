@@ -1,7 +1,8 @@
 """`best_subsets` and `best_columns`, the entrances to the exact search; what they return, and how they search.
 
 Small searches are done in numpy; the compiled kernel is loaded once numpy has visited about as many nodes as compiling
-it costs. Columns that are too ill-conditioned for its Schur complements stay with numpy, whose steps are orthogonal.
+it costs. Columns that are too ill-conditioned for its Schur complements stay with numpy, whose steps are orthogonal,
+and so do searches with rules.
 """
 
 from __future__ import annotations
@@ -10,8 +11,7 @@ import logging
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,8 +21,18 @@ from brv_hypo.errors import UsageError
 from brv_hypo.results import Row, Tabular
 from brv_hypo.subset.criteria import Criteria, Reference, contiguous_blocks, evaluate, least_squares
 from brv_hypo.subset.frame import Alias, Frame, Groups, Parents, Refusal, build_frame, dependencies
-from brv_hypo.subset.incumbents import CLOSED, Board, Chosen, seed_board
-from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, StopSearchError, independent_pieces, make_node
+from brv_hypo.subset.search import (
+    CLOSED,
+    Board,
+    Chosen,
+    Node,
+    NumpyTree,
+    OpenSubtree,
+    StopSearchError,
+    independent_pieces,
+    make_node,
+    seed_board,
+)
 
 # ---- What a search returns: fitted subsets, their certificate, what was set aside ----
 
@@ -157,32 +167,17 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
 
 # Scaled condition number above which Schur complements lose too many digits.
 SCHUR_CONDITION = 2e5
-# The same where Schur complements are asked for by name: beyond, their H has no digits left.
-SCHUR_BREAKDOWN = 1e7
 # Nodes that numpy is given before the compiled kernel is sent for: about what compiling it costs.
 COMPILING_NODES = 8000
 # Seconds that a time limit must leave for the compiled kernel to be worth sending for.
 COMPILE_ALLOWANCE_S = 10.0
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How to search: worker threads, time limit since the start, kernel."""
-
-    threads: int = 1
-    time_limit_s: float | None = None
-    kernel: Literal["auto", "numpy", "numba-schur"] = "auto"
-    started: float = field(default_factory=time.perf_counter)
-
-    def __post_init__(self) -> None:
-        if self.threads < 1:
-            raise UsageError(f"got threads={self.threads}; expected 1 or more")
-
-
-def search(board: Board, effort: Effort) -> Certificate:
+def search(board: Board, threads: int = 1, time_limit_s: float | None = None) -> Certificate:
     """Search until every branch is decided or the time is up; the board then holds the answer."""
-    deadline = np.inf if effort.time_limit_s is None else effort.started + effort.time_limit_s
-    nodes, left = _search_numpy(board, effort, deadline)
+    started = time.perf_counter()
+    deadline = np.inf if time_limit_s is None else started + time_limit_s
+    nodes, left = _search_numpy(board, deadline)
     kernel = "numpy"
     if left and time.perf_counter() < deadline:
         # Imported here: numba takes longer to import than most searches take to finish.
@@ -192,7 +187,7 @@ def search(board: Board, effort: Effort) -> Certificate:
         from brv_hypo.subset.compiled import search_compiled
 
         kernel = "numba-schur"
-        more, left = search_compiled(board, left, deadline, effort.threads)
+        more, left = search_compiled(board, left, deadline, threads)
         nodes += more
     gaps = proved_gaps(board, left)
     return Certificate(
@@ -201,19 +196,19 @@ def search(board: Board, effort: Effort) -> Certificate:
         margin=board.margin,
         gap=max(gaps, default=0.0),
         gaps=gaps,
-        seconds=time.perf_counter() - effort.started,
+        seconds=time.perf_counter() - started,
         kernel=kernel,
         condition=board.frame.condition,
-        status="complete" if not left else f"stopped by the time limit of {effort.time_limit_s} s",
+        status="complete" if not left else f"stopped by the time limit of {time_limit_s} s",
     )
 
 
-def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, list[OpenSubtree]]:
-    """Search in numpy, what is well-conditioned within its budget: nodes visited, and what is left.
+def _search_numpy(board: Board, deadline: float) -> tuple[int, list[OpenSubtree]]:
+    """Search in numpy, what is well-conditioned and without rules within its budget: nodes visited, and what is left.
 
     Pieces are made one after the other and let go again: dependent columns may make tens of thousands.
     """
-    allowed = _numpy_budget(effort, deadline)
+    allowed = _numpy_budget(deadline)
     nodes, budget = 0, allowed
 
     def spend() -> None:
@@ -232,9 +227,9 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
             else:
                 tree.score(piece)
             continue
-        orthogonal = _ill_conditioned(board.frame, piece, effort.kernel)
+        orthogonal = _ill_conditioned(board.frame, piece)
         board.widen(piece.rounding_margin(orthogonal=orthogonal))
-        budget = np.inf if orthogonal else allowed
+        budget = np.inf if orthogonal or board.frame.constraints.active else allowed
         if late or nodes >= budget:
             left.append(OpenSubtree(piece.included, tuple(piece.undecided.tolist()), piece.bound))
             continue
@@ -245,19 +240,16 @@ def _search_numpy(board: Board, effort: Effort, deadline: float) -> tuple[int, l
     return nodes, tree.open_subtrees + left
 
 
-def _ill_conditioned(frame: Frame, piece: Node, kernel: str) -> bool:
+def _ill_conditioned(frame: Frame, piece: Node) -> bool:
     """Whether Schur complements lose too many digits on this piece."""
-    limit = SCHUR_BREAKDOWN if kernel == "numba-schur" else SCHUR_CONDITION
     if np.isfinite(frame.condition):
-        return frame.condition > limit
-    return bool(piece.undecided.size) and float(np.linalg.cond(piece.R)) > limit
+        return frame.condition > SCHUR_CONDITION
+    return bool(piece.undecided.size) and float(np.linalg.cond(piece.R)) > SCHUR_CONDITION
 
 
-def _numpy_budget(effort: Effort, deadline: float) -> float:
-    if effort.kernel == "numpy":
-        return np.inf
-    # A compiled kernel that is in memory already is quicker from the first node.
-    if effort.kernel != "auto" or _kernel_in_memory():
+def _numpy_budget(deadline: float) -> float:
+    """Nodes: none where the compiled kernel is in memory already, as it is quicker from the first node."""
+    if _kernel_in_memory():
         return 0.0
     return COMPILING_NODES if deadline - time.perf_counter() > COMPILE_ALLOWANCE_S else np.inf
 
@@ -338,9 +330,10 @@ def best_subsets(
     >>> best_subsets(X, X[:, 4] - X[:, 7], max_terms=2).best(2).columns
     (4, 7)
     """
-    effort = Effort(threads=threads, time_limit_s=time_limit_s)
+    if threads < 1:
+        raise UsageError(f"got threads={threads}; expected 1 or more")
     board = _seeded(build_frame(X, y, forced, weights, groups, parents), max_terms, n_best)
-    return fitted_result(board, search(board, effort))
+    return fitted_result(board, search(board, threads, time_limit_s))
 
 
 def best_columns(
@@ -353,7 +346,7 @@ def best_columns(
 ) -> tuple[Chosen, ...]:
     """The subsets of ``best_subsets``, proved like them but not fitted: residual sums of squares and columns alone."""
     board = _seeded(build_frame(X, y, forced, None, groups, None), max_terms, n_best)
-    search(board, Effort())
+    search(board)
     return board.chosen()
 
 

@@ -3,52 +3,38 @@
 The column to branch on is moved to the last place; including it is a rank-one step on S into the next level, dropping
 it one on H in place. Both are stored in full, as `kernel` reads rows; a level copies H from its parent when it first
 branches. `CompiledSearch` builds the working arrays of one subproblem, runs the kernel on and reads out what is left;
-`search_compiled` is the entrance: serially at first, on several threads once a search has proved long. Imported only
-when the compiled kernel is wanted: importing numba costs more than most searches.
+`search_compiled` is the entrance. Imported when the compiled kernel is wanted: numba takes longer than most searches.
 """
 
 from __future__ import annotations
 
-import heapq
 import threading
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from math import prod
 from typing import Any
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.frame import Constraints
-from brv_hypo.subset.incumbents import Board
 from brv_hypo.subset.kernel import (
-    BRANCHED,
-    DROPPED,
-    FORCED,
     HITS,
-    INCLUDED,
     LEVEL,
-    NEW,
     NODES,
     NONE,
-    UNDECIDED,
     Work,
     compiled,
     compiled_part,
-    implied,
-    leave,
-    mark_dropped,
     packed_quota,
     padded,
     quota_of,
     record,
     score,
-    score_fours,
     score_triples,
     whole_vectors,
 )
-from brv_hypo.subset.tree import Node, NumpyTree, OpenSubtree, make_node
+from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_node
 
 # ---- Steps on Schur complements ----
 
@@ -64,7 +50,7 @@ def rises(w: Work, level: int, m: int, out: Any) -> None:
 
 
 @compiled_part
-def place(w: Work, level: int, j: int, m: int) -> int:
+def place(w: Work, level: int, j: int, m: int) -> None:
     """Move the column to branch on to the last place."""
     S, H, c, beta, ids = w.A[level], w.B[level], w.x[level], w.beta[level], w.ids[level]
     if not w.owns[level]:
@@ -80,7 +66,6 @@ def place(w: Work, level: int, j: int, m: int) -> int:
         c[j], c[last] = c[last], c[j]
         beta[j], beta[last] = beta[last], beta[j]
         ids[j], ids[last] = ids[last], ids[j]
-    return last
 
 
 @compiled_part
@@ -136,7 +121,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
     ``limits[k]``: a subset of size k is of interest below it; ``loosest[k]``: the largest limit from size k
     on. The level in ``w.state`` is -1 when the tree is done.
     """
-    constrained = w.requires.size > 0
     rise = w.scratch[0]
     stop = w.state[NODES] + budget
     while w.state[LEVEL] >= 0 and w.state[NODES] < stop:
@@ -147,57 +131,44 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
             stop = min(stop, w.state[NODES] + PATIENCE)
             if w.state[HITS] + m * m > w.hits.shape[0]:
                 return
-        if w.phase[level] == FORCED:
-            leave(w, level)
-            continue
-        if w.phase[level] == BRANCHED:
-            if constrained:
-                mark_dropped(w, w.ids[level, w.at[level]], level)
-            drop(w, level, w.at[level])
+        if w.branched[level]:
+            drop(w, level, m - 1)
             m = w.count[level] = m - 1
-            w.phase[level] = NEW
+            w.branched[level] = False
             if w.bound[level] > loosest[size + 1]:
-                leave(w, level)
+                w.state[LEVEL] = level - 1
                 continue
         w.state[NODES] += 1
         rises(w, level, m, rise)
         quota = quota_of(rise, m, w.bound[level], limits, size, w.most[level])
         quota = packed_quota(w, level, m, rise, quota, limits)
         w.most[level] = size + quota
-        if (quota == 3 or (quota == 4 and score_fours(w, level, m, limits))) and score_triples(
-            w, level, m, rise, limits
-        ):
-            leave(w, level)
-            continue
+        if quota == 3:
+            hits = w.state[HITS]
+            pairs = quota_of(rise, m, w.bound[level], limits, size, size + 2) == 2
+            score(w, level, m, pairs, limits)
+            if score_triples(w, level, m, limits):
+                w.state[LEVEL] = level - 1
+                continue
+            w.state[HITS] = hits
         if quota <= 2:
             if quota > 0:
                 score(w, level, m, quota == 2, limits)
-            leave(w, level)
+            w.state[LEVEL] = level - 1
             continue
         j = 0
         for i in range(1, m):
             if rise[i] > rise[j]:
                 j = i
-        w.phase[level] = BRANCHED
-        verdict = 0
-        if constrained:
-            forced, verdict = implied(w, w.ids[level], m)
-            if verdict == INCLUDED:
-                w.phase[level] = FORCED
-            j = forced if verdict else j
-        j = place(w, level, j, m)
-        w.at[level] = j
-        if verdict == DROPPED:
-            continue
-        include(w, level, j)
+        w.branched[level] = True
+        place(w, level, j, m)
+        include(w, level, m - 1)
         w.bound[level + 1] = w.bound[level]
         w.count[level + 1] = m - 1
-        w.phase[level + 1] = NEW
+        w.branched[level + 1] = False
         w.owns[level + 1] = False
         w.most[level + 1] = w.most[level]
-        w.chosen[size] = w.ids[level, j]
-        if constrained:
-            w.status[w.ids[level, j]] = INCLUDED
+        w.chosen[size] = w.ids[level, m - 1]
         if w.rss[level + 1] <= limits[size + 1]:
             record(w, size + 1, NONE, NONE)
         w.state[LEVEL] = level + 1
@@ -209,9 +180,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
 HIT_ROOM = 512
 # Bytes of a cache line.
 LINE = 64
-# Nodes with no more columns to go are scored, not ruled out by sets of columns first; and fours from no more beginnings
-# of three columns, above which it is quicker to branch (``python -m tests.studies.subset.study``).
-SCORED, MOST_PREFIXES = 4, 3000
 
 
 class CompiledSearch:
@@ -244,18 +212,16 @@ class CompiledSearch:
         w = self._work
         rest = []
         for level in range(int(w.state[LEVEL]) + 1):
-            if w.phase[level] == FORCED:
-                continue
             undecided = w.ids[level, : w.count[level]].tolist()
-            if w.phase[level] == BRANCHED:
-                del undecided[int(w.at[level])]
+            if w.branched[level]:
+                del undecided[-1]
             included = tuple(w.chosen[: w.base + level].tolist())
             rest.append(OpenSubtree(included, tuple(undecided), float(w.bound[level])))
         return rest
 
 
 def _working_arrays(board: Board, piece: Node) -> Work:
-    base, m, n = len(piece.included), piece.undecided.size, board.frame.n_candidates
+    base, m = len(piece.included), piece.undecided.size
     levels = board.max_size - base + 2
     width = whole_vectors(m)
     A = _aligned(levels, m, width)
@@ -273,19 +239,13 @@ def _working_arrays(board: Board, piece: Node) -> Work:
     owns[0] = True
     chosen = np.full(board.max_size + 1, -1, dtype=np.int64)
     chosen[:base] = piece.included
-    status = np.full(n, DROPPED, dtype=np.int8)
-    status[list(piece.included)] = INCLUDED
-    status[piece.undecided] = UNDECIDED
-    requires, excludes = _rules(board.frame.constraints)
     return Work(
-        A=A, B=B, x=x, beta=beta, ids=ids, count=count, phase=np.zeros(levels, dtype=np.int64),
-        at=np.zeros(levels, dtype=np.int64), owns=owns, rss=rss, bound=bound, chosen=chosen, status=status,
-        trail=np.zeros((n + 1, 2), dtype=np.int64), requires=requires, excludes=excludes,
+        A=A, B=B, x=x, beta=beta, ids=ids, count=count, branched=np.zeros(levels, dtype=np.bool_),
+        owns=owns, rss=rss, bound=bound, chosen=chosen,
         hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), scratch=_aligned(5, width),
         most=np.full(levels, board.max_size, dtype=np.int64), packing=_aligned(5, width), factor=_aligned(m, width),
-        sets=np.empty((4, m), dtype=np.int64), place=np.arange(float(width)),
-        state=np.zeros(4, dtype=np.int64), base=base, slack=board.margin,
-        scored=SCORED, prefixes=MOST_PREFIXES,
+        sets=np.empty((3, m), dtype=np.int64), place=np.arange(float(width)),
+        state=np.zeros(3, dtype=np.int64), base=base, slack=board.margin,
     )  # fmt: skip
 
 
@@ -296,106 +256,48 @@ def _aligned(*shape: int) -> FloatArray:
     return room[start : start + prod(shape)].reshape(shape)
 
 
-def _rules(constraints: Constraints) -> tuple[Any, Any]:
-    if not constraints.active:
-        none = np.empty((0, 0), dtype=np.int8)
-        return none, none
-    requires = constraints.requires.astype(np.int8)
-    np.fill_diagonal(requires, constraints.requires.sum(axis=1))
-    return requires, constraints.excludes.astype(np.int8)
-
-
-# Nodes between looks at the clock, the board and the other workers: some tens of milliseconds.
+# Nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds.
 TURN = 10_000
-SERIAL_S = 0.1
 
 
 def search_compiled(
     board: Board, subtrees: Sequence[OpenSubtree], deadline: float, threads: int
 ) -> tuple[int, list[OpenSubtree]]:
-    """Search all subtrees: nodes visited, and what is left at the deadline."""
-    pool = _Pool(board, subtrees, threads)
-    pool.until = min(deadline, time.perf_counter() + SERIAL_S) if threads > 1 else deadline
-    pool.work()
-    pool.until = deadline
-    if pool.waiting and time.perf_counter() < deadline:
-        with ThreadPoolExecutor(threads) as crew:
-            try:
-                for worker in as_completed([crew.submit(pool.work) for _ in range(threads)]):
-                    worker.result()
-            except BaseException:
-                pool.until = -np.inf  # the others end too
-                raise
-    return pool.nodes, pool.waiting
+    """Search all subtrees, lowest bound first: nodes visited, and what is left at the deadline.
 
+    Several threads take a turn each on as many subtrees, and give back what is left of these for the next turn.
+    """
+    nodes, left = 0, list(subtrees)
+    lock, until = threading.Lock(), deadline
 
-class _Pool:
-    """Subtrees waiting, lowest bound first; workers take them, and give parts back when others are idle."""
-
-    def __init__(self, board: Board, subtrees: Sequence[OpenSubtree], threads: int) -> None:
-        self._board = board
-        self._threads = threads
-        self._change = threading.Condition()
-        self._heap: list[tuple[float, int, OpenSubtree]] = []
-        self._serial = 0
-        self._busy = 0
-        self.until = np.inf
-        self.nodes = 0
-        for subtree in subtrees:
-            self._push(subtree)
-
-    @property
-    def waiting(self) -> list[OpenSubtree]:
-        """Subtrees that nobody has searched."""
-        return [subtree for _, _, subtree in self._heap]
-
-    def work(self) -> None:
-        """Search subtrees until none is left or the time is up."""
-        while (subtree := self._take()) is not None:
-            try:
-                self._search(subtree)
-            finally:
-                with self._change:
-                    self._busy -= 1
-                    self._change.notify_all()
-
-    def _take(self) -> OpenSubtree | None:
-        with self._change:
-            while not self._heap and self._busy:
-                self._change.wait()
-            if not self._heap or time.perf_counter() >= self.until:
-                return None
-            self._busy += 1
-            return heapq.heappop(self._heap)[2]
-
-    def _push(self, subtree: OpenSubtree) -> None:
-        self._serial += 1
-        heapq.heappush(self._heap, (subtree.bound, self._serial, subtree))
-
-    def _search(self, subtree: OpenSubtree) -> None:
-        piece = make_node(self._board.frame, subtree.included, subtree.undecided)
+    def searched(subtree: OpenSubtree) -> tuple[int, list[OpenSubtree]]:
+        """Nodes of the subtree visited, and what is left of it at the end of the turn."""
+        piece = make_node(board.frame, subtree.included, subtree.undecided)
         if piece is None:
-            return
-        if piece.dependency:
-            with self._change:
-                NumpyTree(self._board, spend=lambda: None).score(subtree)
-            return
-        with self._change:
-            self._board.offer(piece.included)
-        if not piece.undecided.size or len(piece.included) >= self._board.max_size:
-            return
-        own = CompiledSearch(self._board, piece)
-        counted = 0
-        while not own.done:
-            hits = own.run(self._board.limits.copy(), TURN)
-            with self._change:
-                self._board.offer_all(hits)
-                self.nodes += own.nodes - counted
-                counted = own.nodes
-                # The first turn may have waited for the compiler; that is no reason to split.
-                idle = self._threads - self._busy - len(self._heap)
-                if time.perf_counter() >= self.until or (self._busy > 1 and idle > 0 and not own.done):
-                    for part in own.open_subtrees():
-                        self._push(part)
-                    self._change.notify_all()
-                    return
+            return 0, []
+        with lock:
+            if piece.dependency:
+                NumpyTree(board, spend=lambda: None).score(subtree)
+                return 0, []
+            board.offer(piece.included)
+        if not piece.undecided.size or len(piece.included) >= board.max_size:
+            return 0, []
+        own = CompiledSearch(board, piece)
+        while not own.done and time.perf_counter() < until and (threads == 1 or own.nodes < TURN):
+            hits = own.run(board.limits.copy(), TURN)
+            with lock:
+                board.offer_all(hits)
+        return own.nodes, own.open_subtrees()
+
+    with ThreadPoolExecutor(threads) as crew:
+        try:
+            while left and time.perf_counter() < deadline:
+                left.sort(key=lambda subtree: subtree.bound)
+                batch, left = left[:threads], left[threads:]
+                for visited, rest in crew.map(searched, batch):
+                    nodes += visited
+                    left += rest
+        except BaseException:
+            until = -np.inf  # the others end too
+            raise
+    return nodes, left

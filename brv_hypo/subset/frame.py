@@ -249,10 +249,6 @@ class Frame:
         """Some columns of R, and z after them (m, columns + 1)."""
         return self._stacked[[*chosen, -1]].T
 
-    def each_columns(self, subsets: IntArray) -> FloatArray:
-        """The same of several subsets of one size (subsets, size): (subsets, m, size + 1)."""
-        return self._stacked[np.pad(subsets, ((0, 0), (0, 1)), constant_values=-1)].transpose(0, 2, 1)
-
     @cached_property
     def _names(self) -> tuple[list[Alias], tuple[Refusal, ...]]:
         """The dependencies by name: fits of long columns, which a search for columns alone does without."""

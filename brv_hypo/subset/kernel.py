@@ -1,12 +1,11 @@
-"""The compiled loops of the search: working arrays, quota, closed-form scoring, rules on the path, disjoint sets.
+"""The compiled loops of the search: working arrays, quota, closed-form scoring, disjoint sets.
 
 Pruning by disjoint sets of columns: dropping a set A of columns raises the residual by rho(A) = beta_A' (H_AA)^-1
 beta_A. A subset with t further columns misses at least one of t + 1 disjoint sets: where all of their rises break its
 limit, no such subset gets under it. Collinear columns stand in for each other, so that single columns raise it little,
 but sets of a few raise it. Sets are grown greedily by a pivoted factor of H; where t sets are found and the columns
 left over make no other, a subset of that size takes one column of each. A triple under its limit therefore has a column
-in each of two such sets, four have one in each of three: only those are scored, with nothing dropped. Entrances:
-`packed_quota`, `score_triples`, `score_fours`.
+in each of two such sets: only those are scored, with nothing dropped. Entrances: `packed_quota`, `score_triples`.
 
 Imported only when the compiled search is wanted: importing numba costs more than most searches.
 """
@@ -17,20 +16,15 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from llvmlite import ir
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
-# What a path has decided about a column.
-UNDECIDED, INCLUDED, DROPPED = 0, 1, 2
-# Where a level stands: not looked at, its include branch taken, taken with no drop branch to follow.
-NEW, BRANCHED, FORCED = 0, 1, 2
 # Scalars of the search, by position in ``Work.state``.
-LEVEL, NODES, HITS, TRAIL = 0, 1, 2, 3
+LEVEL, NODES, HITS = 0, 1, 2
+# Nodes with no more columns to go are scored, not ruled out by sets of columns first.
+SCORED = 3
 # An argument as numpy scalar: numba would compile a function anew for every literal.
 NONE: Any = np.int64(-1)
 ZERO: Any = np.int64(0)
-ONE: Any = np.int64(1)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -55,24 +49,6 @@ def whole_vectors(m: int) -> int:
 padded = compiled_part(whole_vectors)
 
 
-def _extremum(instruction: str) -> Any:
-    """The larger or smaller of two numbers: a comparison as numba compiles it keeps a loop from being vectorised."""
-
-    @intrinsic  # type: ignore[untyped-decorator, unused-ignore]
-    def extremum(_: Any, a: Any, b: Any) -> Any:
-        def emit(context: Any, builder: Any, signature: Any, pair: Any) -> Any:
-            kind = pair[0].type
-            found = builder.module.declare_intrinsic(instruction, [kind], ir.FunctionType(kind, [kind, kind]))
-            return builder.call(found, pair, fastmath=("fast",))
-
-        return types.float64(types.float64, types.float64), emit
-
-    return extremum
-
-
-larger, smaller = _extremum("llvm.maxnum"), _extremum("llvm.minnum")
-
-
 class Work(NamedTuple):
     """The state of one search, which stops and goes on at any node. A level is a number of included columns."""
 
@@ -82,28 +58,21 @@ class Work(NamedTuple):
     beta: Any  # (levels, m): coefficients with all undecided columns in
     ids: Any  # (levels, m): the undecided columns
     count: Any  # (levels,): how many they are
-    phase: Any  # (levels,): where the level stands
-    at: Any  # (levels,): place of the column branched on
+    branched: Any  # (levels,): whether the include branch of the last column is taken
     owns: Any  # (levels,): whether B is the level's own
     rss: Any  # (levels,): residual without the undecided columns
     bound: Any  # (levels,): residual with all of them
     most: Any  # (levels,): no larger subset below the level can get under its limit
     chosen: Any  # the included columns
-    status: Any  # (columns,): what the path has decided, for the rules
-    trail: Any  # the drops along the path, with their levels
-    requires: Any  # (columns, columns) bytes, empty without rules; the diagonal counts what a column brings along
-    excludes: Any  # (columns, columns) bytes, empty without rules
     hits: Any  # rows of (size, columns...)
     scratch: Any  # (5, m)
     packing: Any  # (5, m): see `grow`
     factor: Any  # (m, m): see `grow`
-    sets: Any  # (4, m): see `grow`
+    sets: Any  # (3, m): see `grow`
     place: Any  # 0, 1, 2, ...
-    state: Any  # LEVEL, NODES, HITS, TRAIL
+    state: Any  # LEVEL, NODES, HITS
     base: int  # columns included before the search
     slack: float  # allowance for rounding in a determinant
-    scored: int  # see SCORED in `compiled`
-    prefixes: int  # see MOST_PREFIXES there
 
 
 @compiled_part
@@ -144,39 +113,14 @@ def record(w: Work, size: int, a: Any, b: Any) -> None:
         size += 1
         row[size] = b
     row[0] = size
-    if w.requires.size == 0 or _permitted(row, size, w.requires, w.excludes):
-        w.state[HITS] += 1
+    w.state[HITS] += 1
 
 
 @compiled_part
-def _permitted(row: Any, size: int, requires: Any, excludes: Any) -> bool:
-    for i in range(1, size + 1):
-        v = row[i]
-        present = 0
-        for k in range(1, size + 1):
-            if excludes[v, row[k]]:
-                return False
-            if k != i:
-                present += requires[v, row[k]]
-        if present < requires[v, v]:
-            return False
-    return True
-
-
-@compiled_part
-def singles_enough(d: Any, c: Any, m: int, needed: float) -> int:
-    """How many columns gain what is needed; without ``Work``, which takes longer to hand over than to count."""
-    enough = 0
-    for i in range(padded(m)):
-        enough += 1 if c[i] * c[i] >= needed * d[i] else 0
-    return enough
-
-
-@compiled_part
-def record_singles(w: Work, d: Any, c: Any, ids: Any, m: int, size: int, needed: float, without: Any) -> None:
-    """Record those columns, but one."""
+def record_singles(w: Work, d: Any, c: Any, ids: Any, m: int, size: int, needed: float) -> None:
+    """Record every column that gains what is needed."""
     for i in range(m):
-        if c[i] * c[i] >= needed * d[i] and i != without:
+        if c[i] * c[i] >= needed * d[i]:
             record(w, size, ids[i], NONE)
 
 
@@ -190,7 +134,7 @@ def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     S, d, c, ids, size, rss = w.A[level], w.scratch[1], w.x[level], w.ids[level], w.base + level, w.rss[level]
     for i in range(m):
         d[i] = S[i, i]
-    record_singles(w, d, c, ids, m, size, rss - limits[size + 1], NONE)
+    record_singles(w, d, c, ids, m, size, rss - limits[size + 1])
     if not pairs:
         return
     needed = rss - limits[size + 2]
@@ -212,42 +156,6 @@ def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
                     record(w, size, ids[i], ids[k])
 
 
-@compiled_part
-def implied(w: Work, ids: Any, m: int) -> tuple[int, int]:
-    """First undecided column that the rules force, as (position, INCLUDED or DROPPED); (-1, 0) for none."""
-    for i in range(m):
-        v = ids[i]
-        for u in range(w.status.size):
-            if u == v:
-                continue
-            state = w.status[u]
-            if (w.requires[v, u] and state == DROPPED) or (w.excludes[v, u] and state == INCLUDED):
-                return i, DROPPED
-            if w.requires[u, v] and state == INCLUDED:
-                return i, INCLUDED
-    return -1, 0
-
-
-@compiled_part
-def mark_dropped(w: Work, label: int, level: int) -> None:
-    """Note a drop made at a level, so that leaving the level undoes it."""
-    w.status[label] = DROPPED
-    w.trail[w.state[TRAIL], 0] = label
-    w.trail[w.state[TRAIL], 1] = level
-    w.state[TRAIL] += 1
-
-
-@compiled_part
-def leave(w: Work, level: int) -> None:
-    """Undo the drops made at a level and the inclusion that led to it."""
-    while w.state[TRAIL] > 0 and w.trail[w.state[TRAIL] - 1, 1] == level:
-        w.state[TRAIL] -= 1
-        w.status[w.trail[w.state[TRAIL], 0]] = UNDECIDED
-    if level > 0:
-        w.status[w.chosen[w.base + level - 1]] = UNDECIDED
-    w.state[LEVEL] = level - 1
-
-
 # ---- Pruning by disjoint sets of columns ----
 
 
@@ -262,10 +170,10 @@ H_FREE, B_FREE, H_LEFT, B_LEFT, RISE = np.arange(5)
 
 @compiled_part
 def packed_quota(w: Work, level: int, m: int, rise: Any, quota: int, limits: Any) -> int:
-    """The quota, lowered as far as disjoint sets allow; ``w.scored`` and fewer are sooner scored than ruled out."""
+    """The quota, lowered as far as disjoint sets allow."""
     size, bound = w.base + level, w.bound[level]
     H = w.B[level] if w.owns[level] else w.B[level - 1]
-    while quota > w.scored and _packs(
+    while quota > SCORED and _packs(
         H, w.beta[level], w.packing, w.factor, w.sets[0], m, limits[size + quota] - bound, quota + 1
     ):
         quota = quota_of(rise, m, bound, limits, size, size + quota - 1)
@@ -276,27 +184,14 @@ def packed_quota(w: Work, level: int, m: int, rise: Any, quota: int, limits: Any
 def _packs(H: Any, beta: Any, p: Any, L: Any, picks: Any, m: int, allowance: float, wanted: int) -> bool:
     """Whether so many disjoint sets are found whose rises are above the allowance."""
     free_all(H, beta, p, m)
-    dropped, n = ZERO, m
-    while True:
-        left, depth, total = wanted, ZERO, 0.0
-        while left > 0:
-            depth, total = grow(H, p, L, picks, m, dropped, ZERO, 0.0, n, allowance, left)
-            if total <= allowance:
-                break
-            left -= 1
-            n -= depth
-            take(p, picks, dropped, depth)
-        if left == 0:
-            return True
-        if left > 1 or n == 0 or depth < n:
+    n = m
+    for left in range(wanted, 0, -1):
+        depth, total = grow(H, p, L, picks, m, n, allowance, left)
+        if total <= allowance:
             return False
-        allowance -= total
-        dropped += depth
-        n = m - dropped
-        free_all(H, beta, p, m)
-        for k in range(dropped):
-            _sweep(L, k, p, H_FREE, p[B_FREE, picks[k]] / L[k, picks[k]], m)
-        take(p, picks, ZERO, dropped)
+        n -= depth
+        take(p, picks, depth)
+    return True
 
 
 @compiled_part
@@ -311,9 +206,9 @@ def free_all(H: Any, beta: Any, p: Any, m: int) -> None:
 
 
 @compiled_part
-def take(p: Any, picks: Any, start: Any, count: int) -> None:
-    """Let these columns be taken no more."""
-    for k in range(start, start + count):
+def take(p: Any, picks: Any, count: int) -> None:
+    """Let the first of these columns be taken no more."""
+    for k in range(count):
         p[H_FREE, picks[k]] = EXCLUDED
 
 
@@ -327,47 +222,41 @@ def _begin(p: Any, m: int) -> float:
         p[B_LEFT, i] = b
         rise = b * b / h if h < EXCLUDED else -1.0
         p[RISE, i] = rise
-        most = larger(most, rise)
+        most = max(most, rise)
     return most
 
 
 @compiled_part
-def grow(
-    H: Any, p: Any, L: Any, picks: Any, m: int, dropped: Any, depth: Any, total: float, n: int, allowance: float,
-    wanted: Any,
-) -> tuple[int, float]:  # fmt: skip
-    """Add columns to a set of this depth, or to a new one, until its rise is above the allowance: the depth and rise.
+def grow(H: Any, p: Any, L: Any, picks: Any, m: int, n: int, allowance: float, wanted: int) -> tuple[int, float]:
+    """Take columns into a set until its rise is above the allowance: how many, and the rise.
 
-    At most n columns are free. It ends early where they would not do for so many sets of this depth. ``picks`` and
-    the rows of the factor L follow those of the columns dropped.
+    At most n columns are free. It ends early where they would not do for so many sets as large. ``picks`` and the
+    rows of the factor L follow those of the columns taken.
     """
-    most = _begin(p, m) if depth == 0 else -1.0
-    while True:
-        if depth > 0 and total <= allowance:
-            at = dropped + depth - 1
-            pick = picks[at]
-            root = p[H_LEFT, pick] ** -0.5
-            shift = p[B_LEFT, pick] * root
-            # Well before the sweep: a vector that holds a number just stored has to wait for it.
-            p[H_LEFT, pick] = EXCLUDED
-            _factor_row(H, L, pick, at, m, root)
-            most = _sweep(L, at, p, H_LEFT, shift, m)
-        if total > allowance or n < wanted * (depth + 1) or most < 0.0:
-            return depth, total
+    depth, total, most = 0, 0.0, _begin(p, m)
+    while total <= allowance and n >= wanted * (depth + 1) and most >= 0.0:
         room = allowance - total
         if most > room:
             # The least that is enough: the others are worth more in another set.
             least = most
             for i in range(padded(m)):
                 rise = p[RISE, i]
-                least = smaller(least, rise if rise > room else most)
+                least = min(least, rise if rise > room else most)
             most = least
         total += most
         pick = 0
         for i in range(padded(m)):
             pick = i if p[RISE, i] == most else pick
-        picks[dropped + depth] = pick
+        picks[depth] = pick
+        if total <= allowance:
+            root = p[H_LEFT, pick] ** -0.5
+            shift = p[B_LEFT, pick] * root
+            # Well before the sweep: a vector that holds a number just stored has to wait for it.
+            p[H_LEFT, pick] = EXCLUDED
+            _factor_row(H, L, pick, depth, m, root)
+            most = _sweep(L, depth, p, shift, m)
         depth += 1
+    return depth, total
 
 
 @compiled_part
@@ -376,123 +265,43 @@ def _factor_row(H: Any, L: Any, pick: int, depth: int, m: int, root: float) -> N
     width = padded(m)
     for i in range(width):
         L[depth, i] = root * H[pick, i]
-    odd = depth % 4
-    for k in range(odd):
+    for k in range(depth):
         f = root * L[k, pick]
         for i in range(width):
             L[depth, i] -= f * L[k, i]
-    # Four at a time: short loops cost more to begin than to run.
-    for k in range(odd, depth, 4):
-        f, g = root * L[k, pick], root * L[k + 1, pick]
-        x, y = root * L[k + 2, pick], root * L[k + 3, pick]
-        for i in range(width):
-            L[depth, i] -= f * L[k, i] + g * L[k + 1, i] + x * L[k + 2, i] + y * L[k + 3, i]
 
 
 @compiled_part
-def _sweep(L: Any, k: int, p: Any, of_h: Any, shift: float, m: int) -> float:
-    """Take a row of the factor out of squared lengths and coefficients (the next row of p): the largest rise left."""
+def _sweep(L: Any, k: int, p: Any, shift: float, m: int) -> float:
+    """Take a row of the factor out of squared lengths and coefficients: the largest rise left."""
     most = -1.0
     for i in range(padded(m)):
-        h = p[of_h, i] - L[k, i] * L[k, i]
-        b = p[of_h + 1, i] - L[k, i] * shift
-        p[of_h, i] = h
-        p[of_h + 1, i] = b
+        h = p[H_LEFT, i] - L[k, i] * L[k, i]
+        b = p[B_LEFT, i] - L[k, i] * shift
+        p[H_LEFT, i] = h
+        p[B_LEFT, i] = b
         # Not a chain of comparisons: that would be a branch, and the loop would not vectorise.
         rise = -1.0 if (h <= 0.0) | (h > NEARLY_EXCLUDED) else b * b / h
         p[RISE, i] = rise
-        most = larger(most, rise)
+        most = max(most, rise)
     return most
 
 
-# ---- Closed form for nodes that take three or four more columns, on Schur complements ----
+# ---- Closed form for nodes that take three more columns, on Schur complements ----
 
 
 @compiled_part
-def score_triples(w: Work, level: int, m: int, rise: Any, limits: Any) -> bool:
-    """Record all singles, pairs and triples of a node; False, with nothing recorded, where hits lack room."""
-    hits, size = w.state[HITS], w.base + level
-    pairs, firsts, seconds = _sets_to_score(w, level, m, rise, limits)
-    S, diagonal = w.A[level], w.scratch[1]
+def score_triples(w: Work, level: int, m: int, limits: Any) -> bool:
+    """Record all triples of a node; False where hits lack room. Columns that are not to be taken are EXCLUDED."""
+    S, c, ids, size = w.A[level], w.x[level], w.ids[level], w.base + level
+    diagonal, d, q, e, place = w.scratch[1], w.scratch[2], w.scratch[3], w.scratch[4], w.place
+    first, second = w.sets[1], w.sets[2]
+    firsts, seconds = _sets_to_score(w, level, m, limits[size + 3] - w.bound[level])
     for i in range(m):
         diagonal[i] = S[i, i]
     diagonal[m : padded(m)] = EXCLUDED
-    needed = w.rss[level] - limits[size + 1]
-    if singles_enough(diagonal, w.x[level], m, needed) > 0:
-        record_singles(w, diagonal, w.x[level], w.ids[level], m, size, needed, NONE)
-    scored = _score_from(
-        w, S, w.x[level], w.ids[level], m, size, w.rss[level], limits, w.sets[1], pairs, firsts, w.sets[2], seconds
-    )
-    if not scored:
-        w.state[HITS] = hits
-    return scored
-
-
-@compiled_part
-def score_fours(w: Work, level: int, m: int, limits: Any) -> bool:
-    """Record all fours of a node; False, with nothing recorded, where hits lack room or branching is quicker."""
-    S, c, ids, size, hits = w.A[level], w.x[level], w.ids[level], w.base + level, w.state[HITS]
-    H = w.B[level] if w.owns[level] else w.B[level - 1]
-    p, picks = w.packing, w.sets[0]
-    allowance = limits[size + 4] - w.bound[level]
-    counts = (ZERO, ZERO, ZERO)
-    free, prefixes = m, 1
-    free_all(H, w.beta[level], p, m)
-    for k in range(1, 4):
-        count, total = grow(H, p, w.factor, picks, m, ZERO, ZERO, 0.0, free, allowance, ONE)
-        prefixes *= count
-        if total <= allowance or prefixes > w.prefixes:
-            return False
-        free -= count
-        take(p, picks, ZERO, count)
-        for i in range(count):
-            w.sets[k, i] = picks[i]
-        counts = (counts[1], counts[2], count)
-    T, t, diagonal = w.A[level + 1], w.x[level + 1], w.scratch[1]
-    for one in range(counts[0]):
-        x = w.sets[1, one]
-        scale = 1.0 / S[x, x]
-        shift = c[x] * scale
-        for i in range(m):
-            diagonal[i] = S[i, i] - S[x, i] * S[x, i] * scale
-        for i in range(padded(m)):
-            t[i] = c[i] - S[x, i] * shift
-        diagonal[m : padded(m)] = EXCLUDED
-        _rows_after(S, T, m, x, scale, w.sets[2], counts[1])
-        _rows_after(S, T, m, x, scale, w.sets[3], counts[2])
-        diagonal[x], t[x] = EXCLUDED, 0.0
-        w.chosen[size] = ids[x]
-        rss = w.rss[level] - c[x] * shift
-        if not _score_from(w, T, t, ids, m, size + 1, rss, limits, w.sets[2], ZERO, counts[1], w.sets[3], counts[2]):
-            w.state[HITS] = hits
-            return False
-    return True
-
-
-@compiled_part
-def _rows_after(S: Any, T: Any, m: int, x: int, scale: float, rows: Any, count: int) -> None:
-    """Some rows of the normal matrix after x."""
-    for k in range(count):
-        y = rows[k]
-        factor = S[x, y] * scale
-        for i in range(padded(m)):
-            T[y, i] = S[y, i] - factor * S[x, i]
-
-
-@compiled_part
-def _score_from(
-    w: Work, S: Any, c: Any, ids: Any, m: int, size: int, rss: float, limits: Any, first: Any, pairs: int,
-    firsts: int, second: Any, seconds: int,
-) -> bool:  # fmt: skip
-    """Record pairs that begin with a column of ``first``, and triples that go on with one of ``second``.
-
-    The diagonal of S is in ``scratch[1]``; columns that are not to be taken are EXCLUDED there. False: no room.
-    """
-    diagonal, d, q, e, place = w.scratch[1], w.scratch[2], w.scratch[3], w.scratch[4], w.place
     room = w.hits.shape[0] - m
-    for one in range(max(pairs, firsts)):
-        if w.state[HITS] > room:
-            return False
+    for one in range(firsts):
         x = first[one]
         root = diagonal[x] ** -0.5
         shift = c[x] * root
@@ -500,56 +309,38 @@ def _score_from(
             q[i] = S[x, i] * root
             d[i] = EXCLUDED if place[i] == x else diagonal[i] - q[i] * q[i]
             e[i] = c[i] - q[i] * shift
-        left = rss - shift * shift
         w.chosen[size] = ids[x]
-        needed = left - limits[size + 2]
-        if one < pairs and singles_enough(d, e, m, needed) > 0:
-            record_singles(w, d, e, ids, m, size + 1, needed, x)
-        needed = left - limits[size + 3]
-        two = seconds
-        if one < firsts:
-            two = _next_second(S, d, q, e, place, m, x, second, ZERO, seconds, needed, w.slack)
+        needed = w.rss[level] - shift * shift - limits[size + 3]
+        two = _next_second(S, d, q, e, place, m, x, second, ZERO, seconds, needed, w.slack)
         while two < seconds:
             if w.state[HITS] > room:
                 return False
             _record_seconds(w, S, d, q, e, ids, m, size + 1, second[two], needed)
             two = _next_second(S, d, q, e, place, m, x, second, two + 1, seconds, needed, w.slack)
-    return bool(w.state[HITS] <= room)
+    return True
 
 
 @compiled_part
-def _sets_to_score(w: Work, level: int, m: int, rise: Any, limits: Any) -> tuple[int, int, int]:
-    """How many columns of ``sets[1]`` pairs and triples begin with, and of ``sets[2]`` triples go on with."""
-    size, bound = w.base + level, w.bound[level]
+def _sets_to_score(w: Work, level: int, m: int, allowance: float) -> tuple[int, int]:
+    """How many columns of ``sets[1]`` triples begin with, and of ``sets[2]`` they go on with."""
     H = w.B[level] if w.owns[level] else w.B[level - 1]
     p, L, picks, first, second = w.packing, w.factor, w.sets[0], w.sets[1], w.sets[2]
-    of_pairs, of_triples = limits[size + 2] - bound, limits[size + 3] - bound
     free_all(H, w.beta[level], p, m)
-    pairs = firsts = seconds = 0
-    total = 0.0
-    # Whether single columns leave so many further ones possible (see ``quota_of``).
-    if of_triples >= 0.0 and _above(rise, m, of_triples) <= 3:
-        firsts, total = grow(H, p, L, picks, m, ZERO, ZERO, 0.0, m, of_triples, ONE)
-        if total <= of_triples:
-            _all(first, m)
-            _all(second, m)
-            return m, m, m
-    if of_pairs >= 0.0 and _above(rise, m, of_pairs) <= 2:
-        pairs, total = grow(H, p, L, picks, m, ZERO, firsts, total, m, of_pairs, ONE)
-    for k in range(max(pairs, firsts)):
-        first[k] = picks[k]
-    if firsts > 0:
-        take(p, first, ZERO, firsts)
-        seconds, rise_of_seconds = grow(H, p, L, picks, m, ZERO, ZERO, 0.0, m - firsts, of_triples, ONE)
-        for k in range(seconds):
-            second[k] = picks[k]
-        if rise_of_seconds <= of_triples:
-            _all(second, m)
-            seconds = m
-    if pairs > 0 and total <= of_pairs:
+    firsts, total = grow(H, p, L, picks, m, m, allowance, 1)
+    if total <= allowance:
         _all(first, m)
-        pairs, firsts = m, m if firsts > 0 else 0
-    return pairs, firsts, seconds
+        _all(second, m)
+        return m, m
+    for k in range(firsts):
+        first[k] = picks[k]
+    take(p, first, firsts)
+    seconds, total = grow(H, p, L, picks, m, m - firsts, allowance, 1)
+    if total <= allowance:
+        _all(second, m)
+        return firsts, m
+    for k in range(seconds):
+        second[k] = picks[k]
+    return firsts, seconds
 
 
 @compiled_part

@@ -3,12 +3,11 @@
 result         settings, and the result: steps, findings and hints, the model, its residual
 fit            flights read as a model reads them; the model fitted to them; held-out errors
 baseline       what a trace starts from: constant slope, its schedule by Mach number, or a table
-acceptance     a candidate's F-ratio and p-value, and the test on the blocks held out
+acceptance     a candidate's F-ratio and p-value, the test on the blocks held out, and which is added
 description    the dictionary of generic terms, and the entry that describes a residual best
-additions      every candidate beside a model, and which of them is added
+additions      every candidate beside a model
 families       the model beside all processes: which family holds the residual, which effects are wanted
-wording        what is said in words
-account        the residual's tests, and a step with its errors before and after
+account        a step of the result: candidates, families, errors before and after
 final_model    coefficients on the whole record, and the result as it is gathered
 trace          the loop
 """

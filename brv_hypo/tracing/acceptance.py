@@ -1,14 +1,16 @@
 """What makes a candidate acceptable: how it fits the fitted part, and whether the blocks held out agree with it.
 
 A `Candidate` is an effect as fitted beside a model, with its F-ratio and what its search costs. `Tried` is a candidate
-with what it does to the held-out error: `accepted` is the one test by which it joins the model.
+with what it does to the held-out error: `accepted` is the one test by which it joins the model. `choose` tries the
+candidates of a step, best first.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -24,19 +26,27 @@ from brv_hypo.constants import (
     HELD_OUT_CLUSTER,
     HELD_OUT_SIGMAS,
     HELD_OUT_WORSE,
+    HINT_REPEATED,
+    LOOP_BEYOND_DOUBT,
+    LOOP_DETECTED,
+    LOOP_IN_ITS_PLACE,
+    LOOP_SCHEDULE,
+    LOOP_TRIES,
 )
-from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.linearisation.channels import Part, Rows
-from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.linearisation.linear import lengths, solve_scaled
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.linearisation.linear import lengths
+from brv_hypo.mechanisms.contract import Component, RecordEffect
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
-from brv_hypo.tracing.fit import Fit, MomentErrors
+from brv_hypo.tracing.baseline import has_schedule
+from brv_hypo.tracing.fit import Fit, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
 
 _SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
@@ -45,14 +55,27 @@ _SPENT = 1e-10  # singular values of unit columns below which a direction is rou
 # ---- The fitted part ----
 
 
+class History(NamedTuple):
+    """What one typical size of a component of a record effect makes of a flight; `rows` (frame rows,)."""
+
+    flight: int
+    component: Component
+    effect: RecordEffect
+    rows: Rows
+
+
+Variant = Mapping[str, History]
+"""A record effect as it may be set: its histories by the names of their columns."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
 
     `explains` is the share of the weighed squares that it saves, `fall` their fall in effective samples.
     `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the fall
-    of the whitened rates' squares. `evidence` is the log evidence that it gains beside all processes, nats; None where
-    it is not known.
+    of the whitened rates' squares. `variant` are the histories of a record effect, `file` a description in generic
+    terms. `evidence` is the log evidence that it gains beside all processes, nats; None where it is not known.
     """
 
     name: str
@@ -65,8 +88,14 @@ class Candidate:
     in_rates: float
     fall: float
     explains: float
-    effect: RecordEffect | None = None
+    variant: Variant = field(default_factory=dict)
+    file: MechanismFile | None = None
     evidence: float | None = None
+
+    @property
+    def effect(self) -> RecordEffect | None:
+        """The record effect with its settings; None for moments."""
+        return next((history.effect for history in self.variant.values()), None)
 
 
 def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind) -> Candidate:
@@ -104,39 +133,22 @@ def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
 
 
-def solved(
-    problem: Problem,
-    name: str,
-    mechanisms: tuple[Mechanism, ...],
-    frame: RateFrame,
-    chosen: tuple[Regressor, ...],
-    searched: int,
-    design: FloatArray | None = None,
-) -> HypothesisFit:
-    """The model with these columns beside it; `design` (rows, columns) where all of them are at hand."""
-    columns = (*problem.baseline, *chosen)
-    design = problem.design(frame, columns) if design is None else design
-    values = solve_scaled(design, problem.response)
-    residual, size = problem.response - design @ values, len(problem.baseline)
-    own = (name, mechanisms, frame, columns, size, values, residual)
-    return HypothesisFit(*own, problem.samples, problem.efficiency, searched)
-
-
-def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor, ...] | None = None) -> HypothesisFit:
-    """A fit under the problem's noise, with its own columns or with others."""
-    chosen = fit.selected if columns is None else columns
-    found = solved(problem, fit.name, fit.mechanisms, fit.frame, chosen, fit.searched)
-    if columns is None:
-        return replace(found, nonlinear=fit.nonlinear)
-    return replace(found, nonlinear=nonlinear_parameters(found.columns, found.baseline_size, fit.frame, problem.knots))
-
-
 def fitted_again(
     problem: Problem, null: HypothesisFit, candidate: Candidate, columns: tuple[Regressor, ...] | None = None
 ) -> Candidate:
     """A candidate under the problem's noise, with its own columns or with others."""
     fit = solved_again(problem, candidate.fit, columns)
-    return replace(candidate_of(problem, null, fit, candidate.name, candidate.kind), effect=candidate.effect)
+    found = candidate_of(problem, null, fit, candidate.name, candidate.kind)
+    return replace(found, variant=candidate.variant, file=candidate.file)
+
+
+def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor, ...] | None = None) -> HypothesisFit:
+    """A fit under the problem's noise, with its own columns or with others."""
+    every = (*problem.baseline, *(fit.selected if columns is None else columns))
+    found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
+    if columns is None:
+        return replace(found, nonlinear=fit.nonlinear)
+    return replace(found, nonlinear=nonlinear_parameters(every, found.baseline_size, fit.frame, problem.knots))
 
 
 def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
@@ -170,8 +182,7 @@ def nearly_equal(one: Candidate, other: Candidate) -> bool:
 # ---- The blocks held out ----
 
 
-@dataclass(frozen=True)
-class Agreement:
+class Agreement(NamedTuple):
     """What the held-out part says of an effect, in both channels, in standard errors.
 
     `fall` of the squared error, by the effect with the coefficients that the fitted part gives; `shown`, how surely
@@ -190,7 +201,7 @@ def agreement(problem: Problem, held_out: Part, before: Rows, after: Rows) -> Ag
     1980). What the fitted part leaves uncertain of the held-out one, constants of integration among it, weighs the
     rows: it would drown what changes within a stretch.
     """
-    directions, share = _uncertain(problem, held_out)
+    directions, share = _uncertain(problem.untied(), held_out)
     first, second = (_whitened(problem, held_out, left) for left in (before, after))
     first, second = (rows + directions @ (share * (directions.T @ rows)) for rows in (first, second))
     difference = first - second
@@ -226,42 +237,27 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
 
     With them the share (rank,) by which rows change along each where all come to unit variance.
     """
-    problem = problem.untied()
     design = problem.whole_design(problem.frame, problem.baseline)
     scale = lengths(design)
     _, sizes, turn = np.linalg.svd(design / scale, full_matrices=False)
     determined = sizes > _SPENT * sizes[0]
     root = (turn[determined].T / sizes[determined]) / scale[:, np.newaxis]
-    directions, errors, _ = np.linalg.svd(_unknowns(problem, held_out) @ root, full_matrices=False)
+    # Baseline, constants of the fitted part and nuisances on the held-out rows.
+    there = problem.on(held_out).rows
+    moments = np.column_stack([problem.frame.columns(problem.baseline)[held_out.rows], _levels(problem, held_out)])
+    unknowns = there.nuisance_design[: 2 * there.rates, 2 * len(held_out.levels) :]
+    of_moments = np.concatenate([there.white_moments(moments), np.zeros((there.rates, moments.shape[1]))])
+    directions, errors, _ = np.linalg.svd(np.column_stack([of_moments, unknowns]) @ root, full_matrices=False)
     return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
-
-
-def _unknowns(problem: Problem, held_out: Part) -> FloatArray:
-    """Baseline, constants of the fitted part and nuisances on the held-out rows (rows, unknowns), whitened."""
-    noise, moments = problem.rows.noise, problem.frame.columns(problem.baseline)[held_out.rows]
-    of_rates = [held_out.white_rates(each, noise) for each in (moments, _levels(problem, held_out))]
-    count, first = of_rates[0].shape[0], sum(each.shape[1] for each in of_rates)
-    out = np.zeros((2 * count, first + len(problem.rows.nuisances.items)))
-    out[:count, :first] = np.column_stack(of_rates)
-    for some, history in problem.rows.nuisances.histories.batches():
-        out[:, first:][:, some] = held_out.whitened(history.at(held_out.rows), noise)
-    return out
-
-
-def ratio(before: MomentErrors, after: MomentErrors) -> tuple[float, float]:
-    """Ratio of mean squares, after over before, and its standard error by the jackknife over stretches."""
-    kept = ~np.eye(before.squares.size, dtype=bool)
-    means = ([float(each.squares[k].sum() / each.sizes[k].sum()) for k in kept] for each in (after, before))
-    return after.mean_square / before.mean_square, jackknife_error(np.divide(*map(np.array, means)))
 
 
 @dataclass(frozen=True)
 class Tried:
     """A candidate with the model that it makes, and what it did to the held-out part: `agreement` in both channels,
-    `ratio` of the moments' mean squares, `after` (frame rows,) its residual as a candidate.
+    `ratio` of the moments' mean squares.
 
-    `before` (frame rows,) is the residual without the effect, and `errors_before` its moment errors, fitted and held
-    out: an effect with a tolerance is then fixed at zero, though every other fit has it within its tolerance.
+    `before` is the regression without the effect, `after` with its columns: an effect with a tolerance is fixed at zero
+    before, though every other fit has it within its tolerance.
     """
 
     candidate: Candidate
@@ -269,9 +265,8 @@ class Tried:
     agreement: Agreement
     ratio: float
     ratio_error: float
-    before: Rows
-    after: Rows
-    errors_before: tuple[MomentErrors, MomentErrors]
+    before: Fit
+    after: Fit
     certain: bool
     """Whether the fitted part leaves no doubt of it."""
     has_tolerance: bool
@@ -303,7 +298,7 @@ class Tried:
         is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
         read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
-        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.errors_before[1].scatter)
+        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out.scatter)
         if self.has_tolerance:
             return no_worse
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
@@ -321,3 +316,149 @@ class Tried:
         lowers = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0 and (elsewhere is None or elsewhere < 1.0)
         wanted = self.gain is None or self.gain - np.log(choices) >= SPECIFIC
         return "finding" if lowers and wanted and named_in >= FINDING_REPEATED else "hint"
+
+
+# ---- Which is added ----
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The candidates, best first, and those that were tried on the held-out part, in order.
+
+    `named_in`: the share of the repetitions that name the last of these, where the held-out part agrees with it.
+    """
+
+    ranked: tuple[Candidate, ...]
+    tried: tuple[Tried, ...]
+    named_in: float | None = None
+
+    @property
+    def accepted(self) -> Tried | None:
+        """The last that was tried, where the held-out part agrees with it; None where few repetitions name it."""
+        often = self.named_in is None or self.named_in >= HINT_REPEATED
+        return self.tried[-1] if often and self.tried and self.tried[-1].accepted else None
+
+    @property
+    def unwanted(self) -> tuple[str, ...]:
+        """Those that the held-out part agrees with, but processes explain far better, or are of another family."""
+        return tuple(each.candidate.name for each in self.tried if each.agrees and not each.accepted)
+
+    @property
+    def leading(self) -> Tried | None:
+        """What is added or, where nothing is, the best that counts."""
+        return self.accepted or (self.tried[0] if self.tried else None)
+
+    @property
+    def reported(self) -> tuple[Candidate, ...]:
+        """The candidates with the leading one first and what this flight cannot tell from it after it."""
+        if self.leading is None:
+            return self.ranked
+        leader = self.leading.candidate
+        rank = {leader.name: 0, **dict.fromkeys(confounded(leader, self.ranked), 1)}
+        return tuple(sorted(self.ranked, key=lambda candidate: rank.get(candidate.name, 2)))
+
+
+def choose(
+    fit: Fit,
+    candidates: Sequence[Candidate],
+    add: Callable[[Candidate], Fit],
+    weighed: Callable[[Fit], tuple[float, bool]],
+) -> Choice:
+    """Try the candidates that count on the held-out part, the best first, until one is taken.
+
+    Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
+    less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
+    tolerance that every fit allows it. `weighed`: what the last effect of a model gains beside all processes, and
+    whether no other family explains most of the residual.
+    """
+    significance, problem = fit.data.config.significance, fit.problem
+    ranked = _ranked(candidates, {column.mechanism for column in problem.baseline})
+    first = () if has_schedule(fit.model) else schedules_first(ranked)
+    ranked = (*first, *(candidate for candidate in ranked if candidate not in first))
+    chances, tried = adjusted(ranked), list[Tried]()
+    for candidate in ranked:
+        if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
+            continue
+        certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
+        if fit.residual.white and not certain and not has_tolerance(problem, candidate.name):
+            continue
+        if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
+            continue
+        if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
+            break
+        found = _try(fit, candidate, certain, add)
+        if found.agrees:
+            gain, of_majority = weighed(found.fit)
+            found = replace(found, gain=gain, of_majority=of_majority)
+        tried.append(found)
+        if found.accepted or len(tried) == LOOP_TRIES:
+            break
+    return Choice(ranked, tuple(tried))
+
+
+def _try(fit: Fit, candidate: Candidate, certain: bool, add: Callable[[Candidate], Fit]) -> Tried:
+    added, before, after = add(candidate), fit, with_columns(fit, candidate)
+    if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
+        others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
+        before = replace(fit, others=np.array(others))
+    agrees = agreement(fit.problem, fit.data.held_out, before.rest, after.rest)
+    new, old = added.held_out, before.held_out
+    ratio, error = new.mean_square / old.mean_square, jackknife_error(new.left_out / old.left_out)
+    return Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
+
+
+def with_columns(fit: Fit, candidate: Candidate) -> Fit:
+    """The same regression with a candidate's columns."""
+    own = candidate.fit
+    return replace(fit, model=fit.model.but(columns=own.columns), data=replace(fit.data, frame=own.frame))
+
+
+def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The schedules that explain not much less than the best candidate, in their order; see `is_schedule`."""
+    most = max((candidate.gain for candidate in ranked), default=0.0)
+    return tuple(c for c in ranked if is_schedule(c) and c.gain >= LOOP_SCHEDULE * most)
+
+
+def is_schedule(candidate: Candidate) -> bool:
+    """Whether a candidate's terms are a schedule of the flight's."""
+    return any(mechanism.follows is not None for mechanism in candidate.fit.mechanisms)
+
+
+def follows_mach(candidate: Candidate) -> bool:
+    """Whether they are one by Mach number, which a model may have smooth."""
+    return any(mechanism.follows == "mach" for mechanism in candidate.fit.mechanisms)
+
+
+def best_first(
+    offered: Sequence[Candidate], evidences: Mapping[str, float]
+) -> Callable[[Candidate], tuple[float, float]]:
+    """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
+
+    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`.
+    """
+    most = max((evidences[each.name] for each in offered if each.name in evidences), default=-np.inf)
+    equal = {name for name, own in evidences.items() if own > most - SPECIFIC}
+    return lambda each: (-np.inf if each.name in equal else -evidences.get(each.name, -np.inf), -each.gain)
+
+
+def _ranked(candidates: Sequence[Candidate], known: Collection[str]) -> tuple[Candidate, ...]:
+    """The candidates, the leader first.
+
+    The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
+    description in generic terms a name.
+    """
+    named = [each for each in candidates if each.kind != "discovered"]
+    evidences = {each.name: each.evidence for each in named if each.evidence is not None}
+    order = best_first(named, evidences)
+    better = dict.fromkeys(known, CONFOUNDED_NEAR)
+    ranked = sorted(named, key=lambda each: (order(each)[0], order(each)[1] - better.get(each.name, 0.0)))
+
+    def is_beaten(candidate: Candidate, by: Candidate) -> bool:
+        if candidate.evidence is not None and by.evidence is not None:
+            return by.evidence - candidate.evidence >= SPECIFIC
+        return by.gain - candidate.gain >= CONFOUNDED_NEAR
+
+    for described in (each for each in candidates if each.kind == "discovered"):
+        place = next((k for k, each in enumerate(ranked) if is_beaten(each, described)), len(ranked))
+        ranked.insert(place, described)
+    return tuple(ranked)

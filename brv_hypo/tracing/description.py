@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -30,9 +31,11 @@ from brv_hypo.constants import (
     DESCRIBED_TIMED,
     TURNING_RATES,
 )
-from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, solved
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import fastest_turning
+from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
     Factor,
@@ -46,7 +49,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.tracing.acceptance import Candidate, candidate_of, solved
+from brv_hypo.tracing.acceptance import Candidate, candidate_of
 
 # ---- The dictionary ----
 
@@ -58,6 +61,12 @@ _SIDES: dict[Axis, str] = {
     "out_of_plane": "an out-of-plane",
     "along_rates": "a damping",
     "across_rates": "a cross-damping",
+}
+_POWERS: dict[Axis, Sequence[int]] = {  # of alpha, that the baseline lacks
+    "in_plane": (2, 3),
+    "out_of_plane": range(4),
+    "along_rates": (1, 2),
+    "across_rates": range(3),
 }
 _POWER = {0: "", 1: " times alpha", 2: " times alpha squared", 3: " times alpha cubed"}
 _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth"}
@@ -74,8 +83,8 @@ _QUANTITIES: dict[Quantity, str] = {"mach": "Mach", "log_reynolds": "log10 of Re
 class Entry:
     """Terms that enter together, in words; `spacing` is that of the grid which `position` lies on.
 
-    `at(position)` is the same entry elsewhere. What `may_change` may begin, end and jump in time; the others are
-    functions of a quantity themselves, `follows`, of a `form` wherever they lie.
+    `at(position)` is the same entry elsewhere. Some are functions of a quantity, `follows`, of a `form` wherever they
+    lie; the others may begin, end and jump in time.
     """
 
     words: str
@@ -83,7 +92,6 @@ class Entry:
     position: float = 0.0
     spacing: float = 0.0
     at: Callable[[float], Entry] | None = None
-    may_change: bool = False
     follows: Quantity | None = None
     form: str = ""
 
@@ -103,8 +111,13 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
     return tuple(found)
 
 
-def _alpha(power: int) -> tuple[Factor, ...]:
-    return (Factor(of="alpha", power=power),) if power else ()
+def _term(
+    name: str, axis: Axis, power: int = 0, factors: tuple[Factor, ...] = (), turn: Turn | None = None
+) -> YamlTerm:
+    """A term with a power of alpha after its factors."""
+    units = ("1", "1/rad")[power] if power < 2 else f"1/rad^{power}"
+    factors = (*factors, Factor(of="alpha", power=power)) if power else factors
+    return YamlTerm(name=name, axis=axis, factors=factors, turn=turn, units=units)
 
 
 def _turning(motion: Motion) -> list[Entry]:
@@ -117,10 +130,10 @@ def _turning(motion: Motion) -> list[Entry]:
 
     def entry(rate: float) -> Entry:
         roll = ", the roll rate" if abs(abs(rate) - abs(near)) < 0.5 * np.pi / duration else ""
-        name, turn = f"turns at {rate:.12g} rad/s", Turn(of="time", rate=rate)
-        terms = tuple(YamlTerm(name=f"{name}, {axis}", axis=axis, turn=turn) for axis in _BODY)
+        turn = Turn(of="time", rate=rate)
+        terms = tuple(_term(f"turns at {rate:.12g} rad/s, {axis}", axis, turn=turn) for axis in _BODY)
         words = f"a body-fixed moment that turns at {rate:.3g} rad/s ({rate / 2 / np.pi:.3g} Hz{roll})"
-        return Entry(words, terms, rate, step, entry, may_change=True)
+        return Entry(words, terms, rate, step, entry)
 
     return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
 
@@ -130,17 +143,9 @@ def _harmonics() -> list[Entry]:
     found = []
     for harmonic, power, axis in itertools.product((1, 2, 3, 4), (0, 1), _PLANE):
         waves = [Factor(of="windward_meridian", function=function, rate=float(harmonic)) for function in _WAVES]
-        terms = tuple(
-            YamlTerm(
-                name=f"{axis} {wave.function} {harmonic} phi_w{_POWER[power]}",
-                axis=axis,
-                factors=(wave, *_alpha(power)),
-                units="1/rad" if power else "1",
-            )
-            for wave in waves
-        )
+        terms = tuple(_term(f"{axis} {w.function} {harmonic} phi_w{_POWER[power]}", axis, power, (w,)) for w in waves)
         words = f"{_SIDES[axis]} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}"
-        found.append(Entry(words, terms, may_change=True))
+        found.append(Entry(words, terms))
     return found
 
 
@@ -151,30 +156,21 @@ def _round_the_body() -> list[Entry]:
     """
     found = []
     for times, power in itertools.product((-3, -2, -1, 2, 3, 4), (0, 1)):
-        turn, units = Turn(of="windward_meridian", rate=float(times)), "1/rad" if power else "1"
-        name = f"turned by {times} phi_w{_POWER[power]}"
-        terms = tuple(
-            YamlTerm(name=f"{axis} {name}", axis=axis, turn=turn, factors=_alpha(power), units=units) for axis in _PLANE
-        )
+        turn, name = Turn(of="windward_meridian", rate=float(times)), f"turned by {times} phi_w{_POWER[power]}"
+        terms = tuple(_term(f"{axis} {name}", axis, power, turn=turn) for axis in _PLANE)
         turns = f"turns {_TIMES[abs(times)]} {'against' if times < 0 else 'with'} the windward meridian"
-        found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms, may_change=True))
+        found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms))
     return found
 
 
 def _powers() -> list[Entry]:
-    """Powers of alpha, in and out of plane and times the rates, that the baseline lacks."""
-    chosen: dict[Axis, Sequence[int]] = {
-        "in_plane": (2, 3),
-        "out_of_plane": range(4),
-        "along_rates": (1, 2),
-        "across_rates": range(3),
-    }
+    """Powers of alpha, in and out of plane and times the rates."""
     found = []
-    for axis, power in ((axis, power) for axis, powers in chosen.items() for power in powers):
-        units = f"1/rad^{power}" if power else "1"
-        term = YamlTerm(name=f"{axis}{_POWER[power]}", axis=axis, factors=_alpha(power), units=units)
-        how = _POWER[power].replace(" times", " with") or ", constant"
-        found.append(Entry(f"{_SIDES[axis]} moment{how}", (term,), may_change=True))
+    for axis, powers in _POWERS.items():
+        for power in powers:
+            how = _POWER[power].replace(" times", " with") or ", constant"
+            words = f"{_SIDES[axis]} moment{how}"
+            found.append(Entry(words, (_term(f"{axis}{_POWER[power]}", axis, power),)))
     return found
 
 
@@ -182,21 +178,16 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
     """Steps of the stiffness, in and out of plane, at a value of the quantity, sharp or gradual."""
     spacing = (high - low) / (DESCRIBED_STEPS + 1)
 
-    def maker(axis: Axis, share: float) -> Callable[[float], Entry]:
+    def entry(axis: Axis, share: float, value: float) -> Entry:
         what = "a step of the stiffness" if axis == "in_plane" else "an out-of-plane moment with alpha that steps"
+        step = Factor(of=quantity, function="step", at=value, width=share * spacing)
+        term = _term(f"{axis} alpha, step{_WIDTHS[share]} at {quantity} {value:.12g}", axis, 1, (step,))
+        words = f"{what} at {_QUANTITIES[quantity]} {value:.5g}{_WIDTHS[share]}"
+        at, form = partial(entry, axis, share), f"{what}{_WIDTHS[share]}"
+        return Entry(words, (term,), value, spacing, at, follows=quantity, form=form)
 
-        def entry(value: float) -> Entry:
-            step = Factor(of=quantity, function="step", at=value, width=share * spacing)
-            name = f"{axis} alpha, step{_WIDTHS[share]} at {quantity} {value:.12g}"
-            term = YamlTerm(name=name, axis=axis, factors=(step, *_alpha(1)), units="1/rad")
-            words = f"{what} at {_QUANTITIES[quantity]} {value:.5g}{_WIDTHS[share]}"
-            form = f"{what}{_WIDTHS[share]}"
-            return Entry(words, (term,), value, spacing, entry, follows=quantity, form=form)
-
-        return entry
-
-    makers = [maker(axis, share) for axis in _PLANE for share in _WIDTHS]
-    return [make(low + k * spacing) for make in makers for k in range(1, DESCRIBED_STEPS + 1)]
+    places = [low + k * spacing for k in range(1, DESCRIBED_STEPS + 1)]
+    return [entry(axis, share, value) for axis in _PLANE for share in _WIDTHS for value in places]
 
 
 def _smooth(quantity: Quantity, low: float, high: float) -> list[Entry]:
@@ -204,16 +195,13 @@ def _smooth(quantity: Quantity, low: float, high: float) -> list[Entry]:
     width = (high - low) / (DESCRIBED_HATS - 1)
     found = []
     for at in (low + k * width for k in range(DESCRIBED_HATS)):
-        hat, label = Factor(of=quantity, function="bump", at=at, width=width), f"hat at {quantity} {at:.12g}"
-        inside, outside = (
-            YamlTerm(name=f"{axis} alpha, {label}", axis=axis, factors=(hat, *_alpha(1)), units="1/rad")
-            for axis in _PLANE
-        )
+        hat, label = (Factor(of=quantity, function="bump", at=at, width=width),), f"hat at {quantity} {at:.12g}"
+        inside, outside = (_term(f"{axis} alpha, {label}", axis, 1, hat) for axis in _PLANE)
         forms = {
             "a change of the stiffness": (inside,),
             "an out-of-plane moment with alpha": (outside,),
-            "a change of damping": (YamlTerm(name=f"rates, {label}", axis="along_rates", factors=(hat,)),),
-            "a body-fixed moment": tuple(YamlTerm(name=f"{a}, {label}", axis=a, factors=(hat,)) for a in _BODY),
+            "a change of damping": (_term(f"rates, {label}", "along_rates", 0, hat),),
+            "a body-fixed moment": tuple(_term(f"{axis}, {label}", axis, 0, hat) for axis in _BODY),
         }
         where = f"around {_QUANTITIES[quantity]} {at:.4g}"
         found += [Entry(f"{form} {where}", terms, follows=quantity, form=form) for form, terms in forms.items()]
@@ -226,25 +214,19 @@ _Bases = tuple[TimeBasis, ...]
 _ALWAYS: _Bases = (TimeBasis("constant"),)
 
 
-class Discovery(NamedTuple):
-    """A candidate of generic terms, and the file that has them; its title says them in words."""
-
-    candidate: Candidate
-    file: MechanismFile
-
-
-def discover(problem: Problem, null: HypothesisFit, name: str) -> Discovery | None:
+def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | None:
     """The entry of the dictionary that describes best what the model does not explain; None if there is none."""
-    search = _Search.of(problem, name)
+    search = _Search(problem, name, entries(problem.frame.motions))
     gains = search.gains(search.offered)
-    fits = [search.described(search.best(gains), len(gains))] if gains and max(gains) > 0.0 else []
+    found = [search.described(search.best(gains), len(gains))] if gains and max(gains) > 0.0 else []
     if len(problem.records) == 1:
-        fits += search.all_timed()
-    if not fits:
+        found += search.all_timed()
+    if not found:
         return None
-    fit, file, _ = min(fits, key=_information)
-    terms = as_terms(fit.selected, fit.values[fit.baseline_size :], file.terms)
-    return Discovery(candidate_of(problem, null, fit, name, "discovered"), file.model_copy(update={"terms": terms}))
+    fit = min(found, key=_information).fit
+    terms = as_terms(fit.selected, fit.values[fit.baseline_size :], fit.mechanisms[0])
+    file = file_of(name, fit.mechanisms[0].title, terms)
+    return replace(candidate_of(problem, null, fit, name, "discovered"), file=file)
 
 
 def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
@@ -253,9 +235,9 @@ def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
     return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
 
 
-def as_terms(columns: Sequence[Regressor], values: FloatArray, terms: Sequence[YamlTerm]) -> tuple[YamlTerm, ...]:
-    """Columns of some terms as a file holds them: a term each, with its value and its jump."""
-    known = {term.name: term for term in terms}
+def as_terms(columns: Sequence[Regressor], values: FloatArray, mechanism: Mechanism) -> tuple[YamlTerm, ...]:
+    """Columns of a mechanism that a file defines, as one holds them: a term each, with its value and its jump."""
+    known = {term.name: term for term in mechanism.definition} if isinstance(mechanism, YamlMechanism) else {}
     found = []
     for column, value in zip(columns, values, strict=True):
         term, start = known[column.term], column.time_basis.start
@@ -268,10 +250,9 @@ def as_terms(columns: Sequence[Regressor], values: FloatArray, terms: Sequence[Y
 
 
 class _Described(NamedTuple):
-    """A description as fitted; `file` has its terms without values and jumps, `entry` is the dictionary's."""
+    """A description as fitted, and the dictionary's entry that it is."""
 
     fit: HypothesisFit
-    file: MechanismFile
     entry: Entry
 
 
@@ -289,38 +270,29 @@ class _Changing(YamlMechanism):
 
 @dataclass(frozen=True)
 class _Search:
-    """The dictionary beside a model: an orthonormal `basis` (rows, rank) of it, and its residual `left` (rows,)."""
+    """The dictionary beside a model."""
 
     problem: Problem
     name: str
     offered: tuple[Entry, ...]
-    basis: FloatArray
-    left: FloatArray
-
-    @classmethod
-    def of(cls, problem: Problem, name: str) -> _Search:
-        basis = np.asarray(np.linalg.qr(problem.design(problem.frame, problem.baseline))[0], dtype=float)
-        left = problem.response - basis @ (basis.T @ problem.response)
-        return cls(problem, name, entries(problem.frame.motions), basis, left)
 
     def gains(self, chosen: Sequence[Entry], bases: _Bases = _ALWAYS) -> list[float]:
         """Fall of the residual sum of squares by each entry, changing in time like this."""
-        return [float(_fall(own.T @ own, own.T @ self.left)) for own in self.white(chosen, bases)]
+        return [float(_fall(*each)) for each in self._normal(chosen, bases)]
 
-    def white(self, chosen: Sequence[Entry], bases: _Bases = _ALWAYS) -> list[FloatArray]:
-        """The whitened columns of each entry, changing in time like this, less what the model has of them."""
+    def _normal(self, chosen: Sequence[Entry], bases: _Bases) -> list[tuple[FloatArray, FloatArray]]:
+        """Normal equations of each entry, changing in time like this, beside the model."""
         mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
-        frame = self.problem.frame.with_mechanisms([])
-        frame = replace(frame, mechanisms={**self.problem.frame.mechanisms, "dictionary": mechanism})
-        groups = [_columns("dictionary", entry, bases) for entry in chosen]
-        design = self.problem.design(frame, [column for group in groups for column in group])
+        reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
+        groups = [_columns(mechanism.name, entry, bases) for entry in chosen]
+        batch = reduced.batch([column for group in groups for column in group])
         ends = np.cumsum([0, *(len(group) for group in groups)])
-        return [self._free(design[:, a:b]) for a, b in itertools.pairwise(ends)]
-
-    def _free(self, own: FloatArray) -> FloatArray:
-        free = own - self.basis @ (self.basis.T @ own)
-        free[:, np.linalg.norm(free, axis=0) < DESCRIBED_FREE * np.linalg.norm(own, axis=0)] = 0.0
-        return np.asarray(free, dtype=float)
+        found = []
+        for each in (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends)):
+            products, right = each.products(each), reduced.right(each)
+            free = np.diag(products) > DESCRIBED_FREE**2 * each.squares
+            found.append((np.where(np.outer(free, free), products, 0.0), np.where(free, right, 0.0)))
+        return found
 
     def best(self, gains: Sequence[float]) -> Entry:
         """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
@@ -351,14 +323,14 @@ class _Search:
         """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them
         with times anew at its own place: beside a place a jump more makes up for what is off.
         """
-        offered = [entry for entry in self.offered if entry.may_change]
-        fits = [self._timed(entry) for entry in self._over_stretches(offered)]
-        if not fits:
-            return fits
-        best = min(fits, key=_information)
+        offered = [entry for entry in self.offered if entry.follows is None]
+        found = [self._timed(entry) for entry in self._over_stretches(offered)]
+        if not found:
+            return found
+        best = min(found, key=_information)
         bases = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
         gains = [self.gains([entry], bases)[0] for entry in offered]
-        return fits + [self._timed(entry) for entry in (offered[int(np.argmax(gains))], best.entry)]
+        return found + [self._timed(entry) for entry in (offered[int(np.argmax(gains))], best.entry)]
 
     def _timed(self, entry: Entry) -> _Described:
         """An entry with jumps in time where they explain most, and then at its own best place."""
@@ -373,32 +345,35 @@ class _Search:
         """An entry, changing in time like this, fitted, as one of so many choices."""
         times = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
         words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
-        file = file_of(self.name, words, entry.terms)
-        mechanism = mechanism_of(file)
-        frame, columns = self.problem.frame.with_mechanisms([mechanism]), _columns(self.name, entry, bases)
-        return _Described(solved(self.problem, self.name, (mechanism,), frame, columns, searched), file, entry)
+        mechanism = mechanism_of(file_of(self.name, words, entry.terms))
+        reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
+        columns = (*self.problem.baseline, *_columns(self.name, entry, bases))
+        return _Described(solved(reduced, self.name, (mechanism,), columns, searched), entry)
 
     def _over_stretches(self, offered: Sequence[Entry]) -> list[Entry]:
         """The entries that explain most over some stretch of time; of neighbours the best alone."""
         time = self.problem.frame.time
         edges = np.linspace(float(time.min()), float(time.max()), DESCRIBED_STRETCHES + 1)
         stretches = tuple(TimeBasis("jump", float(a), float(b)) for a, b in itertools.pairwise(edges))
-        gains = [self._most_of_a_stretch(self.white([entry], stretches)[0]) for entry in offered]
+        gains = [_most_of_a_stretch(*self._normal([entry], stretches)[0]) for entry in offered]
         found: list[Entry] = []
         for k in sorted(range(len(gains)), key=lambda k: -gains[k]):
             if gains[k] > 0.0 and not any(_neighbours(offered[k], other) for other in found):
                 found.append(offered[k])
         return found[:DESCRIBED_TIMED]
 
-    def _most_of_a_stretch(self, pieces: FloatArray) -> float:
-        """The largest fall of the residual's squares by an entry whose parts by stretch are given (rows, columns)."""
-        count = DESCRIBED_STRETCHES
-        shape = (count, pieces.shape[1] // count)
-        normal, right = (pieces.T @ pieces).reshape(*shape, *shape), (pieces.T @ self.left).reshape(shape)
-        ends = itertools.combinations(range(count + 1), 2)
-        joined = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends])
-        of_each = np.einsum("wj,jakb,wk->wab", joined, normal, joined, optimize=True)
-        return float(np.max(_fall(of_each, joined @ right)))
+
+def _most_of_a_stretch(normal: FloatArray, right: FloatArray) -> float:
+    """The largest fall of the residual's squares by an entry over neighbouring parts of the record; normal equations of
+    its parts.
+    """
+    count = DESCRIBED_STRETCHES
+    shape = (count, right.size // count)
+    normal, right = normal.reshape(*shape, *shape), right.reshape(shape)
+    ends = itertools.combinations(range(count + 1), 2)
+    joined = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends])
+    of_each = np.einsum("wj,jakb,wk->wab", joined, normal, joined, optimize=True)
+    return float(np.max(_fall(of_each, joined @ right)))
 
 
 def _neighbours(one: Entry, other: Entry) -> bool:

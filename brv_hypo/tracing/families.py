@@ -20,13 +20,13 @@ from itertools import combinations
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.diagnostics import process_history
 from brv_hypo.comparison.judgement import NORMAL_95
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
 from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
-from brv_hypo.inference.noise import first_noise
 from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
@@ -39,10 +39,9 @@ from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
-from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
-from brv_hypo.tracing.fit import Fit
+from brv_hypo.tracing.fit import Fit, has_tolerance
 from brv_hypo.tracing.result import Family, ProcessHistory
 
 _PLACES = 9  # at which the history of a process is reported
@@ -76,9 +75,9 @@ class Beside:
 
     def rest_of_family(self, name: str) -> float:
         """What processes of an effect's family explain beside it, over what it explains itself."""
-        others = [terms for each, terms in self.terms.items() if each != name]
-        residuals = [_residual(self.rows, some) for some in (others, list(self.terms.values()))]
-        residuals += [self.evidence(list(self.terms), [self.families[name]]).residual]
+        names = list(self.terms)
+        residuals = [self._residual(some) for some in ([each for each in names if each != name], names)]
+        residuals.append(self.evidence(names, [self.families[name]]).residual)
         before, after, rest = (float(each @ each) for each in residuals)
         return (after - rest) / max(before - after, 1e-300)
 
@@ -134,23 +133,21 @@ class Beside:
 
     def is_adequate(self, names: Sequence[str]) -> bool:
         """Whether effects explain more of the residual than processes beside them; so where there is neither."""
-        whole, rest = self.rows.beside_baseline(self.rows.y), self.evidence(names).residual
-        beside = _residual(self.rows, [self.terms[name] for name in names])
-        return float(whole @ whole - beside @ beside) >= float(beside @ beside - rest @ rest)
+        residuals = self._residual([]), self._residual(names), self.evidence(names).residual
+        whole, beside, rest = (float(each @ each) for each in residuals)
+        return whole - beside >= beside - rest
 
     def shares(self, names: Sequence[str]) -> tuple[Family, ...]:
         """What effects and then families of processes explain of the residual, the largest first.
 
         Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
         """
-        residuals = [self.rows.beside_baseline(self.rows.y)]
-        residuals += [_residual(self.rows, [self.terms[each] for each in names[: k + 1]]) for k in range(len(names))]
         selected = self._selected(names)
+        order = [*((self.families[name],) for name in names), *(some for some, _ in selected)]
+        residuals = [self._residual(names[:count]) for count in range(len(names) + 1)]
         residuals += [each.residual for _, each in selected]
-        order: list[tuple[str, ...]] = [(self.families[name],) for name in names]
-        order += [some for some, _ in selected]
-        stretches, falls = self.rows.time_blocks, dict[str, FloatArray]()
-        squares = [np.bincount(stretches, weights=each**2).astype(float) for each in residuals]
+        squares = [np.bincount(self.rows.time_blocks, weights=each**2).astype(float) for each in residuals]
+        falls = dict[str, FloatArray]()
         for some, before, after in zip(order, squares, squares[1:], strict=False):
             for family in some:  # what two explain together is half of either
                 falls[family] = np.asarray(falls.get(family, 0.0) + (before - after) / len(some))
@@ -163,6 +160,13 @@ class Beside:
             known = {"family": family, "share": min(max(share, 0.0), 1.0), "interval_95": (low, high)}
             found.append(Family.model_validate({**known, "history": histories.get(family)}))
         return tuple(sorted(found, key=lambda each: -each.share))
+
+    def _residual(self, names: Sequence[str]) -> FloatArray:
+        """That (n,) of the baseline and some effects, without processes."""
+        rows = self.rows
+        y, columns = rows.beside_baseline(rows.y), [rows.terms(None).x, *(self.terms[name].x for name in names)]
+        x = rows.beside_baseline(np.concatenate(columns, axis=1))
+        return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
 
     @cached_property
     def majority(self) -> str | None:
@@ -219,17 +223,18 @@ def beside_processes(
         corrections[each.flight][key] = corrections[each.flight].get(key, 0.0) + each.value
     bare = model.but(columns=base, applied=before.applied, mechanisms=before.mechanisms)
     read = replace(data, corrections=tuple(corrections))
-    problem = read.regression(bare, linear, histories, first_noise(linear), record_processes()).on(part or data.whole)
+    problem = read.regression(bare, linear, histories, record_processes()).on(part or data.whole)
     mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
     frame = problem.frame.with_mechanisms(mechanisms)
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
     point = replace(point, nonlinear=nonlinear_parameters(point.columns, count, frame, problem.knots))
     rows, start = rows_under_own_noise(problem, point)
-    terms, families, motions = dict[str, Terms](), dict[str, str](), rows.frame.motions
+    every, motions = rows.terms(point), rows.frame.motions
+    terms, families = dict[str, Terms](), dict[str, str]()
     for name in (mechanism.name for mechanism in mechanisms):  # its terms, and what its knots and delays move
         places = [k for k, column in enumerate(added) if column.mechanism == name]
         moves = [k for k, each in enumerate(point.nonlinear) if {j - count for j in each.columns} <= set(places)]
-        terms[name] = rows.terms(point).only([*places, *(len(added) + k for k in moves)])
+        terms[name] = every.only([*places, *(len(added) + k for k in moves)])
         families[name] = _family_of(point, motions, name)
     if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
         effect, schedule = next(m.name for m in mechanisms if m.follows == "mach"), model.mechanisms[SlopeSchedule.name]
@@ -237,8 +242,6 @@ def beside_processes(
         x = rows.of_moments(frame, [term_column(schedule, t, (), always) for t in schedule.terms(motions[0], {})])
         spread = np.array(schedule.tolerance(data.flights[0]))
         terms[effect] = terms[effect].beside(Terms(x, spread, np.zeros(spread.size, dtype=bool)))
-    items = problem.rows.nuisances.items
-    bounded = {items[k].name for k in problem.rows.nuisances.bounded.tolist()}
     shift = np.zeros(rows.y.size)
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]
@@ -246,7 +249,7 @@ def beside_processes(
         flight = data.flights[own[0].flight]
         terms[name] = _of_record(x, sum(len(each.components(flight)) for each in own[0].effect.variants(flight)))
         families[name] = own[0].effect.family
-        if name not in bounded:
+        if not has_tolerance(problem, name):
             shift += x @ np.array([each.value / each.size for each in own])
     return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
 
@@ -261,30 +264,16 @@ def _label(applied: Applied) -> str:
     return f"{applied.effect.name} {applied.component} [flight {applied.flight}]"
 
 
-def _residual(rows: Rows, terms: Sequence[Terms]) -> FloatArray:
-    """The residual (n,) of the baseline and some terms, without processes."""
-    y = rows.beside_baseline(rows.y)
-    x = rows.beside_baseline(np.concatenate([rows.terms(None).x, *(each.x for each in terms)], axis=1))
-    return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
-
-
 def _history(process: Process, motion: Motion, own: Evidence, number: int) -> ProcessHistory:
     """The history of a process: its coefficient where it has one shape, else the length of its coefficients."""
-    count = process.splines
-    if isinstance(process, MomentProcess):
-        unit, kinds = rms_of_shapes(process, motion), len(process.shapes(motion))
-    else:
-        unit, kinds = 1.0, len(process.channels)
-    own_values, own_errors = (
-        each[: count * kinds].reshape(kinds, count) / unit for each in own.spline_coefficients(number)
-    )
+    unit = rms_of_shapes(process, motion) if isinstance(process, MomentProcess) else 1.0
     places = np.round(np.linspace(0, motion.time.size - 1, _PLACES)).astype(int)
-    splines = time_splines(motion.time[places], float(motion.time[0]), float(motion.time[-1]), count)
-    paths = splines @ own_values.T
-    sigmas = np.sqrt(splines**2 @ own_errors.T**2)
-    length = np.linalg.norm(paths, axis=1)
-    value = paths[:, 0] if kinds == 1 else length
-    sigma = sigmas[:, 0] if kinds == 1 else np.linalg.norm(paths * sigmas, axis=1) / np.maximum(length, 1e-300)
+    shares = (motion.time[places] - motion.time[0]) / (motion.time[-1] - motion.time[0])
+    values, errors = (each / unit for each in process_history(own, number, process.splines, 0, shares))
+    value = np.linalg.norm(values, axis=0)
+    sigma = np.linalg.norm(values * errors, axis=0) / np.maximum(value, 1e-300)
+    if len(values) == 1:
+        (value,), (sigma,) = values, errors
     return ProcessHistory(
         process=process.name,
         title=process.title,

@@ -7,37 +7,47 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy import stats
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.comparison.diagnostics import collinear, motion_histories, record_errors, whitened
+from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
-from brv_hypo.comparison.summary import flight_summary, likelihood_block
-from brv_hypo.constants import LIKELIHOOD_STEPS, MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS, SCHEDULE_TRIFLE
-from brv_hypo.identification import IdentificationConfig, identify
+from brv_hypo.comparison.summary import channel_of, flight_summary, likelihood_block, motion_histories
+from brv_hypo.constants import (
+    LIKELIHOOD_STEPS,
+    MODEL_ERROR_CHANCE,
+    MODEL_ERROR_WEIGHTS,
+    REPORTED_DRAG,
+    REPORTED_MERIDIAN,
+    REPORTED_PER_CYCLE,
+    SCHEDULE_TRIFLE,
+    STABLE_SIGMAS,
+)
+from brv_hypo.flight.record import Flight
+from brv_hypo.identification import identify
 from brv_hypo.inference.derivatives import Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
-from brv_hypo.inference.refinement import FINAL, nonlinear_parameters, prediction_slopes
+from brv_hypo.inference.refinement import FINAL
 from brv_hypo.inference.uncertainty import Regressed, ResidualMoments
-from brv_hypo.linearisation.linear import covariance_of, solve_scaled
+from brv_hypo.io.text import number
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.model import TOLERATED, Model, ModelError, SavedModel, digest
-from brv_hypo.model.term import BASELINE, Regressor, Theta, TimeBasis
+from brv_hypo.model.model import Model, ModelError, SavedModel, digest
+from brv_hypo.model.term import BASELINE, Regressor, TimeBasis, evaluated
 from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
-from brv_hypo.tracing.description import Discovery, as_terms, file_of
+from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
-from brv_hypo.tracing.fit import Corrected, Fit, as_regressor, converged, noise_floor, with_efficiency
-from brv_hypo.tracing.result import Account, ModelSummary, Picture, Step, Stop, Trace, names_added
-from brv_hypo.tracing.wording import caveats, stability_in_words, unexplained
+from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged, noise_floor
+from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 # What a static moment may be a function of.
@@ -53,15 +63,15 @@ def gathered(
     steps: Sequence[Step],
     account: tuple[Account, ...],
     stopped: Stop,
-    discovery: Discovery | None,
+    discovery: MechanismFile | None,
 ) -> Trace:
     """The result of the contract; `before` are the residual moments of the first model."""
     data, flights, final = fit.data, fit.data.originals, fit.residual
-    whole = WholeRecord.of(fit)
+    whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
-    definition, slopes = _definition(fit, whole), static_slopes(data, found)
+    definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
-    findings = names_added(steps, "finding")
+    findings, pairs = names_added(steps, "finding"), zip(flights, data.reconstructions, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -70,7 +80,7 @@ def gathered(
         hints=tuple(name for name in names_added(steps, "hint") if name not in findings),
         families=steps[0].families,
         account=account,
-        model=ModelSummary(terms=(*found.estimates(data), *whole.record_terms()), definition=definition),
+        model=ModelSummary(terms=(*estimates(found, data), *_record_terms(whole)), definition=definition),
         record_errors=record_errors(beside),
         collinear=collinear(found.columns, found.covariance),
         static_slopes=slopes,
@@ -79,7 +89,7 @@ def gathered(
         dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=stopped,
         unexplained=unexplained(final),
-        caveats=caveats(flights, data.reconstructions),
+        caveats=tuple(dict.fromkeys(each for pair in pairs for each in _caveats_of(*pair))),
         noise=noise_floor(data.held_out, fit.left),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
@@ -87,17 +97,17 @@ def gathered(
     )
 
 
-def _described(model: Model, found: Coefficients, discovery: Discovery | None) -> MechanismFile | None:
+def _described(model: Model, found: Coefficients, discovery: MechanismFile | None) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
     names = dict.fromkeys(column.mechanism for column in model.columns if column.mechanism.startswith(GENERIC))
     pieces = {name: piece for name in names if isinstance(piece := model.mechanisms[name], YamlMechanism)}
     if not pieces:
-        return None if discovery is None else discovery.file
+        return discovery
     terms = []
     for name, piece in pieces.items():
         own = [k for k, column in enumerate(found.columns) if column.mechanism == name]
         label = "" if len(pieces) == 1 else f"{name}: "
-        each = as_terms([found.columns[k] for k in own], found.values[own], piece.definition)
+        each = as_terms([found.columns[k] for k in own], found.values[own], piece)
         terms += [term.model_copy(update={"name": f"{label}{term.name}"}) for term in each]
     words = " and ".join(piece.title for piece in pieces.values())
     name = next(iter(pieces)) if len(pieces) == 1 else GENERIC
@@ -107,16 +117,15 @@ def _described(model: Model, found: Coefficients, discovery: Discovery | None) -
 def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:
     """Of several flights, that of the one with this number."""
     after, data, measured = fit.left, fit.data, fit.data.moments(fit.data.frame.observed)
-    reconstruction, rows = data.reconstructions[number], data.rows_of(number)
-    kept = (before.usable & after.usable)[rows]
-    samples, rows = data.samples_of(number)[kept], rows[kept]
+    kept = (before.usable & after.usable)[data.rows_of(number)]
+    samples, rows = data.samples_of(number)[kept], data.rows_of(number)[kept]
     return Picture(
         measured=pair(measured.body[rows]),
         before=pair(before.body[rows]),
         after=pair(after.body[rows]),
         sigma=tuple(after.noise[rows].tolist()),
         whitened=whitened(own, number),
-        **motion_histories(reconstruction, reconstruction.motion, samples),
+        **motion_histories(data.reconstructions[number], samples),
     )
 
 
@@ -125,35 +134,101 @@ def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(values.real.tolist()), tuple(values.imag.tolist())
 
 
+# ---- In words: stability, the residual, and what in the data could pose as an effect ----
+
+
+def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
+    """Where a flight's moment at zero alpha is unstable, or, with `doubt`, not significantly stable; else empty."""
+    several = len(slopes) > 1
+    found = (_of_one(s, f"{moment} of flight {s.flight + 1}" if several else moment, doubt) for s in slopes)
+    return " ".join(filter(None, found))
+
+
+def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
+    values, errors = np.array(slope.at_zero), np.array(slope.at_zero_std_error)
+    doubtful = np.flatnonzero(values + (STABLE_SIGMAS if doubt else -STABLE_SIGMAS) * errors >= 0.0)
+    if doubtful.size == 0:
+        return ""
+    runs = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)
+    worst = int(doubtful[np.argmax((values / np.maximum(errors, 1e-300))[doubtful])])
+    unstable = values[worst] > STABLE_SIGMAS * errors[worst]
+    said = "is unstable" if unstable else "is not significantly stable"
+    return (
+        f"At alpha = 0 the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
+        f"{number(values[worst], 2)} ± {number(errors[worst], 1)} per rad at {slope.time_s[worst]:.0f} s, and "
+        f"{number(slope.at_flown[worst], 2)} ± {number(slope.at_flown_std_error[worst], 1)} at the "
+        f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."
+    )
+
+
+def _when(slope: Derivative, run: IntArray) -> str:
+    """Times and, where they are known, Mach numbers of neighbouring places."""
+    first, last = int(run[0]), int(run[-1])
+    mach = f" (Mach {slope.mach[first]:.3g} to {slope.mach[last]:.3g})" if np.isfinite(slope.mach[first]) else ""
+    return f"from {slope.time_s[first]:.4g} to {slope.time_s[last]:.4g} s{mach}"
+
+
+def unexplained(residual: Residual) -> str | None:
+    """The residual in a sentence; None where it is white."""
+    if residual.white:
+        return None
+    start, stop = residual.worst_region_s
+    ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
+    times = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
+    return (
+        f"The residual has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
+        f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
+        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is})."
+    )
+
+
+def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
+    """What in the data could pose as an effect."""
+    found, motion = list(reconstruction.warnings), reconstruction.motion
+    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), REPORTED_MERIDIAN))
+    per_cycle = 2.0 * np.pi / ((turning + float(np.mean(np.abs(motion.p)))) * flight.step)
+    if per_cycle < REPORTED_PER_CYCLE:
+        found.append(
+            f"a cycle of the fastest motion (roll and turn of the meridian together) has {per_cycle:.0f} samples: if "
+            "samples are averages over their interval, the motion appears "
+            f"{100.0 * (1.0 - np.sinc(1.0 / per_cycle)):.1f} % too small, and a delay of half a sample may look like "
+            "damping or lag"
+        )
+    share = flight.ax / flight.dynamic_pressure
+    drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
+    if drag < REPORTED_DRAG:
+        found.append(
+            f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
+            "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "
+            "that changes along the flight may in part be that coefficient's change"
+        )
+    return found
+
+
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """Columns of moments with their coefficients (columns,) and these' covariance."""
-
-    columns: tuple[Regressor, ...]
-    values: FloatArray
-    covariance: FloatArray
-
-    def estimates(self, data: Corrected) -> tuple[TermEstimate, ...]:
-        """With their standard errors, as a result has them."""
-        sigmas = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist()
-        known = zip(self.columns, self.values.tolist(), sigmas, strict=True)
-        return tuple(_estimate(data, column, value, sigma) for column, value, sigma in known)
+def estimates(found: Coefficients, data: Corrected) -> tuple[TermEstimate, ...]:
+    """Coefficients with their standard errors, as a result has them."""
+    sigmas = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)).tolist()
+    known = zip(found.columns, found.values.tolist(), sigmas, strict=True)
+    return tuple(_estimate(data, column, value, sigma) for column, value, sigma in known)
 
 
 def _estimate(data: Corrected, column: Regressor, value: float, sigma: float) -> TermEstimate:
     basis, number = column.time_basis, column.flight or 0
-    motion, time = data.reconstructions[number].motion, data.flights[number].time
-    terms = data.frame.mechanisms[column.mechanism].terms(motion, dict(column.theta))
-    term = next(term for term in terms if term.name == column.term)
-    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
-    channel = "both" if inside and outside else "out-of-plane" if outside else "in-plane"
-    mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
+    time = data.flights[number].time
     acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
-    where = {"region_s": None if basis.kind == "constant" else acts, "delay_s": column.delay, "channel": channel}
-    return estimate(column.label + _of_flight(data, column.flight), mechanism, value, sigma, column.units, **where)
+    return estimate(
+        column.label + _of_flight(data, column.flight),
+        BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism,
+        value,
+        sigma,
+        column.units,
+        channel=channel_of(column, data.frame.mechanisms, data.reconstructions[number].motion),
+        region_s=None if basis.kind == "constant" else acts,
+        delay_s=column.delay,
+    )
 
 
 def _of_flight(data: Corrected, number: int | None) -> str:
@@ -161,77 +236,24 @@ def _of_flight(data: Corrected, number: int | None) -> str:
     return "" if number is None or len(data.records) == 1 else f" [flight {number + 1}]"
 
 
-@dataclass(frozen=True)
-class WholeRecord:
-    """A fit, on the whole record: its knots and delays are those of `fit`."""
-
-    fit: Fit
-
-    @classmethod
-    def of(cls, fit: Fit) -> WholeRecord:
-        """With delays and knots where the whole record has them: the sizes that go with them are of all of it."""
-        fit = fit.alone()
-        columns = fit.at_best_knots(with_efficiency(fit.problem, fit.null).on(fit.data.whole), FINAL)
-        if columns is None:
-            return cls(fit)
-        model, problem = fit.model.but(columns=columns), replace(fit.problem, baseline=columns)
-        return cls(replace(fit, model=model, problem=problem))
-
-    @cached_property
-    def solution(self) -> tuple[FloatArray, FloatArray]:
-        """Coefficients and nuisances, and their covariance. Delays and knots are as uncertain as the record leaves
-        them.
-        """
-        null, columns = self.fit.null, self.fit.null.columns
-        problem = with_efficiency(self.fit.problem, null).on(self.fit.data.whole)
-        design, response = problem.whole_design(null.frame, columns), problem.raw_response
-        values = solve_scaled(design, response)
-        left, nonlinear = response - design @ values, nonlinear_parameters(columns, 0, null.frame, problem.knots)
-        if nonlinear:
-            slopes = prediction_slopes(nonlinear, columns, values[: len(columns)], null.frame)
-            design = np.column_stack([design, problem.rows.of_moments(slopes)])
-        covariance = covariance_of(design, left, problem.samples, problem.efficiency)
-        count, constants = len(columns), 2 * len(problem.rows.part.levels)
-        kept = np.r_[:count, count + constants : values.size]
-        return values[kept], covariance[np.ix_(kept, kept)]
-
-    @property
-    def coefficients(self) -> Coefficients:
-        """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
-        (values, covariance), columns, items = self.solution, self.fit.null.columns, self.fit.nuisances
-        places = [k for k, item in enumerate(items) if item.name in TOLERATED]
-        scale = np.array([*np.ones(len(columns)), *(items[k].size for k in places)])
-        chosen = np.array([*range(len(columns)), *(len(columns) + k for k in places)], dtype=int)
-        more = tuple(as_regressor(items[k]) for k in places)
-        covariance = covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale)
-        return Coefficients((*columns, *more), scale * values[chosen], covariance)
-
-    def record_terms(self) -> tuple[TermEstimate, ...]:
-        """What was taken out of the record; its standard errors are those of a further change, moments and motion
-        fitted along.
-        """
-        sigmas = np.sqrt(np.maximum(np.diag(self.solution[1]), 0.0))[len(self.fit.model.columns) :].tolist()
-        pairs = zip(self.fit.nuisances, sigmas, strict=True)
-        of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
-
-        return tuple(
-            estimate(
-                each.component + _of_flight(self.fit.data, each.flight),
-                each.effect.name,
-                each.value,
-                of[each.effect.name, each.component, each.flight],
-                each.units,
-                channel="record",
-            )
-            for each in self.fit.model.applied
-        )
+def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
+    """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
+    along.
+    """
+    variances = np.diag(whole.covariance)[len(whole.model.columns) :]
+    pairs = zip(whole.nuisances, np.sqrt(np.maximum(variances, 0.0)).tolist(), strict=True)
+    of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
+    found = []
+    for a in whole.model.applied:
+        name, sigma = a.component + _of_flight(whole.data, a.flight), of[a.effect.name, a.component, a.flight]
+        found.append(estimate(name, a.effect.name, a.value, sigma, a.units, channel="record"))
+    return tuple(found)
 
 
-def _definition(fit: Fit, whole: WholeRecord) -> SavedModel:
-    """The model as its file, with what is known of it where it was found."""
-    found, flights = whole.coefficients, fit.data.originals
-    elsewhere, left = _elsewhere(fit, whole)
-    known = whole.fit.model.but(columns=found.columns).saved()
+def _definition(fit: Fit, model: Model, found: Coefficients) -> SavedModel:
+    """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
+    flights, (elsewhere, left) = fit.data.originals, _elsewhere(fit, model, found)
+    known = model.but(columns=found.columns).saved()
     return known.with_coefficients(found.values, found.covariance, elsewhere.values, elsewhere.covariance).model_copy(
         update={
             "error": model_error(fit.data, fit.left, left),
@@ -255,17 +277,16 @@ def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
     return found | ({"mach": (float(mach.min()), float(mach.max()))} if np.all(np.isfinite(mach)) else {})
 
 
-def _elsewhere(fit: Fit, whole: WholeRecord) -> tuple[Coefficients, ResidualMoments]:
+def _elsewhere(fit: Fit, model: Model, own: Coefficients) -> tuple[Coefficients, ResidualMoments]:
     """The coefficients of the whole model's columns without what belongs to its own flights alone, NaN for what is left
     out (covariance 0), and the residual without it. What stays is fitted anew: it takes over the mean of the rest.
     """
-    model, own = whole.fit.model, whole.coefficients
     lasts = model.lasting
     if np.all(lasts) and not model.applied:
         return own, fit.left
     columns = tuple(itertools.compress(model.columns, lasts))
     fit = converged(fit.data.originals, model.but(columns=columns, applied=()), fit.data.config)
-    found = WholeRecord(fit.alone()).coefficients
+    found = fit.on_whole_record().coefficients
     # What was refined on the way is the same column still.
     place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}
     kept = [j for j, column in enumerate(own.columns) if column in place]
@@ -329,17 +350,14 @@ def slopes_at(
     data: Corrected, motion: Motion, columns: Sequence[Regressor], number: int, alpha: FloatArray
 ) -> FloatArray:
     """d C_m,in/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
-    out = np.zeros((motion.time.size, len(columns)))
-    more, less = (replace(motion, alpha=alpha + side * _STEP, history=None) for side in (1.0, 0.0))
-    known: dict[tuple[str, Theta], dict[str, FloatArray]] = {}
-    for j, column in enumerate(columns):
-        mechanism, key = data.frame.mechanisms[column.mechanism], (column.mechanism, column.theta)
-        if not (column.acts_on(number) and _is_static(mechanism)):
-            continue
-        if key not in known:
-            ends = (mechanism.terms(each, dict(column.theta)) for each in (more, less))
-            known[key] = {high.name: (high.in_plane - low.in_plane) / _STEP for high, low in zip(*ends, strict=True)}
-        out[:, j] = known[key][column.term] * column.time_basis(motion.coefficient_time)
+    out, mechanisms = np.zeros((motion.time.size, len(columns))), data.frame.mechanisms
+    places = [j for j, c in enumerate(columns) if c.acts_on(number) and _is_static(mechanisms[c.mechanism])]
+    chosen = [columns[j] for j in places]
+    more, less = (
+        evaluated(chosen, mechanisms, replace(motion, alpha=alpha + side, history=None)) for side in (_STEP, 0.0)
+    )
+    for j, column, high, low in zip(places, chosen, more, less, strict=True):
+        out[:, j] = (high.in_plane - low.in_plane) / _STEP * column.time_basis(motion.coefficient_time)
     return out
 
 
@@ -373,10 +391,8 @@ def maximum_likelihood(fit: Fit) -> MaximumLikelihood:
         columns, values = (*columns, column), np.append(values, 1.0)
     fixed = {(each.effect.name, each.component): each.value for each in model.applied}
     regressed = Regressed.of(fit.problem, fit.data.frame, model.columns, *fit.solution).beside([fixed])
-    options = IdentificationConfig(max_iterations=LIKELIHOOD_STEPS)
-    found = identify(data.frame, columns, values, options, regressed=regressed)
-    terms = Coefficients(found.columns, found.values, found.covariance)
-    return likelihood_block(found, terms.estimates(data))
+    found = identify(data.frame, columns, values, regressed=regressed, max_iterations=LIKELIHOOD_STEPS)
+    return likelihood_block(found, estimates(Coefficients(found.columns, found.values, found.covariance), data))
 
 
 def _known_schedule(fit: Fit) -> KnownSlopeSchedule | None:
@@ -384,7 +400,8 @@ def _known_schedule(fit: Fit) -> KnownSlopeSchedule | None:
     schedule = fit.model.mechanisms.get(SlopeSchedule.name)
     if not isinstance(schedule, SlopeSchedule):
         return None
-    found = schedule.known_schedule(tuple(v for c, v in fit.increments.items() if c.mechanism == schedule.name))
+    pairs = zip(fit.nuisances, fit.solution[1].tolist(), strict=True)
+    found = schedule.known_schedule([value * item.size for item, value in pairs if item.name == schedule.name])
     motion = fit.data.reconstructions[0].motion
     own = found.terms(motion, {})[0].in_plane
     slope = sum(v for c, v in zip(fit.model.columns, fit.values, strict=True) if c.term == "C_malpha")

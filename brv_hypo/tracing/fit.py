@@ -8,9 +8,8 @@ are nearly taken out, and about the model's own coefficients.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -34,11 +33,10 @@ from brv_hypo.constants import (
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import linearised, on_rows, with_vehicle
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
-from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, refine
+from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
 from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.linearisation.channels import Noise, Part, Rows, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels
@@ -54,8 +52,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.kinematics import plane_from_body
-from brv_hypo.motion.motion import Motion
+from brv_hypo.motion.motion import Motion, plane_from_body
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
@@ -146,13 +143,12 @@ class Corrected:
         model: Model,
         linear: Linear,
         given: Mapping[str, Rows] | None = None,
-        noise: Noise | None = None,
         processes: Sequence[RecordEffect] = (),
     ) -> Problem:
-        """The model's regression on the fitted part; `given` are histories that may become columns.
+        """The model's regression on the fitted part, under white noise; `given` are histories that may become columns.
 
-        Components of record effects that the model holds are free, all others bounded by their tolerances. Without a
-        `noise`, it is what the record itself says, raised to what the model leaves. `processes` of the record may act.
+        Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
+        of the record may act.
         """
         frame, config, flights = self.frame, self.config, len(linear)
         free = [
@@ -161,18 +157,17 @@ class Corrected:
         ]
         effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
         unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
-        problem = Problem(
+        return Problem(
             frame=frame.with_mechanisms([GivenColumns()]),
             records=self.records,
             force=on_rows(frame, linear)[0],
-            rows=WhitenedRows(self.fitted, noise or first_noise(linear), unknown),
+            rows=WhitenedRows(self.fitted, first_noise(linear), unknown),
             baseline=model.columns,
             knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
             max_terms=config.max_terms * flights,
             exact_terms=config.max_terms,
             given=dict(given or {}),
         )
-        return problem if noise is not None else problem.under(raised_noise(problem.under(estimated_noise(problem))))
 
 
 def correct(
@@ -225,30 +220,88 @@ class MomentErrors:
         return float(1.0 / np.sqrt(max(self.sizes.sum(), 1.0)))
 
     @property
-    def std_error(self) -> float:
-        """Of the mean square, by the jackknife over stretches."""
-        others = (self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0)
-        return jackknife_error(others)
+    def left_out(self) -> FloatArray:
+        """The mean square without each of the stretches."""
+        return np.asarray((self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0))
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Columns of moments with their coefficients (columns,) and these' covariance."""
+
+    columns: tuple[Regressor, ...]
+    values: FloatArray
+    covariance: FloatArray
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A model on the fitted part of flights; `problem` is its regression, linear about `linear`."""
+    """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`.
+
+    `fixed` (columns,) are coefficients and `others` (unknowns,) nuisances that are not fitted, NaN for those that are;
+    empty where all are.
+    """
 
     model: Model
     data: Corrected
     problem: Problem
     linear: Linear
+    fixed: FloatArray = field(default_factory=lambda: np.zeros(0))
+    others: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def solution(self) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,)."""
-        return self.problem.solution(self.data.frame, self.model.columns)
+        if not (self.fixed.size or self.others.size):
+            return self.problem.solution(self.data.frame, self.model.columns)
+        _, values, _ = self.all_unknowns
+        return values[: len(self.model.columns)], values[values.size - len(self.nuisances) :]
 
     @property
     def values(self) -> FloatArray:
         """Coefficients (columns,)."""
         return self.solution[0]
+
+    @cached_property
+    def all_unknowns(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Columns, constants of integration and nuisances (rows, all), what they come to, and which are fitted."""
+        design = self.problem.whole_design(self.data.frame, self.model.columns)
+        values = np.full(design.shape[1], np.nan)
+        values[: self.fixed.size] = self.fixed
+        values[values.size - self.others.size :] = self.others
+        free, values = np.isnan(values), np.nan_to_num(values)
+        values[free] = solve_scaled(design[:, free], self.problem.raw_response - design @ values)
+        return design, values, free
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """That of coefficients and then nuisances, 0 for those that are fixed; where none is, delays and knots are as
+        uncertain as the record leaves them.
+        """
+        problem, columns, frame = self.problem, self.model.columns, self.data.frame
+        design, values, free = self.all_unknowns
+        residual, fitted, efficiency = problem.raw_response - design @ values, design[:, free], problem.efficiency
+        if not free.all():
+            efficiency = problem.efficiency_of(residual)
+        elif nonlinear := nonlinear_parameters(columns, 0, frame, problem.knots):
+            slopes = prediction_slopes(nonlinear, columns, self.values, frame)
+            fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
+        covariance, count = np.zeros((free.size, free.size)), int(free.sum())
+        found = covariance_of(fitted, residual, problem.samples, efficiency)
+        covariance[np.ix_(free, free)] = found[:count, :count]
+        kept = np.r_[: len(columns), free.size - len(self.nuisances) : free.size]
+        return np.asarray(covariance[np.ix_(kept, kept)], dtype=float)
+
+    @property
+    def coefficients(self) -> Coefficients:
+        """The model's columns, and what its baseline is more after them, which has a prior in the fit."""
+        (values, others), items, always = self.solution, self.nuisances, TimeBasis("constant")
+        places = [k for k, item in enumerate(items) if item.name in TOLERATED]
+        more = [Regressor(items[k].name, items[k].component, (), always, items[k].units) for k in places]
+        scale = np.array([*np.ones(values.size), *(items[k].size for k in places)])
+        chosen = np.array([*range(values.size), *(values.size + k for k in places)], dtype=int)
+        covariance = self.covariance[np.ix_(chosen, chosen)] * np.outer(scale, scale)
+        return Coefficients((*self.model.columns, *more), scale * np.append(values, others[places]), covariance)
 
     @property
     def record_errors(self) -> tuple[Errors, ...]:
@@ -259,12 +312,6 @@ class Fit:
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Errors of record and vehicle beside the columns, in the order of the unknowns."""
         return self.problem.rows.nuisances.items
-
-    @property
-    def increments(self) -> dict[Regressor, float]:
-        """What the baseline is more within its priors, as columns with their coefficients."""
-        pairs = zip(self.nuisances, self.solution[1].tolist(), strict=True)
-        return {as_regressor(item): value * item.size for item, value in pairs if item.name in TOLERATED}
 
     @cached_property
     def null(self) -> HypothesisFit:
@@ -296,25 +343,37 @@ class Fit:
         """Tests of the residual. White is only what is no larger than noise."""
         return _residual_of(self)
 
-    def alone(self) -> Fit:
-        """The same without histories that may become columns, at the full number of samples."""
+    def on_whole_record(self) -> Fit:
+        """The same on the whole record, with the effective share of samples that the fitted part shows.
+
+        Without histories that may become columns.
+        """
         frame = self.data.frame.with_mechanisms([GivenColumns()])
         problem = replace(self.problem, frame=frame, baseline=self.model.columns, given={}, efficiency=1.0)
-        return replace(self, problem=problem)
+        fitted = replace(self, problem=problem.on(self.data.fitted))
+        return replace(self, problem=with_efficiency(fitted.problem, fitted.null).on(self.data.whole))
 
-    def at_best_knots(self, problem: Problem, steps: Steps = ROUGH) -> tuple[Regressor, ...] | None:
-        """The columns with knots and delays where a regression has them; None where there are none."""
-        columns, frame = self.model.columns, problem.frame
-        nonlinear = nonlinear_parameters(columns, 0, frame, problem.knots)
+    def at_best_knots(self, steps: Steps = ROUGH) -> Fit:
+        """The same with knots and delays where its regression has them."""
+        columns, problem = self.model.columns, self.problem
+        nonlinear = nonlinear_parameters(columns, 0, problem.frame, problem.knots)
         if not nonlinear:
-            return None
-        return refine(columns, nonlinear, frozenset(), Reduced(replace(problem, baseline=()), frame), steps).columns
+            return self
+        reduced = Reduced(replace(problem, baseline=()), problem.frame)
+        columns = refine(columns, nonlinear, frozenset(), reduced, steps).columns
+        own = self.model.but(columns=columns), self.data.with_in_plane_moment(columns)
+        return Fit(*own, replace(problem, baseline=columns), self.linear)
 
 
 def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None, noise: Noise | None = None) -> Fit:
-    """The fit of a model, linearised about coefficients (columns,), or about plain ones; under a noise, or its own."""
+    """The fit of a model, linearised about coefficients (columns,), or about plain ones.
+
+    Without a `noise`, it is what the record itself says, raised to what the model leaves.
+    """
     linear = data.linearised(model, data.values(data.fitted, model.columns) if values is None else values)
-    return Fit(model, data, data.regression(model, linear, noise=noise), linear)
+    problem = data.regression(model, linear)
+    noise = raised_noise(problem.under(estimated_noise(problem))) if noise is None else noise
+    return Fit(model, data, problem.under(noise), linear)
 
 
 def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
@@ -342,10 +401,7 @@ def _near_its_errors(flights: Sequence[Flight], model: Model, config: TraceConfi
     for _ in range(MODEL_LINEARISATIONS):
         found, before = fit.record_errors, fit.data.corrections
         corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(flights)]
-        nearer = fitted_about(correct(flights, model, config, corrections), model)
-        if (columns := nearer.at_best_knots(nearer.problem)) is not None:
-            own = nearer.model.but(columns=columns), nearer.data.with_in_plane_moment(columns)
-            nearer = Fit(*own, replace(nearer.problem, baseline=columns), nearer.linear)
+        nearer = fitted_about(correct(flights, model, config, corrections), model).at_best_knots()
         if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
             # The errors of the record that were found are none; what was found of the vehicle's moments acts.
             allowed = [{mechanism.name for mechanism in model.tolerated(flight)} for flight in fit.data.flights]
@@ -399,37 +455,32 @@ def refitted(fit: Fit) -> Fit:
 
 def _residual_of(fit: Fit) -> Residual:
     """Of several flights, size and place are those of the one with the largest residual against its noise."""
-    data, ratios = fit.data, [_noise_ratio(fit, k) for k in range(len(fit.data.records))]
+    data, left = fit.data, fit.left
+    every = [rows[left.usable[rows]] for rows in map(data.rows_of, range(len(data.records)))]
+    ratios = [_excess(left.body[rows], left.noise[rows]) if rows.size else 0.0 for rows in every]
     number = int(np.argmax(ratios))
-    rows, samples, motion = data.rows_of(number), data.samples_of(number), data.reconstructions[number].motion
-    usable, sigma, time = fit.left.usable[rows], fit.left.noise[rows], motion.time[samples]
-    body = np.where(usable, fit.left.body[rows], 0.0)
+    motion, body = data.reconstructions[number].motion, left.body[every[number]]
+    samples = data.samples_of(number)
+    time, samples = motion.time[samples], samples[left.usable[data.rows_of(number)]]
     plane = plane_from_body(body, motion.windward_meridian[samples])
     channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
-    p_value, frequency = _whiteness(fit), _dominant(body[usable], float(np.median(np.diff(time))))
+    p_value, frequency = _whiteness(fit), _dominant(body, float(np.median(np.diff(time))))
     return Residual(
         flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(np.mean(np.abs(body[usable]) ** 2) / 2.0)),
+        rms=float(np.sqrt(np.mean(np.abs(body) ** 2) / 2.0)),
         white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
         p_value=p_value,
         noise_ratio=ratios[number],
-        worst_channel=max(channels, key=lambda name: _excess(channels[name][usable], sigma[usable])),
-        worst_region_s=_worst_region(time, body, usable),
+        worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
+        worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
         dominant_frequency_hz=frequency,
         dominant_frequency_is=_name_frequency(motion, frequency),
     )
 
 
-def _noise_ratio(fit: Fit, number: int) -> float:
-    """Mean square of the residual of one flight over that of its noise."""
-    rows = fit.data.rows_of(number)
-    rows = rows[fit.left.usable[rows]]
-    body, sigma = fit.left.body[rows], fit.left.noise[rows]
-    return _excess(np.concatenate([body.real, body.imag]), np.tile(sigma, 2)) if body.size else 0.0
-
-
-def _excess(values: FloatArray, sigma: FloatArray) -> float:
-    return float(np.mean(values**2) / np.mean(sigma**2))
+def _excess(body: ComplexArray, sigma: FloatArray) -> float:
+    """Mean square of residual moments (n,) over that of their noise."""
+    return float(np.mean(np.abs(body) ** 2) / 2.0 / np.mean(sigma**2))
 
 
 def _whiteness(fit: Fit) -> float:
@@ -450,19 +501,17 @@ def _whiteness(fit: Fit) -> float:
     return min(1.0, 2.0 * min(together, float(stats.norm.sf((total - free) / spread))))
 
 
-def _worst_region(time: FloatArray, body: ComplexArray, usable: BoolArray) -> tuple[float, float]:
-    """Among equal parts of the record, those about the largest mean square that exceed a share of it."""
+def _worst_region(time: FloatArray, usable: FloatArray, squares: FloatArray) -> tuple[float, float]:
+    """Among equal parts of the record's time, those about the largest mean square, at usable times, that exceed a share
+    of it.
+    """
     count = REPORTED_REGIONS
-    which = np.clip(((time - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
-    inside = [(which == k) & usable for k in range(count)]
-    size = [float(np.mean(np.abs(body[own]) ** 2)) if own.any() else 0.0 for own in inside]
-    edges = np.linspace(time[0], time[-1], count + 1)
-    first = last = worst = int(np.argmax(size))
-    while first > 0 and size[first - 1] > REPORTED_REGION_SHARE * size[worst]:
-        first -= 1
-    while last < count - 1 and size[last + 1] > REPORTED_REGION_SHARE * size[worst]:
-        last += 1
-    return float(edges[first]), float(edges[last + 1])
+    which = np.clip(((usable - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
+    size = np.bincount(which, squares, count) / np.maximum(np.bincount(which, minlength=count), 1)
+    worst, edges = int(np.argmax(size)), np.linspace(time[0], time[-1], count + 1)
+    small = np.flatnonzero(size <= REPORTED_REGION_SHARE * size[worst])
+    first, last = np.max(small[small < worst], initial=-1) + 1, np.min(small[small > worst], initial=count)
+    return float(edges[first]), float(edges[last])
 
 
 def _dominant(body: ComplexArray, step: float) -> float:
@@ -486,48 +535,6 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
     )
     near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
     return name if near else "not a multiple of the roll or meridian rate"
-
-
-# ---- Other fits of the same regression ----
-
-
-def as_regressor(item: Nuisance) -> Regressor:
-    """The column of a moment that is known to a tolerance."""
-    return Regressor(item.name, item.component, (), TimeBasis("constant"), item.units)
-
-
-class Constrained(NamedTuple):
-    """Coefficients (columns,), their covariance (0 for those that were fixed), and the residual (frame rows,).
-
-    `others` (unknowns,) are the nuisances.
-    """
-
-    values: FloatArray
-    others: FloatArray
-    covariance: FloatArray
-    left: Rows
-
-
-def constrained(
-    problem: Problem, frame: RateFrame, columns: Sequence[Regressor], fixed: FloatArray, others: FloatArray
-) -> Constrained:
-    """Columns and nuisances fitted together, those `fixed` (columns,), `others` (unknowns,) at their values, NaN where
-    they are free.
-    """
-    count, constants = len(columns), 2 * len(problem.rows.part.levels)
-    values = np.concatenate([fixed, np.full(constants, np.nan), others])
-    free, values = np.isnan(values), np.nan_to_num(values)
-    design = problem.whole_design(frame, columns)
-    response = problem.raw_response - design @ values
-    values[free] = solve_scaled(design[:, free], response)
-    error = problem.raw_response - design @ values
-    covariance = np.zeros((values.size, values.size))
-    covariance[np.ix_(free, free)] = covariance_of(
-        design[:, free], error, problem.samples, problem.efficiency_of(error)
-    )
-    found = values[count + constants :]
-    left = problem.left(frame, columns, values[:count], found)
-    return Constrained(values[:count], found, covariance[:count, :count], left)
 
 
 def has_tolerance(problem: Problem, effect: str) -> bool:

@@ -8,10 +8,10 @@ from typing import Literal, TypedDict
 from pydantic import BaseModel, ConfigDict, Field
 
 from brv_hypo.comparison.result import (
-    DrawnHistories,
     FlightSummary,
+    Interval,
     MaximumLikelihood,
-    Moments,
+    MotionHistories,
     RecordError,
     RecordSummary,
     TermEstimate,
@@ -22,7 +22,7 @@ from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.aero_table import AeroTable
 from brv_hypo.model.model import SavedModel
-from brv_hypo.motion.config import Method
+from brv_hypo.motion.methods import Method
 from brv_hypo.results import HasCharts, Row
 
 Baseline = Literal["scheduled", "constant"]
@@ -71,9 +71,6 @@ TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
 
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
-
-
-Interval = tuple[float, float]
 
 
 Status = Literal["finding", "hint"]
@@ -230,11 +227,13 @@ class ModelSummary(NullIsNaN):
     definition: SavedModel
 
 
-class Picture(DrawnHistories):
-    """Those of a trace: residual moments `before` and `after`; all moments are pitch and yaw."""
+class Picture(MotionHistories):
+    """Residual moments (pitch, yaw) before and after, of one flight."""
 
-    before: Moments
-    after: Moments
+    measured: tuple[tuple[float, ...], tuple[float, ...]]
+    before: tuple[tuple[float, ...], tuple[float, ...]]
+    after: tuple[tuple[float, ...], tuple[float, ...]]
+    sigma: tuple[float, ...]
 
 
 class Trace(HasCharts, Result):

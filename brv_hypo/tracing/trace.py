@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -30,10 +30,12 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.channels import split
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
+from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, restored
 from brv_hypo.model.term import TimeBasis, default_knots, term_column
@@ -41,23 +43,24 @@ from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
-from brv_hypo.tracing.acceptance import Candidate, adjusted, confounded, fitted_again
-from brv_hypo.tracing.account import step_of
-from brv_hypo.tracing.additions import (
-    Analysis,
+from brv_hypo.tracing.acceptance import (
+    Candidate,
     Choice,
-    analyse_step,
+    adjusted,
     best_first,
     choose,
+    confounded,
+    fitted_again,
     follows_mach,
     is_schedule,
     schedules_first,
 )
+from brv_hypo.tracing.account import step_of
+from brv_hypo.tracing.additions import analyse_step, with_candidate
 from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
-from brv_hypo.tracing.description import Discovery
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
+from brv_hypo.tracing.fit import Corrected, Fit, converged, correct, fitted_about, refitted
 from brv_hypo.tracing.result import Account, Baseline, Step, Stop, Trace, TraceConfig, TraceSettings
 
 
@@ -107,14 +110,14 @@ def trace(
 
 def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str], None]) -> Trace:
     begun = clock.perf_counter()
-    loop, turns = _Loop(flights, config, *_effects(config)), list[Turn]()
+    tried, turns = _effects(config), list[Turn]()
     say("reconstructing the motion")
-    fit = loop.start(config.baseline)
-    discovery: Discovery | None = None
+    fit = _start(flights, config, config.baseline)
+    discovery: MechanismFile | None = None
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
-        turn = loop.turn(number, fit, [each.step for each in turns])
+        turn = _turn(number, fit, *tried, [each.step for each in turns])
         turns.append(turn)
         if turn.discovery is not None and (turn.after is not None or discovery is None):
             discovery = turn.discovery
@@ -124,7 +127,7 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str]
             break
     first, fit = turns[0].before, refitted(fit)
     steps = confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
-    result = gathered(fit, first.left, steps, loop.account(turns, fit), stopped, discovery)
+    result = gathered(fit, first.left, steps, _account(turns, fit), stopped, discovery)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
         result = result.model_copy(update={"ml": maximum_likelihood(fit)})
@@ -133,15 +136,60 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str]
 
 def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEffect, ...]]:
     """Those that are tried: of the moments, and of the records."""
-    if config.effects is None:
-        return mechanisms("mechanism") + mechanisms("aerodynamic"), record_effects()
-    items = [find_installed(name) for name in config.effects]
+    installed = (*mechanisms("mechanism"), *mechanisms("aerodynamic"), *record_effects())
+    items = installed if config.effects is None else [find_installed(name) for name in config.effects]
     of_moments = tuple(item for item in items if isinstance(item, Mechanism))
     return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
 
 
+def _start(flights: tuple[Flight, ...], config: TraceConfig, baseline: Baseline) -> Fit:
+    """The model that the trace starts from."""
+    start = config.start
+    if not isinstance(start, str):
+        return converged(flights, restored(start, flights), config)
+    known = parse_hypothesis(start)
+    model = start_model(flights, known, baseline, config.aero)
+    data = correct(flights, model, config)
+    columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
+    model = with_priors(model.but(columns=columns, added=added), data)
+    chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
+    motion, each = data.reconstructions[0].motion, range(len(flights)) if len(flights) > 1 else [None]
+    declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
+        term_column(mechanism, term, (), TimeBasis("constant"), flight)
+        for mechanism in known
+        if mechanism not in chosen
+        for flight in (each if mechanism.of_each_flight(data.flights[0]) else [None])
+        for term in mechanism.terms(motion, {})
+    )
+    model = model + Model(columns=declared)
+    if chosen:
+        problem = converged(flights, model, config).problem
+        model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)
+    return converged(flights, model, config)
+
+
+def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
+    """The held-out error of one model after another, from constant coefficients to the last."""
+    first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
+    flights, config = first.data.originals, first.data.config
+    start, models = "constant", list[tuple[str, Fit]]()
+    if config.start != "none" or config.aero is not None:
+        start = "the model given"
+    elif has_schedule(first.model):
+        models, start = [(start, _start(flights, config, "constant"))], "scheduled"
+    models += zip((start, *added), [*(turn.before for turn in turns[: len(added)]), last], strict=True)
+    errors = [(name, fit.held_out) for name, fit in models]
+    return tuple(
+        Account(model=name, held_out=each.mean_square, std_error=jackknife_error(each.left_out))
+        for name, each in errors
+    )
+
+
+# ---- One step ----
+
+
 class Turn(NamedTuple):
-    """One step with the fit that it started from, the one that it led to, and why the loop may end here.
+    """One step with the fit that it started from, and the one that it led to.
 
     `discovery`: the description in generic terms, where it is significant and no name took its place.
     """
@@ -149,134 +197,85 @@ class Turn(NamedTuple):
     step: Step
     before: Fit
     after: Fit | None
-    reason: Stop
-    discovery: Discovery | None
+    discovery: MechanismFile | None
+
+    @property
+    def reason(self) -> Stop:
+        """Why the loop ends with a step that led to nothing."""
+        if self.step.refused:
+            return "nothing improves held-out error"
+        return "white" if self.step.residual.white else "nothing significant"
 
 
-@dataclass(frozen=True)
-class _Loop:
-    """What stays the same over the steps."""
+def _turn(
+    number: int, fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], before: Sequence[Step]
+) -> Turn:
+    """One step: the residual, the candidates, and the model with the best of them if it is needed.
 
-    flights: tuple[Flight, ...]
-    config: TraceConfig
-    mechanisms: tuple[Mechanism, ...]
-    effects: tuple[RecordEffect, ...]
-
-    def converged(self, model: Model) -> Fit:
-        return converged(self.flights, model, self.config)
-
-    def start(self, baseline: Baseline) -> Fit:
-        """The model that the trace starts from."""
-        start = self.config.start
-        if not isinstance(start, str):
-            return self.converged(restored(start, self.flights))
-        known = parse_hypothesis(start)
-        model = start_model(self.flights, known, baseline, self.config.aero)
-        data = correct(self.flights, model, self.config)
-        columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
-        model = with_priors(model.but(columns=columns, added=added), data)
-        chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
-        motion, each = data.reconstructions[0].motion, range(len(self.flights)) if len(self.flights) > 1 else [None]
-        declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
-            term_column(mechanism, term, (), TimeBasis("constant"), flight)
-            for mechanism in known
-            if mechanism not in chosen
-            for flight in (each if mechanism.of_each_flight(data.flights[0]) else [None])
-            for term in mechanism.terms(motion, {})
-        )
-        model = model + Model(columns=declared)
-        if chosen:
-            model = model.but(columns=fit_hypothesis(self.converged(model).problem, "start", chosen).columns)
-        return self.converged(model)
-
-    def account(self, turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
-        """The held-out error of one model after another, from constant coefficients to the last."""
-        first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
-        start, models = "constant", list[tuple[str, MomentErrors]]()
-        if self.config.start != "none" or self.config.aero is not None:
-            start = "the model given"
-        elif has_schedule(first.model):
-            models, start = [(start, self.start("constant").held_out)], "scheduled"
-        errors = [*(turn.before.held_out for turn in turns[: len(added)]), last.held_out]
-        models += zip((start, *added), errors, strict=True)
-        return tuple(Account(model=name, held_out=each.mean_square, std_error=each.std_error) for name, each in models)
-
-    def turn(self, number: int, fit: Fit, before: Sequence[Step]) -> Turn:
-        """One step: the residual, the candidates, and the model with the best of them if it is needed.
-
-        What steps `before` added and is not wanted beside it is removed.
-        """
-        model, flights = fit.model, len(self.flights)
-        usable = tuple(m for m in self.mechanisms if _applicable(m, fit.data))
-        motion = fit.data.frame.motions[0]
-        bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, motion)]
-        # What changes in time may be described better by more columns of it.
-        timed = [m for m in usable if m.time_variation != ("constant",)]
-        untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, flights))]
-        effects = [e for e in self.effects if not _has_everywhere(e.name, model, flights)]
-        here = analyse_step(fit, untried, effects, self.config.discover)
-        choice, here = self._choice(here)
-        if choice.accepted is None and bends:
-            # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing
-            # else is added, of a model without it.
-            bare = fitted_about(fit.data, model.without([StaticBend.name]))
-            named, there = self._choice(analyse_step(bare, bends, ()))
-            if named.accepted is not None:
-                return self._turn(number, there, named, ())
-        return self._turn(number, here, choice, before)
-
-    def _turn(self, number: int, here: Analysis, choice: Choice, before: Sequence[Step]) -> Turn:
-        """The step of a choice, and the model with what was chosen."""
-        accepted, step = choice.accepted, step_of(number, here, choice, before)
-        reason: Stop = "white" if step.residual.white else "nothing significant"
-        if choice.tried:
-            reason = "nothing improves held-out error"
-        after = None if accepted is None else accepted.fit
-        if after is not None and accepted is not None and accepted.candidate.effect is None:
+    What steps `before` added and is not wanted beside it is removed.
+    """
+    model, flights, config = fit.model, fit.data.originals, fit.data.config
+    usable = tuple(m for m in mechanisms if _applicable(m, fit.data))
+    bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, fit.data.frame.motions[0])]
+    # What changes in time may be described better by more columns of it.
+    timed = [m for m in usable if m.time_variation != ("constant",)]
+    untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, len(flights)))]
+    others = [e for e in effects if not _has_everywhere(e.name, model, len(flights))]
+    here, choice = _choice(*analyse_step(fit, untried, others, config.discover))
+    if choice.accepted is None and bends:
+        # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing else is
+        # added, of a model without it.
+        bare = fitted_about(fit.data, model.without([StaticBend.name]))
+        there, named = _choice(*analyse_step(bare, bends, ()))
+        if named.accepted is not None:
+            here, choice, before = there, named, ()
+    step, after = step_of(number, here, choice, before), None
+    if choice.accepted is not None:
+        after = choice.accepted.fit
+        if choice.accepted.candidate.effect is None:
             # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-            after = self.converged(after.model)
-        others = [each.added for each in before if each.added is not None and each.added != step.added]
-        if after is not None and (gone := unwanted(after, others)):
-            after = self.converged(after.model.without(gone))
+            after = converged(flights, after.model, config)
+        earlier = [each.added for each in before if each.added is not None and each.added != step.added]
+        if gone := unwanted(after, earlier):
+            after = converged(flights, after.model.without(gone), config)
             step = step.model_copy(update={"removed": gone})
-        return Turn(step, here.fit, after, reason, _counting(here.discovery, choice, self.config.significance))
-
-    def _choice(self, here: Analysis) -> tuple[Choice, Analysis]:
-        """What is chosen, and the candidates with their evidence."""
-        fit = here.fit
-        beside = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given)
-        here, known = with_evidence(here, beside), has_schedule(fit.model)
-
-        def add(candidate: Candidate) -> Fit:
-            found = here.with_candidate(candidate)
-            if not follows_mach(candidate) or known:
-                return found
-            return self.converged(scheduled(found.model, found.data))
-
-        def weighed(found: Fit) -> tuple[float, bool]:
-            there = beside_processes(found, fit.model, found.data.fitted)
-            gain = there.gain(own := found.model.added[-1])
-            gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
-            return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
-
-        choice = choose(here, add, weighed)
-        if choice.accepted is None:
-            return choice, here
-        offered = [each for each in choice.ranked if each.name not in choice.unwanted]
-        if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
-            offered = list(schedules_first(offered))
-        share = named_in(beside, offered, choice.accepted.candidate.name, fit)
-        return replace(choice, named_in=share), here
+    return Turn(step, here, after, _counting(choice, config.significance))
 
 
-def _counting(found: Discovery | None, choice: Choice, significance: float) -> Discovery | None:
+def _choice(fit: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, Choice]:
+    """What is chosen of the candidates beside a fit, with the evidence that they gain."""
+    beside, known = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given), has_schedule(fit.model)
+
+    def add(candidate: Candidate) -> Fit:
+        found = with_candidate(fit, candidate)
+        if not follows_mach(candidate) or known:
+            return found
+        return converged(fit.data.originals, scheduled(found.model, found.data), fit.data.config)
+
+    def weighed(found: Fit) -> tuple[float, bool]:
+        there = beside_processes(found, fit.model, found.data.fitted)
+        gain = there.gain(own := found.model.added[-1])
+        gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
+        return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
+
+    choice = choose(fit, with_evidence(fit, candidates, beside), add, weighed)
+    if choice.accepted is None:
+        return fit, choice
+    offered = [each for each in choice.ranked if each.name not in choice.unwanted]
+    if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
+        offered = list(schedules_first(offered))
+    share = named_in(beside, offered, choice.accepted.candidate.name, fit)
+    return fit, replace(choice, named_in=share)
+
+
+def _counting(choice: Choice, significance: float) -> MechanismFile | None:
     """The description in generic terms, where it is significant and no name took its place."""
-    if found is None:
+    accepted, own = choice.accepted, next((each for each in choice.ranked if each.file is not None), None)
+    if own is None:
         return None
-    own, accepted = found.candidate, choice.accepted
-    if accepted is not None and accepted.candidate is not own:
-        return found if own.name in confounded(accepted.candidate, choice.ranked) else None
-    return found if adjusted(choice.ranked)[own.name] <= significance else None
+    if accepted is None or accepted.candidate is own:
+        return own.file if adjusted(choice.ranked)[own.name] <= significance else None
+    return own.file if own.name in confounded(accepted.candidate, choice.ranked) else None
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
@@ -296,24 +295,22 @@ def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
 # ---- Beside processes: which candidates lead, how often they do, which effects stay ----
 
 
-def with_evidence(here: Analysis, beside: Beside) -> Analysis:
+def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
     """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
 
     So are all that change in time: on a coarse grid any of them may look like nothing.
     """
-
-    def weighed(candidate: Candidate) -> Candidate:
-        gain, columns = beside.likeliest(candidate.fit)
-        if set(columns) != set(candidate.fit.selected):
-            candidate = fitted_again(here.fit.problem, here.fit.null, candidate, columns)
-        return replace(candidate, evidence=gain)
-
-    leading = {each.name for each in here.candidates[:LOOP_WITH_EVIDENCE] if each.gain > 0.0}
-    leading |= {c.name for c in here.candidates if any(m.time_variation != ("constant",) for m in c.fit.mechanisms)}
-    found, discovery = tuple(weighed(c) if c.name in leading else c for c in here.candidates), here.discovery
-    if discovery is not None:
-        discovery = discovery._replace(candidate=weighed(discovery.candidate))
-    return replace(here, candidates=found, discovery=discovery)
+    found = []
+    for place, candidate in enumerate(candidates):
+        changes = any(m.time_variation != ("constant",) for m in candidate.fit.mechanisms)
+        leads = place < LOOP_WITH_EVIDENCE and candidate.gain > 0.0
+        if changes or leads or candidate.kind == "discovered":
+            gain, columns = beside.likeliest(candidate.fit)
+            if set(columns) != set(candidate.fit.selected):
+                candidate = fitted_again(fit.problem, fit.null, candidate, columns)
+            candidate = replace(candidate, evidence=gain)
+        found.append(candidate)
+    return found
 
 
 def named_in(beside: Beside, offered: Sequence[Candidate], name: str, fit: Fit) -> float:

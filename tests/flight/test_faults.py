@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.flight.cleaning import constant_runs, find_bursts, flat_tops, mask_faults
 from brv_hypo.flight.clock import joint_jumps, sigma_of_differences, stamped_steps
-from brv_hypo.flight.mounting import nose_axis, powered_flight
+from brv_hypo.flight.plausibility import nose_axis, powered_flight
 from tests.flight.records import motion
 
 SAMPLES = 800

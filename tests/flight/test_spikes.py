@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.flight.cleaning import find_spikes, spike_note
+from brv_hypo.flight.cleaning import despiked, find_spikes
 from brv_hypo.flight.format import assemble, unassemble
 from tests.flight.records import flight, motion
 
@@ -102,7 +102,8 @@ def test_despiking_restores_the_motion_and_says_so() -> None:
     found = assemble(unassemble(flight(q=q)))
     np.testing.assert_allclose(found.q, clean["q"], atol=6e-3)
     assert np.flatnonzero(found.q != q).tolist() == [100, 250]
-    assert spike_note("q", np.arange(5) == 3, np.arange(5.0)) == (
-        "q: 1 spike sample replaced by a cubic spline, the first at 3.000 s"
-    )
+    q[250] = clean["q"][250]
+    _, spikes, notes = despiked(clean["time"], {"p": clean["p"], "q": q})
+    assert {name: np.flatnonzero(at).tolist() for name, at in spikes.items()} == {"q": [100]}
+    assert notes == ["q: 1 spike sample replaced by a cubic spline, the first at 11.000 s"]
     assert found.notes[0] == "q: 2 spike samples replaced by a cubic spline, the first at 11.000 s"

@@ -1,32 +1,26 @@
-"""Derivatives that the equations of motion and measurement know of themselves, against differences."""
+"""What the equations of motion and measurement are affine in: one difference by it is enough."""
 
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from brv_hypo.identification import IdentificationConfig
 from brv_hypo.identification.equations import GRAVITY
 from brv_hypo.identification.identify import Problem, build_problem
-from brv_hypo.likelihood.collocation import start_points
-from brv_hypo.likelihood.derivatives import Function, PartialJacobian, Points, evaluate, jacobian
+from brv_hypo.likelihood.collocation import Differenced, Function, Model, Points, evaluate, jacobian, start_points
 from brv_hypo.likelihood.segment import build_grid
 from tests.studies.identification.study import flights, trial
-
-NEVER_FELT = ("error of q", "error of a_z", "change of r")
-"""What no mechanism's columns change with."""
 
 
 @cache
 def problem(case: str) -> Problem:
     ((simulated, flight),) = flights(case, 1, seed=3)
     work = trial(simulated, flight)
-    return build_problem(work.frame, work.columns, work.values, IdentificationConfig())
+    return build_problem(work.frame, work.columns, work.values)
 
 
 def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
@@ -37,7 +31,8 @@ def moved(case: str, seed: int) -> tuple[Problem, Points, dict[str, float]]:
         name: value + (0.0 if name in nonlinear_parameters else 0.1 * max(abs(value), 1.0) * rng.standard_normal())
         for name, value in made.theta.items()
     }
-    points = start_points(build_grid(made.segments()[0], 0), theta, made.structure.delays)
+    model = Model(made.model.dynamics, made.model.outputs, made.structure.delays)
+    points = start_points(model, build_grid(made.segments()[0], 0), theta)
     points.x[:] *= 1.0 + 0.1 * rng.standard_normal((4, 1))
     return made, points, theta
 
@@ -54,46 +49,26 @@ def agree(function: Function, other: Function, points: Points, theta: dict[str, 
     assert not [name for name, wrong in zip(theta, apart, strict=True) if wrong]
 
 
-@pytest.mark.parametrize(
-    "case", ["bodyfixed", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("damping", "sticking"))]
-)
-@settings(max_examples=5, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_slopes_are_those_of_differences(case: str, seed: int) -> None:
-    made, points, theta = moved(case, seed)
-    model, known = made.model, set()
-    for function, slopes in ((model.dynamics, model.dynamics_slopes), (model.outputs, model.outputs_slopes)):
-        partly = PartialJacobian(function, slopes)
-        agree(partly, function, points, theta)
-        known |= set(slopes(points.x, points.u, with_courses(points, theta), points.t, points.delayed))
-    assert {f"{name} [flight 0]" for name in NEVER_FELT} <= known
-    assert not known & set(model.moments.shape_parameters)
-
-
 @pytest.mark.thorough
 @settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_one_difference_is_enough_by_what_columns_are_affine_in(seed: int) -> None:
+def test_one_difference_is_enough_by_what_the_equations_are_affine_in(seed: int) -> None:
     made, points, theta = moved("damping", seed)
-    affine = frozenset(made.model.rate_parameters(0)) & made.affine
-    assert f"{GRAVITY[0]} [flight 0]" in affine
+    assert "error of q [flight 0]" in made.affine
+    assert f"{GRAVITY[0]} [flight 0]" not in made.affine
     for function in (made.model.dynamics, made.model.outputs):
-        agree(PartialJacobian(function, lambda *arguments: {}, affine), function, points, theta)
+        agree(Differenced(function, made.affine), function, points, theta)
 
 
 @pytest.mark.parametrize(
     ("case", "use"),
     [
-        ("bodyfixed", "unused"),
+        ("bodyfixed", False),
         *(
             pytest.param(*each, marks=pytest.mark.thorough)
-            for each in (("damping", "affine"), ("sticking", "unused"), ("lag", "other"))
+            for each in (("damping", True), ("sticking", False), ("lag", True))
         ),
     ],
 )
-def test_what_the_columns_make_of_rates(case: str, use: str) -> None:
-    assert problem(case).model.moments.rates == use
-
-
-def with_courses(points: Points, theta: dict[str, float]) -> dict[str, Any]:
-    return {course.name: course.at(theta) for course in points.time_varying} | theta
+def test_whether_columns_change_with_rates(case: str, use: bool) -> None:
+    assert problem(case).model.moments.uses_rates is use

@@ -17,5 +17,5 @@ def test_seconds_of_a_fit(benchmark, case):
     ((simulated, flight),) = flights(case, 1, seed=7, tolerances=1.0)
     work = trial(simulated, flight.window(None, float(flight.time[1079])))
     found = benchmark(identify, work.frame, work.columns, work.values)
-    assert found.converged
-    assert sum(times.size for times in found.times) >= 1075
+    assert found.status == "converged"
+    assert sum(left.shape[1] for left in found.innovations) >= 1075

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.plausibility import contradictions
 from brv_hypo.importing import Imported, bring_in
-from brv_hypo.importing.beside import QUATERNION
-from brv_hypo.importing.rocket_log import lean_by_gyros
+from brv_hypo.importing.rocket_log import QUATERNION, lean_by_gyros
 from tests.importing.rockets import GRAVITY
 from tests.importing.test_foreign import write_csv, write_map
 from tests.importing.test_soundness import flown

@@ -13,7 +13,7 @@ import yaml
 
 from brv_hypo.errors import FlightRecordError, MissingPackageError
 from brv_hypo.importing import bring_in
-from brv_hypo.importing.formats import flight_computers, known_formats, read_all, read_columns
+from brv_hypo.importing.formats import known_formats, read_all, read_columns, sandboxed
 from brv_hypo.importing.guess import guess_map
 from tests.flight.records import motion
 from tests.importing.test_foreign import foreign_map, write_map
@@ -103,7 +103,7 @@ def test_a_damaged_log_is_refused_or_read_as_far_as_it_goes(tmp_path: Path, name
 
 
 def test_without_pyulog_the_refusal_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flight_computers, "find_spec", lambda name: None)
+    monkeypatch.setattr(sandboxed, "find_spec", lambda name: None)
     with pytest.raises(MissingPackageError, match=r"pip install -e '\.\[px4\]'"):
         read_all(px4(tmp_path / "log.ulg"))
     assert {"cats", "px4"} <= {each.name for each in known_formats()}

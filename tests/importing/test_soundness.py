@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight import Flight
 from brv_hypo.flight.inspection import held_or_rounded
-from brv_hypo.flight.mounting import nose_axis
+from brv_hypo.flight.plausibility import nose_axis
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Record
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.rocket_log import decimated, needed_rate

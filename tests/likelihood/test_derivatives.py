@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.derivatives import (
+from brv_hypo.likelihood.collocation import (
     Delayed,
+    Differenced,
     Method,
-    PartialJacobian,
     Points,
     choose_method,
     jacobian,
@@ -30,8 +30,8 @@ POINTS = Points(
 )
 
 
-def affine(function: Any, *names: str) -> PartialJacobian:
-    return PartialJacobian(function, lambda *arguments: {}, frozenset(names))
+def affine(function: Any, *names: str) -> Differenced:
+    return Differenced(function, frozenset(names))
 
 
 def smooth(x: Any, u: Any, theta: Any, t: Any, delayed: Any) -> Any:

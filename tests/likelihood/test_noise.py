@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from brv_hypo.likelihood.noise import (
+from brv_hypo.likelihood.statistics import (
     estimate_covariance,
     least_variance,
     negative_log_likelihood,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from brv_hypo.likelihood.uncertainty import coloured_covariance, covariance_from_information, identifiability, whiteness
+from brv_hypo.likelihood.statistics import coloured_covariance, covariance_from_information, identifiability, whiteness
 from tests.studies.likelihood.problems import markov_noise
 
 

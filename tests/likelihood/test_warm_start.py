@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from brv_hypo.likelihood import FitResult, Segment, fit, search
-from brv_hypo.likelihood.gauss_newton import Iterate, Parts, Problem, linearised
+from brv_hypo.likelihood.collocation import Linearisation
+from brv_hypo.likelihood.gauss_newton import Iterate, Problem, linearised
 from tests.studies.likelihood.problems import by_central_differences, spinning_body
 
 BODY = spinning_body()
@@ -46,7 +47,7 @@ def test_derivatives_are_held_as_far_as_the_tolerance_allows(
     """A coarse fit takes fewer sets of derivatives than steps, and ends within its tolerance of the exact one."""
     taken: list[Iterate] = []
 
-    def counted(problem: Problem, iterate: Iterate) -> tuple[Parts, ...]:
+    def counted(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
         taken.append(iterate)
         return linearised(problem, iterate)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.conformance import sample_motion
-from brv_hypo.motion.kinematics import body_from_plane
+from brv_hypo.motion.motion import body_from_plane
 
 TIME = np.linspace(0.5, 5.5, 400)
 MOTION = sample_motion(TIME)

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.inertial import inertial_record
-from brv_hypo.motion.kinematics import derolled_attitude
+from brv_hypo.motion.inertial import derolled_attitude, inertial_record
+from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.responses import EffectFit, Perturbation, corrected, no_responses
 from brv_hypo.motion.signals import white_noise_level
 from tests.motion.truth import CONE, Truth, observe

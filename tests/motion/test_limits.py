@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import inertial_record
-from brv_hypo.motion.methods import method_of
+from brv_hypo.motion.methods import ReconstructionConfig, method_of
 from brv_hypo.motion.pipeline import limits_of, moment_estimate
 from tests.flights import nominal
 

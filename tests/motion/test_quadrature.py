@@ -12,8 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.interpolation import lagrange, running_integral
-from brv_hypo.motion.kinematics import body_from_plane
-from brv_hypo.motion.motion import Motion, at_nodes, quadrature, with_crossflow
+from brv_hypo.motion.motion import Motion, at_nodes, body_from_plane, quadrature, with_crossflow
 
 SIZE = 0.1  # rad
 RATE = 12.0  # rad/s of the coning: 26 samples a quarter of a cycle

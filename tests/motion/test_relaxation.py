@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.model.reconstruction import reconstruct
-from brv_hypo.motion.smoother import RandomWalkSmoother, relaxed
+from brv_hypo.motion.methods.joint import RandomWalkSmoother, relaxed
 from brv_hypo.simulation import load_config, simulate
 
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import WindStart, inertial_record, propagated_crossflows, wind_direction
+from brv_hypo.motion.methods import ReconstructionConfig
 from tests.motion.truth import CONE, Truth, observe
 
 

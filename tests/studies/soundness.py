@@ -19,8 +19,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from brv_hypo.errors import BrvHypoError
-from brv_hypo.flight.mounting import nose_axis
-from brv_hypo.flight.plausibility import contradictions
+from brv_hypo.flight.plausibility import contradictions, nose_axis
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS
 from brv_hypo.flight.units import to_si
 from brv_hypo.importing import bring_in

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 from unittest.mock import patch
 
+import numpy as np
+
 from brv_hypo.subset import SubsetResult, best, best_subsets
-from brv_hypo.subset.best import Effort
+
+BUDGETS = {"numpy": np.inf, "numba-schur": 0.0}
+"""Nodes that numpy is given where it could leave the search to the compiled kernel."""
 
 
 def best_subsets_by(kernel: str, *arguments: Any, **options: Any) -> SubsetResult:
-    """The same search, all in numpy, or compiled from the first node."""
-    with patch.object(best, "Effort", partial(Effort, kernel=kernel)):
+    """The same search, all in numpy, or compiled from the first node where that is possible; "auto" leaves it."""
+    if kernel == "auto":
+        return best_subsets(*arguments, **options)
+    with patch.object(best, "_numpy_budget", lambda _: BUDGETS[kernel]):
         return best_subsets(*arguments, **options)

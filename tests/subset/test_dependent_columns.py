@@ -8,9 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from brv_hypo.subset import best_columns, best_subsets, frame, tree
+from brv_hypo.subset import best_columns, best_subsets, frame, search
 from brv_hypo.subset.frame import Frame
-from brv_hypo.subset.tree import Node, OpenSubtree, make_leaf
+from brv_hypo.subset.search import Node, OpenSubtree, make_leaf
 from tests.subset.brute_force import enumerate_subsets
 from tests.subset.kernels import best_subsets_by
 
@@ -108,7 +108,7 @@ def test_a_leaf_is_made_once(monkeypatch: pytest.MonkeyPatch, kernel: str) -> No
         made.append((part.included, part.undecided))
         return make_leaf(own, part, room)
 
-    monkeypatch.setattr(tree, "make_leaf", counted)
+    monkeypatch.setattr(search, "make_leaf", counted)
     best_subsets_by(kernel, *sums(6), 5, forced=())
     assert len(made) == len(set(made)) > 3
 

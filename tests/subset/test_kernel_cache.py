@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from brv_hypo.subset import best, best_columns
-from brv_hypo.subset.best import COMPILING_NODES, Effort
+from brv_hypo.subset.best import COMPILING_NODES
 from tests.studies.subset.problems import spline_problem
 
 
 def test_numpy_is_given_what_compiling_the_kernel_costs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(best, "_kernel_in_memory", lambda: False)
-    assert best._numpy_budget(Effort(), np.inf) == COMPILING_NODES
+    assert best._numpy_budget(np.inf) == COMPILING_NODES
 
 
 @pytest.mark.parametrize("nodes", [0, 1, 100])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.subset import compiled
 from tests.studies.subset.benchmark import CURVES, curve_point
 from tests.studies.subset.problems import delay_problem, spline_problem, with_r_squared
 from tests.subset.brute_force import enumerate_subsets
@@ -37,19 +36,6 @@ def test_disjoint_sets_rule_out_nothing_that_counts(seed: int) -> None:
     assert packed.certificate.exact
     assert packed.certificate.nodes < plain.certificate.nodes
     assert [s.columns for s in packed.subsets] == [s.columns for s in plain.subsets]
-
-
-@pytest.mark.parametrize(("scored", "prefixes"), [(2, 0), (3, 0), (4, 10)])
-def test_what_is_found_hangs_on_no_constant_of_the_search(
-    scored: int, prefixes: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    X, y = with_r_squared(spline_problem(8, noise=0.0), 0.6)
-    usual = best_subsets_by("numba-schur", X, y, 7, n_best=3)
-    monkeypatch.setattr(compiled, "SCORED", scored)
-    monkeypatch.setattr(compiled, "MOST_PREFIXES", prefixes)
-    result = best_subsets_by("numba-schur", X, y, 7, n_best=3)
-    assert result.certificate.nodes != usual.certificate.nodes
-    assert [s.columns for s in result.subsets] == [s.columns for s in usual.subsets]
 
 
 @pytest.mark.parametrize("share", [0.3, 0.99])

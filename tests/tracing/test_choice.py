@@ -15,10 +15,9 @@ from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
-from brv_hypo.tracing import additions
-from brv_hypo.tracing.acceptance import Agreement, Candidate, Tried
+from brv_hypo.tracing import acceptance
+from brv_hypo.tracing.acceptance import Agreement, Candidate, Choice, Tried, choose
 from brv_hypo.tracing.account import rests_on_hints
-from brv_hypo.tracing.additions import Choice, choose
 from brv_hypo.tracing.fit import MomentErrors
 from brv_hypo.tracing.result import TraceConfig
 
@@ -42,34 +41,29 @@ def judged(one: Any, agreement: Agreement, ratio: float, certain: bool) -> Tried
     """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
     nothing: Any = None
     error = MomentErrors(np.ones(4), np.full(4, 0.25 / SCATTER**2))
-    errors = (error, error)
-    return Tried(one, nothing, agreement, ratio, 0.1, nothing, nothing, errors, certain, has_tolerance=False)
+    before: Any = SimpleNamespace(held_out=error)
+    return Tried(one, nothing, agreement, ratio, 0.1, before, nothing, certain, has_tolerance=False)
 
 
-def beside_nothing(
-    *found: Candidate, description: Candidate | None = None, white: bool = False, scheduled: bool = True
-) -> Any:
-    """The candidates of a step whose model has no columns; whether its residual is white, and its slope a schedule."""
+def beside_nothing(*found: Candidate, white: bool = False, scheduled: bool = True) -> Choice:
+    """What is chosen beside a model without columns; whether its residual is white, and its slope a schedule."""
     nuisances = SimpleNamespace(items=(), bounded=())
     problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
     model = Model().having(*([SlopeSchedule(low=5.0, high=10.0, size=0.1)] if scheduled else []))
     data, residual = SimpleNamespace(config=TraceConfig(significance=0.01)), SimpleNamespace(white=white)
-    fit = SimpleNamespace(problem=problem, model=model, data=data, residual=residual)
-    discovery = None if description is None else SimpleNamespace(candidate=description)
-    return SimpleNamespace(candidates=found, fit=fit, discovery=discovery)
+    fit: Any = SimpleNamespace(problem=problem, model=model, data=data, residual=residual)
+    any_fit: Any = None
+    return choose(fit, found, lambda one: any_fit, lambda there: (100.0, True))
 
 
-def chosen(
-    found: list[Candidate], accepted: str, monkeypatch: pytest.MonkeyPatch, description: Candidate | None = None
-) -> Choice:
+def chosen(found: list[Candidate], accepted: str, monkeypatch: pytest.MonkeyPatch, **beside: bool) -> Choice:
     """The choice where the held-out part agrees with `accepted` alone."""
-    any_state: Any = None
 
-    def tried(here: Any, one: Candidate, certain: bool, add: Any) -> Tried:
+    def tried(fit: Any, one: Candidate, certain: bool, add: Any) -> Tried:
         return judged(one, Agreement(5.0, 5.0) if one.name == accepted else Agreement(0.0, 0.0), 0.5, certain)
 
-    monkeypatch.setattr(additions, "_try", tried)
-    return choose(beside_nothing(*found, description=description), lambda one: any_state)
+    monkeypatch.setattr(acceptance, "_try", tried)
+    return beside_nothing(*found, **beside)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +120,7 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 def test_a_description_has_to_beat_a_name_clearly(ahead: float, first: str, monkeypatch: pytest.MonkeyPatch) -> None:
     named = candidate("inplane", 100.0)
     described = candidate("discovered_1", 100.0 - ahead * CONFOUNDED_NEAR)
-    result = chosen([named], "none", monkeypatch, described)
+    result = chosen([named, described], "none", monkeypatch)
     assert result.ranked[0].name == first
 
 
@@ -165,9 +159,7 @@ def test_where_the_residual_is_white_only_what_is_beyond_doubt_counts(
     monkeypatch: pytest.MonkeyPatch, p_value: float, tried: list[str]
 ) -> None:
     one = replace(candidate("lag", 90.0), p_value=p_value)
-    chosen([one], "lag", monkeypatch)  # puts the judge of the held-out part in place
-    any_state: Any = None
-    found = choose(beside_nothing(one, white=True), lambda each: any_state)
+    found = chosen([one], "lag", monkeypatch, white=True)
     assert [each.candidate.name for each in found.tried] == tried
 
 
@@ -177,9 +169,7 @@ def test_a_schedule_comes_before_jumps_where_the_model_has_none(
 ) -> None:
     jumps = candidate("inplane", 90.0, mechanisms=(find("inplane"),))
     schedule = candidate("mach_stiffness", 60.0, ACROSS, mechanisms=(find("mach_stiffness"),))
-    chosen([jumps, schedule], first, monkeypatch)
-    any_state: Any = None
-    found = choose(beside_nothing(jumps, schedule, scheduled=scheduled), lambda each: any_state)
+    found = chosen([jumps, schedule], first, monkeypatch, scheduled=scheduled)
     assert found.ranked[0].name == first
 
 

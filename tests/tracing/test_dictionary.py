@@ -13,7 +13,8 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms.conformance import sample_motion
 from brv_hypo.mechanisms.yaml_mechanism import Factor, Turn, YamlMechanism, YamlTerm, mechanism_of
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.tracing.description import Discovery, discover, entries
+from brv_hypo.tracing.acceptance import Candidate
+from brv_hypo.tracing.description import discover, entries
 from tests.chains import prepared
 
 
@@ -47,7 +48,7 @@ def with_moment(given: Problem, term: YamlTerm, time_basis: TimeBasis, size: flo
 
 
 @cache
-def turning_for_a_while() -> tuple[Problem, Discovery | None]:
+def turning_for_a_while() -> tuple[Problem, Candidate | None]:
     """A problem with a moment that turns from 2 to 4.5 s, and what is discovered."""
     given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
     return given, discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
@@ -56,6 +57,7 @@ def turning_for_a_while() -> tuple[Problem, Discovery | None]:
 def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
     _, found = turning_for_a_while()
     assert found is not None
+    assert found.file is not None
     rates = [term.turn.rate for term in found.file.terms if term.turn is not None]
     times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
     assert rates == pytest.approx([3.0] * len(rates), abs=0.2)
@@ -66,7 +68,8 @@ def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_time
 def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
     given, found = turning_for_a_while()
     assert found is not None
-    fit, read = found.candidate.fit, mechanism_of(found.file)
+    assert found.file is not None
+    fit, read = found.fit, mechanism_of(found.file)
     motion = given.frame.motions[0]
     values = [term.value or 0.0 for term in found.file.terms]
     of_file = sum(v * (t.in_plane + 1j * t.out_of_plane) for v, t in zip(values, read.terms(motion, {}), strict=True))
@@ -80,8 +83,8 @@ def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
     given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
     found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
     assert found is not None
-    assert len({column.choice for column in found.candidate.fit.selected}) == 1
-    assert found.candidate.fit.searched == len(entries(given.frame.motions))
+    assert len({column.choice for column in found.fit.selected}) == 1
+    assert found.fit.searched == len(entries(given.frame.motions))
 
 
 @pytest.mark.thorough
@@ -94,6 +97,7 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
     given = with_moment(given, term, TimeBasis("constant"), 1500.0)
     found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
     assert found is not None
+    assert found.file is not None
     places = [factor.at for term in found.file.terms for factor in term.factors if factor.of == "mach"]
     assert places == pytest.approx([float(np.interp(at, motion.time, motion.mach))], abs=0.01)
 
@@ -106,6 +110,7 @@ def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float,
     given = with_moment(prepared(), term, TimeBasis("jump", start, stop), 600.0)
     found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
     assert found is not None
+    assert found.file is not None
     rates = [term.turn.rate for term in found.file.terms if term.turn is not None and term.turn.of == "time"]
     times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
     assert rates == pytest.approx([rate] * 4, abs=0.05)

@@ -19,8 +19,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
     mechanism_text,
     read_mechanism,
 )
-from brv_hypo.motion.kinematics import body_from_plane
-from brv_hypo.motion.motion import recorded
+from brv_hypo.motion.motion import body_from_plane, recorded
 
 FILE = MechanismFile(
     name="turning_moment",

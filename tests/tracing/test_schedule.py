@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.model.baseline import SlopeSchedule
-from brv_hypo.motion.measurement import BENT
+from brv_hypo.motion.smoother import BENT
 from brv_hypo.tracing import TraceConfig
-from brv_hypo.tracing.additions import follows_mach, is_schedule, schedules_first
+from brv_hypo.tracing.acceptance import follows_mach, is_schedule, schedules_first
 from brv_hypo.tracing.baseline import has_schedule, scheduled, start_model, starting_columns, static_moment
 from brv_hypo.tracing.fit import correct, next_corrections
 from tests.flights import nominal

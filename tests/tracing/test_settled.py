@@ -11,7 +11,6 @@ from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
-from brv_hypo.tracing.final_model import WholeRecord
 from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about
 from tests.chains import TRIM, traced_trim
 from tests.comparison.pulse import fitted, pulse
@@ -33,16 +32,15 @@ def state() -> Fit:
 
 @pytest.mark.thorough
 def test_a_step_begins_from_the_state_as_it_settled(state: Fit) -> None:
-    again = analyse_step(state, (), ()).fit
+    again, _ = analyse_step(state, (), ())
     assert again.errors.mean_square == pytest.approx(state.errors.mean_square, rel=0.02)
     assert again.held_out.mean_square == pytest.approx(state.held_out.mean_square, rel=0.02)
 
 
 @pytest.mark.thorough
 def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: Fit) -> None:
-    here = state.alone()
-    _, covariance = WholeRecord(here).solution
-    problem = here.problem.on(state.data.whole)
+    here = state.on_whole_record()
+    covariance, problem = here.covariance, here.problem
     design = problem.whole_design(here.null.frame, here.null.columns)
     values = np.linalg.lstsq(design, problem.raw_response, rcond=None)[0]
     known = covariance_of(design, problem.raw_response - design @ values, problem.samples, 1.0)

@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.tracing import TraceConfig, trace
-from brv_hypo.tracing.wording import stability_in_words
+from brv_hypo.tracing.final_model import stability_in_words
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.vehicles import CAPSULE
 

@@ -1,4 +1,4 @@
-"""Methods of reconstruction: functions that stand in the METHODS of a file here, chosen by `--method NAME`.
+"""Methods of reconstruction, functions that stand in the METHODS of a file here, chosen by `--method NAME`; options.
 
     def NAME(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory
 
@@ -11,7 +11,12 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any, Literal, TypedDict
+
+from pydantic import AfterValidator, AliasChoices, BaseModel, ConfigDict, Field
+
+from brv_hypo.io.text import meant
+from brv_hypo.motion.signals import ColouredNoise
 
 
 def _methods() -> dict[str, Callable[..., Any]]:
@@ -27,3 +32,49 @@ def method_names() -> tuple[str, ...]:
 def method_of(name: str) -> Callable[..., Any]:
     """The method of that name."""
     return _methods()[name]
+
+
+# ---- What a user may choose about a reconstruction ----
+
+
+def _known(name: str) -> str:
+    known = method_names()
+    if name not in known:
+        raise ValueError(f"no such method ({meant(name, known, 'known are ' + ', '.join(known))})")
+    return name
+
+
+Method = Annotated[str, AfterValidator(_known)]
+Measurements = Literal["auto", "force", "moment", "both"]
+
+
+class ReconstructionConfig(BaseModel):
+    """Options of `reconstruct`; the defaults suit an unknown flight."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")  # attribute docstrings would be read at each import
+
+    method: Method = Field(
+        default="joint",
+        description='The report\'s "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), or "polar" '
+        "(Appendix A).",
+    )
+    gravity: bool = Field(default=True, description="Whether gravity turns the velocity; the report neglects it.")
+    measurements: Measurements = Field(
+        default="auto",
+        validation_alias=AliasChoices("measurements", "ties"),
+        description="What measures the attitude to the wind in the joint method: the normal force, the static moment, "
+        'both, or the force alone unless that is too little ("auto").',
+    )
+    gravity_magnitude: float | None = Field(default=None, gt=0.0, description="m/s^2; from planet and altitude if None")
+    gyro_sigma: float | None = Field(default=None, gt=0.0, description="white noise, rad/s; from the record if None")
+    gyro_walk: ColouredNoise | None = Field(
+        default=None, description="noise, rad/s, that the attitude is integrated with; white, of `gyro_sigma`, if None"
+    )
+    accel_sigma: float | None = Field(default=None, gt=0.0, description="white noise, m/s^2; from the record if None")
+
+
+ReconstructionSettings = TypedDict("ReconstructionSettings", {  # noqa: UP013
+    "method": str, "gravity": bool, "measurements": Measurements, "gravity_magnitude": float | None,
+    "gyro_sigma": float | None, "gyro_walk": ColouredNoise | None, "accel_sigma": float | None,
+}, total=False)  # fmt: skip
+"""The fields of `ReconstructionConfig` as keywords."""

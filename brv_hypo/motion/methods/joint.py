@@ -3,25 +3,67 @@
 Gyros carry the attitude; their white noise makes the apparent direction of the velocity a random walk. A
 measurement (normal force, static moment) gives the crossflow at each sample through a slowly varying, unknown slope.
 Gravity, the errors of the record and the slope's coefficients are globals. The walk is linear, the globals
-nearly: a few Gauss-Newton steps.
+nearly: a few Gauss-Newton steps. In `RandomWalkSmoother` the walk is the direction of the velocity as the gyros' white
+noise lets it drift; the globals are gravity, errors of the record and coefficients of the measurement models.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
-from brv_hypo.motion.config import ReconstructionConfig
-from brv_hypo.motion.inertial import InertialRecord, inertial_record
-from brv_hypo.motion.measurement import MeasurementModel, force_measurement, moment_measurement
+from brv_hypo.errors import UnanswerableError
+from brv_hypo.motion.inertial import (
+    FREE_GRAVITY,
+    InertialRecord,
+    WindStart,
+    body_crossflow,
+    direction_by_impulse,
+    force_impulse,
+    gravity_magnitude,
+    inertial_record,
+    start_from_nose,
+    transverse_axes,
+    wind_to_body,
+)
+from brv_hypo.motion.interpolation import blocks
+from brv_hypo.motion.methods import ReconstructionConfig
+from brv_hypo.motion.motion import effective, unit
 from brv_hypo.motion.reconstruction import WindHistory
-from brv_hypo.motion.responses import Perturbation, corrected, effect_responses, no_responses, nonzero_responses
+from brv_hypo.motion.responses import (
+    GRAVITY_PARTS,
+    Axes,
+    Drift,
+    EffectFit,
+    EffectResponses,
+    Perturbation,
+    corrected,
+    effect_responses,
+    no_responses,
+    nonzero_responses,
+    projected_variance,
+)
 from brv_hypo.motion.signals import rms, with_smooth_air
-from brv_hypo.motion.smoother import RandomWalkSmoother, SmoothedMotion, StartingPoint
+from brv_hypo.motion.smoother import (
+    BENT,
+    Columns,
+    LinearMeasurement,
+    LocalScaling,
+    MeasurementModel,
+    WalkEquations,
+    force_measurement,
+    moment_measurement,
+    walk_equations,
+)
 
+MOTION_MOST_STEPS = 25  # Gauss-Newton steps; bounds the time where they do not settle
+MOTION_CONVERGED = 1e-2  # of the crossflow's standard deviation given the globals, by which the last step changes it
+MOTION_LEAST_RELAXED = 0.1  # of the share before, that is taken of a step
+MOTION_FAR_START = 0.5  # of the speed: a start off the nose's mean by more is not tried
+MOTION_START = 0.3  # of the speed, 1-sigma of the walk at the first sample
 ROUGH_SLOPE_COUNT = 3  # coefficients of the force's slope before it is chosen: a parabola
 SLOPE_COUNTS = (1, 2, 3, 4, 6, 9, 13)  # coefficients of its basis in time that are tried, by BIC
 SLOPE_PATIENCE = 2  # of these that may go by without a gain
@@ -41,6 +83,297 @@ MOTION_ROUGH = 0.01  # of the crossflow's rms, to which the motion is found abou
 # crossflow by more than this share of its standard deviation.
 MOTION_LINEARISATIONS = 6
 MOTION_MOVED = 0.1
+
+
+_RAN_AWAY = (
+    "the attitude to the wind diverges from step to step instead of converging: forces and rates of this record do not "
+    "belong to one motion. Likely causes: wrong axes, signs or units, or errors beyond all tolerance. See `brv-hypo "
+    "inspect`, or take `--method rates`, which uses the gyros alone."
+)
+
+
+@dataclass(frozen=True)
+class SmoothedMotion:
+    """A converged fit."""
+
+    measurements: tuple[MeasurementModel, ...]
+    """What was fitted."""
+    start: WindStart
+    """Where the nominal motion starts."""
+    coefficients: tuple[FloatArray, ...]
+    """Those of each measurement (unknowns,)."""
+    crossflow: ComplexArray
+    """(n,)"""
+    residual: ComplexArray
+    """Of the last measurement (n,)."""
+    covariance: FloatArray
+    """Of the globals (k, k)."""
+    effects: EffectFit
+    """The estimated errors of the record."""
+    response: Columns | None
+    """Change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large."""
+    walk_sigma: FloatArray
+    """Standard deviation (n,) of the crossflow given the globals."""
+    turn: ComplexArray
+    """Unit number (n,) from wind to body axes."""
+    score: float
+    """Bayesian information criterion."""
+
+    @property
+    def near(self) -> StartingPoint:
+        """Where another fit may begin."""
+        return StartingPoint(self.start, self.crossflow)
+
+    @property
+    def force(self) -> tuple[MeasurementModel, FloatArray] | None:
+        """The measurement by the normal force and its coefficients, if it was fitted."""
+        each = zip(self.measurements, self.coefficients, strict=True)
+        return next((one for one in each if one[0].name == "force"), None)
+
+    def sigmas(self) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations (n,) of the crossflow along itself and across itself."""
+        assert self.response is not None
+        turned = (self.turn * np.conj(unit(self.crossflow)))[:, None]
+        radial, tangential = np.empty((2, turned.size))
+        for rows in blocks(turned.size):
+            projected = self.response(rows) * turned[rows]
+            for sigma, part in ((radial, projected.real), (tangential, projected.imag)):
+                sigma[rows] = np.sqrt(self.walk_sigma[rows] ** 2 + projected_variance(part, self.covariance))
+        return radial, tangential
+
+
+@dataclass(frozen=True)
+class StartingPoint:
+    """A start and a crossflow (n,) from which a fit may begin."""
+
+    start: WindStart
+    crossflow: ComplexArray
+
+
+class RandomWalkSmoother:
+    """The problem of one record; its attributes are what stays the same over measurements and iterations.
+
+    `known` (k,) of the errors of the record are taken out of it already. Iterations also end where the
+    crossflow changes by less than the share `rough` of its rms.
+    """
+
+    def __init__(
+        self,
+        record: InertialRecord,
+        config: ReconstructionConfig,
+        responses: EffectResponses,
+        known: FloatArray,
+        rough: float = 0.0,
+    ) -> None:
+        self.record = record
+        self.known = known
+        self.rough = rough
+        self.responses = responses
+        self.shared = GRAVITY_PARTS + len(responses.effects)
+        flight = record.flight
+        self.speed = flight.velocity
+        self.gravity_size = config.gravity_magnitude or gravity_magnitude(flight)
+        self.impulse = force_impulse(record)
+        self.step_variance = _step_variance(record)
+        size = self.gravity_size or FREE_GRAVITY
+        self.gravity_information = 1.0 / size**2
+        self.nose_start = start_from_nose(record, self.gravity_size)
+
+    def direction(self, start: WindStart) -> FloatArray:
+        """Unit velocity (n, 3) in the axes of the first sample."""
+        return direction_by_impulse(self.record, start, self.impulse)
+
+    def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None) -> SmoothedMotion:
+        """Fit from a motion that is near; without one from the nose's mean, or better.
+
+        The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
+        """
+        if near is not None:
+            return self._iterate(measurements, near.start, near.crossflow)
+        starts = [self.nose_start, *map(self._linear_start, measurements)]
+        fits = [self._iterate(measurements, start) for start in starts if start is not None]
+        return min(fits, key=lambda fit: fit.score)
+
+    def _linear_start(self, measurement: MeasurementModel) -> WindStart | None:
+        """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
+        direction = self.direction(self.nose_start)
+        xi = body_crossflow(self.record, direction)
+        turn = wind_to_body(self.record, direction)
+        valid = np.isfinite(measurement.sigma)
+        weight = 1.0 / measurement.sigma[valid]
+        turned = measurement.scale * turn
+        columns = np.column_stack(
+            [measurement.scale * effective(xi), turned, turned * self.record.time, np.ones_like(xi)]
+        )
+        answer = np.linalg.lstsq(columns[valid] * weight[:, None], measurement.observed[valid] * weight, rcond=None)[0]
+        offset = answer[1] / answer[0] if answer[0] != 0.0 else np.inf
+        if not abs(offset) < MOTION_FAR_START:
+            return None
+        return _moved(self.nose_start, transverse_axes(direction), offset, np.zeros(3))
+
+    def _iterate(
+        self, measurements: tuple[MeasurementModel, ...], start: WindStart, crossflow: ComplexArray | None = None
+    ) -> SmoothedMotion:
+        """Gauss-Newton from a start, and a crossflow if one is known; part of each step where steps overshoot."""
+        if crossflow is None:
+            crossflow = body_crossflow(self.record, self.direction(start))
+        coefficients: tuple[FloatArray, ...] = ()
+        share, last = 1.0, None
+        equations: WalkEquations | None = None
+        for _ in range(MOTION_MOST_STEPS):
+            direction = self.direction(start)
+            axes = transverse_axes(direction)
+            nominal, turn = body_crossflow(self.record, direction), wind_to_body(self.record, direction)
+            xi = crossflow
+            coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
+            drift = Drift(self.record, self.responses, axes)
+            equations = None  # large, and about to be replaced
+            offset = (xi - nominal) * np.conj(turn)
+            equations, scaling = self._linear(measurements, coefficients, xi, turn, offset, drift)
+            solution = equations.solve(*self._priors(measurements, coefficients, start))
+            shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
+            step = nominal + turn * shift - xi
+            if not np.all(np.isfinite(step)):
+                raise UnanswerableError(_RAN_AWAY)
+            share, last = share if last is None else relaxed(share, last, step), step
+            crossflow = np.asarray(xi + share * step)
+            start = _moved(
+                start, axes, share * solution.walk[0] / self.speed[0], share * solution.theta[:GRAVITY_PARTS]
+            )
+            ends = np.cumsum([values.size for values in coefficients])[:-1]
+            steps = np.split(share * solution.theta[self.shared :], ends)
+            coefficients = tuple(old + new for old, new in zip(coefficients, steps, strict=True))
+            walk_sigma = np.sqrt(equations.walk_variance) / self.speed
+            if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))):
+                break
+        assert equations is not None
+        final = equations
+        observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
+        errors = slice(GRAVITY_PARTS, self.shared)
+        left = equations.residual(solution)
+
+        def response(rows: slice) -> ComplexArray:
+            moved, out = drift[rows], final.sensitivity(rows)
+            out[:, : moved.shape[1]] += moved
+            out /= self.speed[rows, np.newaxis]
+            return out
+
+        value, covariance = self.known + solution.theta[errors], solution.covariance[errors, errors]
+        return SmoothedMotion(
+            measurements=measurements,
+            start=start,
+            coefficients=coefficients,
+            crossflow=crossflow,
+            residual=left if scaling is None else scaling.back(left),
+            covariance=solution.covariance,
+            effects=EffectFit(self.responses, self.known, value, covariance),
+            response=response,
+            walk_sigma=walk_sigma,
+            turn=turn,
+            score=solution.cost + sum(each.unknowns for each in measurements) * float(np.log(observations)),
+        )
+
+    def _linear(
+        self,
+        measurements: Sequence[MeasurementModel],
+        coefficients: Sequence[FloatArray],
+        xi: ComplexArray,
+        turn: ComplexArray,
+        offset: ComplexArray,
+        drift: Drift,
+    ) -> tuple[WalkEquations, LocalScaling | None]:
+        """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes.
+
+        With it the scaling of the last measurement.
+        """
+        ends = np.cumsum([self.shared, *(measurement.unknowns for measurement in measurements)])
+
+        def linear(
+            measurement: MeasurementModel, values: FloatArray, first: int
+        ) -> tuple[LinearMeasurement, LocalScaling | None]:
+            own, sigma, modelled = measurement.columns(xi), measurement.sigma, measurement.modelled(xi, values)
+            residual = measurement.observed - own @ values
+            slope = measurement.gain(xi, values) * turn
+            gain = slope / self.speed
+            scaling = measurement.local_scaling(xi, values)
+            if scaling is not None:
+                residual, own, sigma = scaling.of(residual), scaling.of(own), sigma * scaling.noise
+
+            def columns(rows: slice) -> ComplexArray:
+                here, moved = own[rows], drift[rows]
+                out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
+                errors, shared = out[:, GRAVITY_PARTS : self.shared], out[:, : self.shared]
+                measurement.add_effects(errors, rows, modelled)
+                if scaling is not None:
+                    errors[:] = scaling.of(errors, rows)
+                shared += gain[rows, np.newaxis] * moved
+                out[:, first : first + here.shape[1]] = here
+                return out
+
+            return LinearMeasurement(residual + slope * offset, gain, columns, sigma), scaling
+
+        each = [
+            linear(measurement, values, int(first))
+            for measurement, values, first in zip(measurements, coefficients, ends, strict=False)
+        ]
+        variance = (MOTION_START * self.speed[0]) ** 2
+        return walk_equations([one for one, _ in each], self.step_variance, variance), each[-1][1]
+
+    def _priors(
+        self, measurements: Sequence[MeasurementModel], coefficients: Sequence[FloatArray], start: WindStart
+    ) -> tuple[FloatArray, FloatArray]:
+        """Mean and information of the globals, those of gravity and of the measurements counted from the nominal."""
+        mean = -np.concatenate([start.gravity, self.known, *coefficients])
+        information = np.zeros(mean.size)
+        information[:GRAVITY_PARTS], information[GRAVITY_PARTS : self.shared] = self.gravity_information, 1.0
+        at = self.shared
+        for measurement, values in zip(measurements, coefficients, strict=True):
+            if measurement.bends:
+                slope = float(np.mean(np.abs(measurement.slope(values))))
+                information[at + measurement.slope_basis.shape[1]] = (BENT**2 / slope) ** 2
+            at += measurement.unknowns
+        return mean, information
+
+
+def _first_coefficients(measurement: MeasurementModel, xi: ComplexArray) -> FloatArray:
+    """Coefficients that fit the observation about the crossflow as it stands."""
+    valid = np.isfinite(measurement.sigma)
+    weight = 1.0 / measurement.sigma[valid]
+    columns = measurement.columns(xi)[valid] * weight[:, None]
+    right = measurement.observed[valid] * weight
+    stacked = np.concatenate([columns.real, columns.imag])
+    return np.asarray(np.linalg.lstsq(stacked, np.concatenate([right.real, right.imag]), rcond=None)[0])
+
+
+def _moved(start: WindStart, axes: Axes, offset: complex, gravity: FloatArray) -> WindStart:
+    second, third = axes
+    moved = start.direction + second[0] * offset.real + third[0] * offset.imag
+    return WindStart(moved / np.linalg.norm(moved), start.gravity + gravity)
+
+
+def relaxed(share: float, before: ComplexArray, step: ComplexArray) -> float:
+    """The share of a step to take, from what the last share left of the last one.
+
+    Aitken's relaxation of vectors (Irons and Tuck, Int. J. Numer. Meth. Eng. 1:275, 1969): where angles are large full
+    steps overshoot, by much the same factor each time.
+    """
+    change = step - before
+    fall = -float(np.vdot(change, before).real)
+    return share * min(max(fall / max(float(np.vdot(change, change).real), 1e-300), MOTION_LEAST_RELAXED), 1.0 / share)
+
+
+def _step_variance(record: InertialRecord) -> FloatArray:
+    """Variance (n - 1,) (m/s)^2 per part of the walk's steps: instruments' noise, and what gaps hide."""
+    step = record.flight.step
+    speed = 0.5 * (record.flight.velocity[1:] + record.flight.velocity[:-1])
+    variance = (speed * record.gyro_sigma * step) ** 2 + (record.accel_sigma * step) ** 2
+    hidden = ~(record.measured[1:] & record.measured[:-1])
+    rate = float(np.sqrt(np.mean(np.abs(record.transverse_rate[record.measured]) ** 2)))
+    length = max(int(np.count_nonzero(hidden)), 1) * step
+    return np.asarray(np.where(hidden, variance + (speed * rate) ** 2 * length * step, variance))
+
+
+# ---- The method: which measurements, with what slopes and noise ----
 
 
 def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: Sequence[Perturbation]) -> WindHistory:
@@ -128,10 +461,10 @@ def _fitted(
 
 def _normal_force(record: InertialRecord, fit: SmoothedMotion) -> ComplexArray:
     """The transverse force (n,) m/s^2 that the fit makes of its crossflow; as measured where it has no slope."""
-    for measurement, coefficients in zip(fit.measurements, fit.coefficients, strict=True):
-        if measurement.name == "force":
-            return measurement.modelled(fit.crossflow, coefficients)
-    return record.transverse_force
+    if fit.force is None:
+        return record.transverse_force
+    measurement, coefficients = fit.force
+    return measurement.modelled(fit.crossflow, coefficients)
 
 
 def _with_force(
@@ -196,22 +529,20 @@ def _choose_slope(
     residual of one that lacks it would go to the record's errors, from where no step leads back.
     """
     time, bends = problem.record.time, not measurement.complex_slope
-    first = (*others, replace(measurement.with_slope_count(time, 1), bends=bends))
-    best, worse = replace(problem.solve(first, near), response=None), 0
+
+    def fitted(last: MeasurementModel, near: StartingPoint | None) -> SmoothedMotion:
+        return replace(problem.solve((*others, last), near), response=None)
+
+    best, worse = fitted(replace(measurement.with_slope_count(time, 1), bends=bends), near), 0
     for count in SLOPE_COUNTS[1:]:
-        measurements = (*others, best.measurements[-1].with_slope_count(time, count))
-        fit = replace(problem.solve(measurements, best.near), response=None)
-        if fit.score < best.score:
-            best, worse = fit, 0
-        else:
-            worse += 1
+        fit = fitted(best.measurements[-1].with_slope_count(time, count), best.near)
+        best, worse = (fit, 0) if fit.score < best.score else (best, worse + 1)
         if worse == SLOPE_PATIENCE:
             break
-    if not bends:
-        return best
-    measurements = (*best.measurements[:-1], replace(best.measurements[-1], bends=False))
-    straight = replace(problem.solve(measurements, best.near), response=None)
-    return straight if straight.score < best.score else best
+    if bends:
+        straight = fitted(replace(best.measurements[-1], bends=False), best.near)
+        best = straight if straight.score < best.score else best
+    return best
 
 
 def _left(record: InertialRecord, force: ComplexArray) -> float:
@@ -248,26 +579,23 @@ def _relative_error(fit: SmoothedMotion, measured: BoolArray) -> float:
 
 def _history(problem: RandomWalkSmoother, fit: SmoothedMotion, warnings: tuple[str, ...]) -> WindHistory:
     radial, tangential = fit.sigmas()
-    found = WindHistory(
+    slope, bend, sigma = np.full(fit.crossflow.size, np.nan), 0.0, problem.record.accel_sigma
+    if fit.force is not None:
+        force, coefficients = fit.force
+        slope, bend = force.slope(coefficients).real, force.bend(coefficients)
+        sigma = float(np.median(force.sigma[np.isfinite(force.sigma)]))
+    return WindHistory(
         record=problem.record,
         crossflow=fit.crossflow,
         radial_sigma=radial,
         tangential_sigma=tangential,
         gravity=fit.start.gravity,
-        normal_force_slope=np.full(fit.crossflow.size, np.nan),
-        accel_sigma=problem.record.accel_sigma,
+        normal_force_slope=slope,
+        normal_force_bend=bend,
+        accel_sigma=sigma,
         effects=fit.effects,
         warnings=warnings,
     )
-    for force, coefficients in zip(fit.measurements, fit.coefficients, strict=True):
-        if force.name == "force":
-            return replace(
-                found,
-                normal_force_slope=force.slope(coefficients).real,
-                normal_force_bend=force.bend(coefficients),
-                accel_sigma=float(np.median(force.sigma[np.isfinite(force.sigma)])),
-            )
-    return found
 
 
 METHODS = (joint,)

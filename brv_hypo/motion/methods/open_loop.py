@@ -13,7 +13,6 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError
-from brv_hypo.motion.config import ReconstructionConfig
 from brv_hypo.motion.inertial import (
     InertialRecord,
     WindStart,
@@ -24,7 +23,8 @@ from brv_hypo.motion.inertial import (
     start_from_nose,
     wind_direction,
 )
-from brv_hypo.motion.kinematics import crossflow
+from brv_hypo.motion.methods import ReconstructionConfig
+from brv_hypo.motion.motion import crossflow
 from brv_hypo.motion.reconstruction import WindHistory
 from brv_hypo.motion.responses import EffectFit, Perturbation, effect_responses, nonzero_responses
 from brv_hypo.motion.signals import Derivative, differentiate

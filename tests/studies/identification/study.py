@@ -259,7 +259,7 @@ def _report(case: str, planned: Iterator[tuple[SimulatedFlight, Flight]], delay_
         work = trial(simulated, flight, delay_error)
         found = identify(work.frame, work.columns, work.values)
         seconds.append(found.seconds)
-        if not found.converged:
+        if found.status != "converged":
             print(f"{case} seed {simulated.seed}: {found.status}: {found.message}")
             continue
         converged += 1

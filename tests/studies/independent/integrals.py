@@ -17,8 +17,7 @@ from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
 from brv_hypo.motion.interpolation import Quadrature, running_integral
-from brv_hypo.motion.kinematics import angle_of_attack, angle_rates, crossflow, windward_meridian
-from brv_hypo.motion.motion import quadrature
+from brv_hypo.motion.motion import angle_of_attack, angle_rates, crossflow, quadrature, windward_meridian
 from tests.studies.independent.flights import Made
 from tests.studies.independent.study import MIXED, drawn_flight
 

@@ -14,7 +14,7 @@ from brv_hypo.linearisation.propagated_motion import linearisation_point, walk_m
 from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct as reconstruction_of
 from brv_hypo.motion import ReconstructionConfig
-from brv_hypo.motion.kinematics import body_from_plane
+from brv_hypo.motion.motion import body_from_plane
 from tests.studies.independent.drawn_vehicles import FEWEST_CYCLES, LONGEST, draw_craft
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.mechanisms import LISTED

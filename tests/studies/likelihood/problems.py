@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.derivatives import Function, PartialJacobian
+from brv_hypo.likelihood.collocation import Differenced, Function
 from brv_hypo.likelihood.result import FitResult
 from brv_hypo.likelihood.segment import Hold, Segment
 
@@ -26,7 +26,7 @@ _SUBSTEPS = 8
 
 def by_central_differences(function: Function) -> Function:
     """The function, differentiated by central differences."""
-    return PartialJacobian(function, lambda *arguments: {})
+    return Differenced(function)
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class ModelProblem:
     def _delayed(self, t: FloatArray, x: FloatArray, u: FloatArray) -> tuple[Any, ...]:
         if not self.delays:
             return ()
-        from brv_hypo.likelihood.derivatives import Delayed
+        from brv_hypo.likelihood.collocation import Delayed
         from brv_hypo.likelihood.segment import Interpolator
 
         interpolator = Interpolator(t)
@@ -237,7 +237,7 @@ def lagging_body() -> ModelProblem:
 
 def _past(x: FloatArray, u: FloatArray, k: float) -> Any:
     """States and inputs at the fine step k, whole or half; the first one held before the start."""
-    from brv_hypo.likelihood.derivatives import Delayed
+    from brv_hypo.likelihood.collocation import Delayed
 
     low = max(int(np.floor(k)), 0)
     high = max(int(np.ceil(k)), 0)

@@ -14,9 +14,9 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.derivatives import Function, Points, evaluate, jacobian
-from brv_hypo.likelihood.noise import Shape, estimate_covariance, negative_log_likelihood, whitening
+from brv_hypo.likelihood.collocation import Function, Points, evaluate, jacobian
 from brv_hypo.likelihood.segment import Interpolator, Segment, build_grid
+from brv_hypo.likelihood.statistics import Shape, estimate_covariance, negative_log_likelihood, whitening
 
 _DAMPING = (0.0, 1e-4, 1e-2, 1.0, 1e2, 1e4)
 """Levenberg damping of the scaled normal equations, tried in this order at each step."""

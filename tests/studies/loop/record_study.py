@@ -29,7 +29,7 @@ from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, read_structure, restored
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.tracing import Trace, TraceConfig, trace
-from brv_hypo.tracing.additions import Analysis, analyse_step
+from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import is_bend
 from brv_hypo.tracing.fit import Fit, converged, with_efficiency
 from tests.studies.loop.planting import DETECTED, free_length, free_part
@@ -43,7 +43,7 @@ class Ground:
     flight: Flight
     model: SavedModel
     state: Fit
-    here: Analysis
+    here: Fit
 
 
 def ground(flight: Flight, steps: int) -> Ground:
@@ -59,7 +59,7 @@ def standing_on(flight: Flight, found: SavedModel) -> Ground:
     settings = TraceConfig(maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
         state = converged((flight,), restored(found, (flight,)), settings)
-        here = analyse_step(state, (), ())
+        here, _ = analyse_step(state, (), ())
     return Ground(flight, found, state, here)
 
 
@@ -126,11 +126,13 @@ def limits_there(
 def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.random.Generator) -> tuple[Flight, str]:
     """The record with an error of one component of an instrument, of those that have errors so large."""
     with threadpool_limits(limits=1, user_api="blas"):
-        here = analyse_step(base.state, (), (effect,))
-    problem = with_efficiency(here.fit.problem, here.fit.null)
+        here, _ = analyse_step(base.state, (), (effect,))
+    problem = with_efficiency(here.problem, here.null)
     limits = {
-        each.component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
-        for name, each in here.histories.items()
+        component: _limit_of(problem, problem.design(problem.frame, [given_column(name)])[:, 0])
+        for name in problem.given
+        for component in effect.components(base.flight)
+        if f" {component.name} " in name
     }
     possible = [c for c, limit in limits.items() if times * limit <= RECORD_EFFECT_LARGEST * c.size]
     if not possible:
@@ -146,13 +148,13 @@ def _with_error(base: Ground, effect: RecordEffect, times: float, draw: np.rando
     return effect.perturb(base.flight, component.name, value), told
 
 
-def _limit(here: Analysis, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None) -> float:
+def _limit(here: Fit, effect: str, names: Sequence[str], direction: FloatArray, onset: float | None) -> float:
     """Detection limit along a direction of the terms, as a multiple of it.
 
     A measured record leaves more than noise, of long correlation: the limit counts what is left, and its effective
     samples.
     """
-    problem = with_efficiency(here.fit.problem, here.fit.null)
+    problem = with_efficiency(here.problem, here.null)
     frame = problem.frame.with_mechanisms([find(effect)])
     columns = [Regressor(effect, name, (), _course(onset), "1") for name in names]
     return _limit_of(problem, problem.design(frame, columns) @ direction)

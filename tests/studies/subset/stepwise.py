@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from brv_hypo.subset import Chosen
 from brv_hypo.subset.frame import Frame, Groups, build_frame
-from brv_hypo.subset.incumbents import Board, residual
+from brv_hypo.subset.search import Board, residual
 
 
 def stepwise_columns(

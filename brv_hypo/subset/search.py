@@ -1,4 +1,7 @@
-"""The include/drop tree: subproblems of independent columns, and their search in plain numpy.
+"""The search in numpy: the best subsets so far, and the include/drop tree over subproblems of independent columns.
+
+A `Board` holds the incumbents, size by size, and the thresholds that they set for pruning. `seed_board` fills it by
+forward selection and best swaps, which are quick and not always right: the exact search starts from there.
 
 A `Node` holds what is in, what is undecided and what the included columns leave of the undecided ones and of the
 response, R and z. Dropping column j raises the bound (the residual with all undecided columns in) by beta_j^2 / H_jj,
@@ -7,28 +10,205 @@ tree needs no compiler to wait for, which is enough for the problems of every da
 
 The compiled search needs independent undecided columns; where they are not, the tree is cut along the dependency, as
 a subset of full rank leaves out at least one of the columns that take part in it. Two places left or fewer make a
-leaf, whose pairs are scored without the inverse. Entrances: `independent_pieces`, `NumpyTree`.
+leaf, whose pairs are scored without the inverse. Entrances: `seed_board`, `independent_pieces`, `NumpyTree`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from bisect import insort
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cmp_to_key
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.subset.frame import EPS, Frame, dependency, project_out, square_triangle, triangle
-from brv_hypo.subset.incumbents import Board
+
+# ---- The best subsets so far ----
+
+# Residual sum of squares, and the columns of X without the forced ones, ascending.
+Chosen = tuple[float, tuple[int, ...]]
+# Residual sums of squares closer than this, relatively, are a tie and are ordered by column number.
+TIE = 1e-11
+# Relative allowance for rounding in a bound where the columns are well-conditioned.
+LEAST_MARGIN = 1e-10
+# A limit that nothing can get under.
+CLOSED = -1.0
+# Exchanges of one column for another that are tried in a row.
+MOST_SWAPS = 30
+
+
+class Board:
+    """The ``capacity`` best subsets of each size 1..max_size, each residual re-evaluated by QR."""
+
+    def __init__(self, frame: Frame, max_terms: int, capacity: int) -> None:
+        self.frame = frame
+        self.max_size = min(max_terms, frame.rank)
+        self.capacity = capacity
+        self.margin = LEAST_MARGIN
+        # No subset does worse than the forced columns alone: a finite bar keeps the kernels free of infinities.
+        self._ceiling = 1.01 * frame.rss_forced
+        self.perfect = (100.0 * EPS) ** 2 * frame.rss_forced
+        self._rows: list[list[Chosen]] = [[] for _ in range(self.max_size + 1)]
+        self._offered: set[tuple[int, ...]] = set()
+        self.limits = np.full(self.max_size + 1, self._ceiling * (1.0 + self.margin))
+        self.limits[0] = CLOSED
+
+    def chosen(self) -> tuple[Chosen, ...]:
+        """All subsets on it, by size, then by residual sum of squares."""
+        candidates = self.frame.candidates
+        return tuple(
+            (rss, tuple(sorted(int(c) for c in candidates[list(positions)])))
+            for rows in self._rows
+            for rss, positions in rows
+        )
+
+    def offer_all(self, subsets: Iterable[Sequence[int]]) -> None:
+        """Offer every subset, in an order that does not depend on theirs."""
+        for key in sorted({tuple(sorted(subset)) for subset in subsets}):
+            self.offer(key)
+
+    def offer(self, subset: Sequence[int]) -> None:
+        """Take in a subset of candidate positions where it is allowed, of full rank and good enough."""
+        key = tuple(sorted(subset))
+        size = len(key)
+        if not 0 < size <= self.max_size or key in self._offered:
+            return
+        self._offered.add(key)
+        if self.frame.constraints.active and not self.frame.constraints.allows(key):
+            return
+        rss = residual(self.frame, key)
+        if rss is None or rss > self._ceiling:
+            return
+        rows = self._rows[size]
+        insort(rows, (rss, key), key=cmp_to_key(self._compare))
+        del rows[self.capacity :]
+        self._lower_limit(size)
+
+    def worst(self, size: int) -> float:
+        """The residual that a newcomer must beat."""
+        return min(self._rows[size][-1][0], self._ceiling) if self.full(size) else self._ceiling
+
+    def full(self, size: int) -> bool:
+        """Whether all places of a size are taken."""
+        return len(self._rows[size]) == self.capacity
+
+    def widen(self, margin: float) -> None:
+        """Allow for more rounding from here on."""
+        if margin > self.margin:
+            self.margin = margin
+            for size in range(1, self.max_size + 1):
+                self._lower_limit(size)
+
+    def _lower_limit(self, size: int) -> None:
+        worst = self.worst(size)
+        # A perfect fit cannot be beaten; searching for its equals would visit every superset.
+        self.limits[size] = worst * (1.0 + self.margin) if worst > self.perfect else CLOSED
+
+    def _compare(self, a: Chosen, b: Chosen) -> int:
+        low = max(min(a[0], b[0]), self.perfect)
+        tie = TIE + 16.0 * EPS * float(np.sqrt(self.frame.rss_forced / low)) if low > 0.0 else TIE
+        if abs(a[0] - b[0]) > tie * low:
+            return -1 if a[0] < b[0] else 1
+        return -1 if a[1] < b[1] else 1
+
+
+def residual(frame: Frame, subset: Sequence[int]) -> float | None:
+    """Residual sum of squares by QR of the columns themselves; None where they are dependent."""
+    k = len(subset)
+    factor = triangle(frame.columns(subset))
+    if dependency(factor[:k, :k], frame.noise[list(subset)]):
+        return None
+    tail = factor[k:, k]
+    return frame.rss_full + float(tail @ tail)
+
+
+# ---- Good subsets found quickly: forward, then best swaps ----
+
+
+def seed_board(board: Board) -> None:
+    """Fill the board with good subsets of every size, where no rules restrict them; exactness never depends on it."""
+    frame = board.frame
+    if frame.constraints.active:
+        return
+    work = _Workspace(frame)
+    chosen: list[int] = []
+    for _ in range(board.max_size):
+        ranked = work.additions(chosen)
+        board.offer_all([[*chosen, int(j)] for j in ranked[: board.capacity]])
+        chosen = work.swapped([*chosen, int(ranked[0])], board)
+
+
+class _Workspace:
+    """Gains of adding and of exchanging columns, from the Gram matrix of the candidates."""
+
+    def __init__(self, frame: Frame) -> None:
+        self._G = frame.R.T @ frame.R
+        self._b = frame.R.T @ frame.z
+        self._known: dict[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray]] = {}
+
+    def additions(self, chosen: list[int]) -> IntArray:
+        """Candidates, best addition first."""
+        W, _, _ = self._regression(chosen)
+        gains = _gain(*self._left(chosen, W))
+        gains[chosen] = -np.inf
+        return np.argsort(-gains, kind="stable")
+
+    def swapped(self, chosen: list[int], board: Board) -> list[int]:
+        """Take the best exchange of one column, again and again, until none helps."""
+        for _ in range(MOST_SWAPS):
+            W, beta, spread = self._regression(chosen)
+            d, c = self._left(chosen, W)
+            # With column i of the subset out, S_jj and c_j of every column j outside grow by rank one.
+            net = _gain(d + W**2 / spread[:, None], c + W * (beta / spread)[:, None])
+            net -= (beta**2 / spread)[:, None]
+            net[:, chosen] = -np.inf
+            i, j = np.unravel_index(int(net.argmax()), net.shape)
+            if net[i, j] <= 1e-10 * board.frame.rss_full:
+                break
+            chosen = [*chosen[:i], *chosen[i + 1 :], int(j)]
+        board.offer(chosen)
+        return chosen
+
+    def _regression(self, chosen: list[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Coefficients of all columns and of y on the chosen ones, and the diagonal of the inverse."""
+        known = self._known.get(tuple(chosen))
+        if known is None:
+            inverse = _inverse(self._G[np.ix_(chosen, chosen)])
+            known = (
+                inverse @ self._G[chosen],
+                inverse @ self._b[chosen],
+                np.asarray(inverse.diagonal(), dtype=np.float64),
+            )
+            self._known[tuple(chosen)] = known
+        return known
+
+    def _left(self, chosen: list[int], W: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Squared length of what is left of every column, and its product with what is left of y."""
+        return self._G.diagonal() - np.sum(self._G[chosen] * W, axis=0), self._b - self._b[chosen] @ W
+
+
+def _inverse(M: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.inv(M), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64)
+
+
+def _gain(d: FloatArray, c: FloatArray) -> FloatArray:
+    solid = d > 1e-11
+    return np.asarray(np.where(solid, c**2 / np.where(solid, d, 1.0), -1.0))
+
+
+# ---- Nodes: what is in, what is undecided, and the factor of what is left ----
+
 
 # Places left that need no inverse to be filled.
 CLOSED_FORM = 2
 # Relative allowance for rounding in the 2x2 determinant of a pair.
 DETERMINANT_SLACK = 1e-12
-
-
-# ---- Nodes: what is in, what is undecided, and the factor of what is left ----
 
 
 @dataclass(frozen=True)
