@@ -46,7 +46,8 @@ def listing(session: Session, context: typer.Context) -> None:
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
     tables = (listing_table(found, verbose=session.verbose), plantable_table(plantable))
     session.tell(*tables, conclusion="\n".join(found))
-    session.write_json(listing_data(found, plantable))
+    if session.json is not None:  # which evaluates every mechanism
+        session.write_json(listing_data(found, plantable))
 
 
 @mechanisms_app.command("new")

@@ -141,9 +141,11 @@ def planted_names(item: Item) -> tuple[str, ...]:
 
 def plantable_table(plantable: Mapping[str, Sequence[str]]) -> Table:
     """What `simulate --plant` takes, by configuration."""
-    rows = [{"configuration": name, "--plant": ", ".join(sets)} for name, sets in plantable.items()]
-    heading = "Planted by name: `simulate CONFIGURATION --plant NAME`; all else by a file (-v lists terms and errors)"
-    return Table(rows, heading, ("configuration", "--plant"))
+    alike: dict[str, list[str]] = {}
+    for name, sets in plantable.items():
+        alike.setdefault(", ".join(sets), []).append(name)
+    rows = [{"configuration": ", ".join(names), "--plant": text} for text, names in alike.items()]
+    return Table(rows, "Planted by `simulate CONFIGURATION --plant NAME` (by a file: -v)", ("configuration", "--plant"))
 
 
 def listing_data(found: Mapping[str, Installed], plantable: Mapping[str, Sequence[str]]) -> dict[str, Any]:

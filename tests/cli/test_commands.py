@@ -259,7 +259,7 @@ class TestMechanisms:
         assert "wind-fixed" in done.stdout
 
     def test_lists_what_a_simulation_plants(self, brv_hypo):
-        shown = brv_hypo("mechanisms", "-v", "--json", "list.json").stdout
+        shown = brv_hypo("mechanisms", "-v").stdout
         assert re.search(r"research_cone +sticking, lag, bodyfixed", shown)
         assert "C_b cos(phi_b), C_b sin(phi_b)" in " ".join(shown.split())
         assert "theta delay (s)" in " ".join(shown.split())
