@@ -21,7 +21,7 @@ from functools import lru_cache
 import numpy as np
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
-from brv_hypo.comparison.preparation import prepare
+from brv_hypo.comparison.preparation import shared_problem
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import Flight
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
@@ -134,7 +134,7 @@ def _fitted(mechanism: Mechanism, vehicle: str) -> HypothesisFit:
 @lru_cache(maxsize=1)
 def _problem(vehicle: str) -> Problem:
     """The least-squares problem of a flight with nothing planted."""
-    return prepare([reconstruct(_unplanted(vehicle, 1))], CompareConfig(knot_count=2))
+    return shared_problem([reconstruct(_unplanted(vehicle, 1))], CompareConfig(knot_count=2))[0]
 
 
 def _short(vehicle: str) -> dict[str, float]:

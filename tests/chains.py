@@ -7,7 +7,7 @@ from functools import cache
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.judgement import Judged, judged
-from brv_hypo.comparison.preparation import prepare
+from brv_hypo.comparison.preparation import shared_problem
 from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms import find
 from brv_hypo.motion import Reconstruction, reconstruct
@@ -55,7 +55,7 @@ def prepared(*plant: str, **settings: int) -> Problem:
     """
     limits = {name: settings[name] for name in ("max_terms", "exact_terms") if name in settings}
     if not limits:
-        return prepare([reconstructed(*plant)], CompareConfig(**settings))
+        return shared_problem([reconstructed(*plant)], CompareConfig(**settings))[0]
     return replace(prepared(*plant, **{name: settings[name] for name in settings if name not in limits}), **limits)
 
 

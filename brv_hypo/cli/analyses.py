@@ -164,42 +164,26 @@ def trace(
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
-    """The model in a file of `trace --write-model`, or that a comparison or a trace, written with `--json`, ended with.
+    """The model in a file of `trace`, errors of the record included; of a comparison's JSON the hypothesis that leads.
 
-    Of a comparison, the winning hypothesis; of a trace, the model as it stands, errors of the record included.
     Raises UsageError where the file is neither.
     """
-    from brv_hypo.model.model import SavedModel, is_model, read_structure
+    from brv_hypo.model.model import read_structure
 
-    if path.suffix in YAML_ENDINGS:
-        return read_structure(path)
-    content = read_json(path, "what `compare --json` or `trace --json` wrote")
-    if is_model(content):
+    known = {} if path.suffix in YAML_ENDINGS else read_json(path, "what `compare --json` or `trace --json` wrote")
+    if known.get("schema") != "brv-hypo/compare/1":
         return read_structure(path)
     try:
-        if content["schema"] == "brv-hypo/compare/1":
-            start = str(content["verdict"]["winner"] or content["ranking"][0]["mechanism"])
-            ranked: dict[str, Any] = next((r for r in content["ranking"] if r["mechanism"] == start), {})
-            errors = [term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())]
-        elif content["schema"] != "brv-hypo/trace/1":
-            schema = one_line(repr(content["schema"]))
-            raise UsageError(f"{path} holds {schema}, expected the JSON of a comparison or of a trace.")
-        elif "definition" in content["model"]:
-            return SavedModel.model_validate(content["model"]["definition"])
-        else:  # of an earlier version
-            terms = content["model"]["terms"]
-            errors = [term["mechanism"] for term in terms if term["channel"] == "record"]
-            moments = [term["mechanism"] for term in terms if term["channel"] != "record"]
-            start = "+".join(dict.fromkeys(name for name in moments if name != "baseline")) or "none"
-    except UsageError:
-        raise
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+        start = str(known["verdict"]["winner"] or known["ranking"][0]["mechanism"])
+        ranked: dict[str, Any] = next((row for row in known["ranking"] if row["mechanism"] == start), {})
+        errors = {term["name"] for term in (ranked.get("ml") or {}).get("instrument", ())}
+    except (KeyError, IndexError, TypeError, AttributeError) as error:
         raise UsageError(
-            f"{path} is not a model ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
+            f"{path} is no comparison ({type(error).__name__}: {one_line(str(error))}). Give what `compare --json` or "
             "`trace --json` wrote."
         ) from None
     if errors:
-        session.warn(f"errors of the record are estimated anew: {', '.join(sorted(set(errors)))}")
+        session.warn(f"errors of the record are estimated anew: {', '.join(sorted(errors))}")
     return start
 
 

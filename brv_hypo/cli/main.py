@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import keyword
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from string import Template
@@ -39,11 +39,14 @@ def listing(session: Session, context: typer.Context) -> None:
         return
     session.claim()
     from brv_hypo.mechanisms import installed
-    from brv_hypo.report.listings import listing_data, listing_table
+    from brv_hypo.report.listings import listing_data, listing_table, plantable_table
+    from brv_hypo.simulation.config import config_names, load_config
 
     found = installed()
-    session.tell(listing_table(found, verbose=session.verbose), conclusion="\n".join(found))
-    session.write_json(listing_data(found))
+    plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
+    tables = (listing_table(found, verbose=session.verbose), plantable_table(plantable))
+    session.tell(*tables, conclusion="\n".join(found))
+    session.write_json(listing_data(found, plantable))
 
 
 @mechanisms_app.command("new")
@@ -163,7 +166,12 @@ def config() -> None:
 @in_session("force")
 def new_settings(
     session: Session,
-    kind: Annotated[str, typer.Argument(help=f"The command that reads the file: {', '.join(KINDS)}.")],
+    kind: Annotated[
+        str,
+        typer.Argument(
+            help=f"The command that reads the file: {', '.join(KINDS)}; or the name of a file that comes along."
+        ),
+    ],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
     ] = None,
@@ -171,12 +179,16 @@ def new_settings(
     """Write a commented file of settings, to change and use."""
     from brv_hypo.settings import commented
     from brv_hypo.simulation import config_path
+    from brv_hypo.simulation.config import config_names
 
-    path, model = Path(f"{kind}.yaml") if output is None else output, _model(kind, KINDS)
-    if kind in ALONG:
-        name, folder, use = ALONG[kind]
+    path = Path(f"{kind}.yaml") if output is None else output
+    folders = {name: (folder, use) for _, folder, use in ALONG.values() for name in config_names(folder)}
+    name = ALONG[kind][0] if kind in ALONG else kind
+    if name in folders:
+        folder, use = folders[name]
         text = config_path(name, folder).read_text(encoding="utf-8")
     else:
+        model = _model(kind, KINDS, folders)
         text, use = commented(model, f"Settings of `brv-hypo {kind}`"), f"brv-hypo {kind} flight.h5 --config {{}}"
     session.claim(path)
     write_whole(path, text, overwrite=session.force)
@@ -193,10 +205,11 @@ def schema(
     typer.echo(json.dumps(_model(kind, KINDS + RESULTS).model_json_schema(by_alias=True), indent=2))
 
 
-def _model(kind: str, known: Sequence[str]) -> type[BaseModel]:
-    """The model of settings or of a result; UsageError where the kind is not among those known."""
+def _model(kind: str, known: Sequence[str], files: Iterable[str] = ()) -> type[BaseModel]:
+    """The model of settings or of a result; UsageError where the kind is neither known nor one of some files."""
     if kind not in known:
-        raise UsageError(f"'{kind}' has no settings here ({meant(kind, known, 'known are ' + ', '.join(known))})")
+        every = (*known, *files)
+        raise UsageError(f"'{kind}' has no settings here ({meant(kind, every, 'known are ' + ', '.join(every))})")
     from brv_hypo.comparison import CompareConfig, Comparison
     from brv_hypo.importing.record_map import RecordMap
     from brv_hypo.motion import ReconstructionConfig
@@ -232,7 +245,8 @@ def docs(
     elif show or output is not None:
         _as_pages(session, topic, output, show)
     else:
-        from brv_hypo.docs.manual import REFERENCE, ManualText, reference
+        from brv_hypo.docs import REFERENCE
+        from brv_hypo.docs.manual import ManualText, reference
 
         known = {**topics(), REFERENCE: "Functions of the library"}
         listed = "\n".join(f"- `{name}`: {title}" for name, title in known.items())

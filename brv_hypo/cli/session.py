@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from brv_hypo.report.document import Document
-    from brv_hypo.report.html import Provenance
 
 PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
 """Characters that some encodings lack, as ASCII has them; of others, what is left without accents."""
@@ -365,7 +364,7 @@ class Session:
             )
 
     @staticmethod
-    def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> Provenance:
+    def provenance(settings: BaseModel | None = None, records: Iterable[str | Path] = ()) -> dict[str, str]:
         """Version, settings, digests of the records, and the command line that this process was given."""
         from brv_hypo.report.html import provenance
 

@@ -16,24 +16,35 @@ from scipy.linalg import qr
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.adequacy import outside
 from brv_hypo.comparison.config import CompareConfig, CompareSettings
 from brv_hypo.comparison.diagnostics import best_by_size, diagnostics
 from brv_hypo.comparison.intervals import out_of_bounds
-from brv_hypo.comparison.judgement import Hypotheses, Judged, Say, acting_in, explained, judged, processes, weighed
+from brv_hypo.comparison.judgement import (
+    Hypotheses,
+    Judged,
+    Say,
+    acting_in,
+    explained,
+    judged,
+    outside,
+    processes,
+    weighed,
+)
 from brv_hypo.comparison.limits import limits
-from brv_hypo.comparison.maximum_likelihood import identify_credible, tolerance_warnings
 from brv_hypo.comparison.preparation import sharing_warnings, short_warnings
-from brv_hypo.comparison.result import Comparison, Seconds, Verdict
+from brv_hypo.comparison.result import Comparison, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.comparison.verdict import Candidate, Fit, judge
+from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_prediction_error
+from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.errors import MechanismError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.identification import Identification, identify
+from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.held_out import block_of_whitened_row, held_out
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
@@ -152,6 +163,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     say("predicting held-out blocks")
     errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
+    verdict = with_prediction_error(verdict, errors[beside.leader] / errors[beside.null])
     selected = clock.perf_counter()
     likelihoods = identify_credible(problem, fits, verdict, config, say)
     finished = clock.perf_counter()
@@ -166,7 +178,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
     about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
     known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
-    warnings = (*warnings, *tolerance_warnings(fits[beside.leader].name, known["record_errors"], verdict))
+    if verdict.outcome != "none adequate" and (beyond := beyond_text(known["record_errors"])):
+        warnings = (*warnings, beyond)  # of what is inadequate they may be what it lacks
     sized = best_by_size(problem, fits, criteria[beside.null])
     return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})
 
@@ -191,6 +204,33 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     if verdict.outcome == "none adequate":
         found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)
     return verdict.model_copy(update={"limits": found})
+
+
+def identify_credible(
+    problem: Problem, fits: Sequence[HypothesisFit], verdict: Verdict, config: CompareConfig, say: Say
+) -> dict[str, Identification | None]:
+    """Maximum likelihood, by name, of the leader and its closest rival in the credible set; others are out of reach.
+
+    "quick" leaves out (None) what is on records with limits or not adequate, where it takes several seconds, and does
+    not begin anew from the data alone where the regression's fit leads nowhere.
+    """
+    if config.maximum_likelihood == "none":
+        return {}
+    chances, adequate = verdict.probability, verdict.outcome != "none adequate"
+    fits = [fit for fit in fits if fit.name in chances]
+    credible = [fit for fit in fits if fit is likeliest(fits) or chances[fit.name] >= CREDIBLE_PROBABILITY]
+    credible.sort(key=lambda fit: -chances[fit.name])
+    quick = config.maximum_likelihood == "quick"
+    options: Any = {"max_iterations": LIKELIHOOD_STEPS, "begin_anew": not quick}
+    found: dict[str, Identification | None] = {}
+    for fit in credible[:LIKELIHOOD_HYPOTHESES]:
+        if quick and (not adequate or any(each.status == "degraded" for each in fit.frame.reconstructions)):
+            found[fit.name] = None
+            continue
+        say(f"maximum likelihood of {fit.name}")
+        regressed = Regressed.of(problem, fit.frame, fit.columns, fit.values, fit.others)
+        found[fit.name] = identify(fit.frame, fit.columns, fit.values, regressed=regressed, **options)
+    return found
 
 
 def _has_idle_part(fit: HypothesisFit, fits: Sequence[HypothesisFit]) -> bool:

@@ -2,47 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.comparison.judgement import Judged
-from brv_hypo.comparison.result import Comparison, RecordError, SizedModel
-from brv_hypo.comparison.summary import drawn
+from brv_hypo.comparison.judgement import Judged, as_planted
+from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
+from brv_hypo.comparison.summary import motion_histories
 from brv_hypo.inference.derivatives import along_flights, damping, slope, value
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.search import on_grid
 from brv_hypo.inference.uncertainty import residual_moments
-from brv_hypo.mechanisms.contract import Process, rms_of_shapes
+from brv_hypo.linearisation.channels import Rows as Histories
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.motion.motion import plane_from_body
+from brv_hypo.motion.motion import Motion, plane_from_body
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
+MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 INFLATED, COLLINEAR = 10.0, 0.9  # convention: Belsley, Kuh and Welsch, Regression Diagnostics, 1980, 3.2
 
 
-def diagnostics(judged: Judged, found: Comparison) -> dict[str, Any]:
+def diagnostics(judged: Judged, comparison: Comparison) -> dict[str, Any]:
     """Fields of a comparison: what is known of its leader, and how each hypothesis predicts what was held out."""
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     gains = {each.name: _held_out(judged, k) for k, each in enumerate(judged.fits)}
     functions, frame = {"C_m0": value, "C_malpha": slope, "C_mq": damping}, own.rows.frame_of(fit)
-    moments = _of_leader(judged) if fit.selected else ()
+    mechanisms = [k for k, each in enumerate(judged.fits) if each.selected]
+    best = min(mechanisms, key=lambda k: judged.fits[k].information, default=None)
+    places = dict.fromkeys(k for k in (judged.null, judged.leader, best) if k is not None)
+    histories = {judged.fits[k].name: _as_judged(judged, k) for k in places}
+    alone = None if best is None else judged.fits[best].name
     return {
-        "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in found.ranking),
+        "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in comparison.ranking),
         "record_errors": record_errors(own, judged.weight),
         "collinear": collinear(fit.columns, fit.covariance),
         "functions": {
             name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
         },
-        "series": tuple(each.model_copy(update=_channels(judged, k, moments)) for k, each in enumerate(found.series)),
+        "series": tuple(_series(judged, k, histories, alone) for k in range(len(comparison.flights))),
     }
 
 
@@ -110,55 +116,99 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     )
 
 
-def _of_leader(judged: Judged) -> tuple[ComplexArray, ...]:
-    """C_m + i C_n (frame rows,): measured less the leader's baseline, processes and errors of the record; and of the
-    leader's mechanisms. Both by the filter that differentiates rates; NaN where these cannot be differentiated.
+class _AtMode(Mechanism):
+    """What processes of moments make on one flight, as estimated."""
+
+    name, title = "processes", "processes at their mode"
+    claims, source = MomentProcess.claims, MomentProcess.source
+    processes: tuple[MomentProcess, ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    """Of each process, those of its first shape's splines first."""
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One, of all of them."""
+        total = np.zeros_like(motion.alpha, dtype=complex)
+        for process, values in zip(self.processes, self.coefficients, strict=True):
+            histories = time_splines(motion.time, process.start, process.stop, process.splines)
+            each = np.reshape(values, (-1, process.splines))
+            total += sum(shape * (histories @ own) for shape, own in zip(process.shapes(motion), each, strict=True))
+        return (Term(_AtMode.name, total.real.copy(), total.imag.copy()),)
+
+
+class _AsJudged(NamedTuple):
+    """A hypothesis with its processes: what it does not explain of rates and force (frame rows,); and as moments, C_m
+    + i C_n (frame rows,), that, what its mechanisms make, and what it does not explain without processes.
     """
-    own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
-    problem, frame, places = own.rows.problem, own.rows.frame_of(fit), [group.name for group in own.rows.groups]
-    columns, values, always = list(fit.columns), [fit.values], TimeBasis("constant")
-    for process in moment_processes():
-        coefficients = np.split(own.spline_coefficients(places.index(process.name))[0], len(frame.motions))
-        for flight, motion in enumerate(frame.motions):
-            span = {"start": float(motion.time[0]), "stop": float(motion.time[-1])}
-            here = process.model_copy(update={"name": f"{process.name} {flight}", **span})
-            frame, terms = frame.with_mechanisms([here]), here.terms(motion, {})
-            columns += [Regressor(here.name, term.name, (), always, "1", flight=flight) for term in terms]
-            values.append(coefficients[flight] / max(rms_of_shapes(process, motion), 1e-300))
-    known = np.concatenate(values)
-    rest = problem.left(frame, columns, known, problem.others_beside(frame, columns, known)).rates
+
+    rest: Histories
+    residual: ComplexArray
+    mechanisms: ComplexArray
+    bare: ComplexArray
+
+
+def _as_judged(judged: Judged, place: int) -> _AsJudged:
+    """A hypothesis at the mode of its evidence, errors of the record with it."""
+    own, fit = judged.evidences[place], judged.fits[place]
+    problem, frame = own.rows.problem, own.rows.frame_of(fit)
+    known = [_of_processes(own, k) for k in range(len(frame.motions))]
+    frame, always = frame.with_mechanisms(known), TimeBasis("constant")
+    moments = [Regressor(each.name, _AtMode.name, (), always, "1", flight=k) for k, each in enumerate(known)]
+    columns, values = [*fit.columns, *moments], np.append(fit.values, np.ones(len(moments)))
+    rest = problem.left(frame, columns, values, problem.others_beside(frame, columns, values))
     made = frame.columns(fit.selected) @ fit.values[fit.baseline_size :]
-    each = (residual_moments(frame, problem.records, rates) for rates in (rest + made, made))
-    return tuple(np.where(found.usable, found.body, np.nan) for found in each)
+    without = judged.problem.left(fit.frame, fit.columns, *judged.problem.solution(fit.frame, fit.columns))
+    rates = np.stack([rest.rates, made, without.rates], axis=1)
+    return _AsJudged(rest, *residual_moments(frame, problem.records, rates).body.T)
 
 
-def _channels(judged: Judged, flight: int, moments: Sequence[ComplexArray]) -> dict[str, Any]:
-    """Histories of one flight for `Series`: measured and modelled rates and forces, the residual at unit noise, and
-    the leader's `moments` (frame rows,) in the plane of alpha and across it.
-    """
-    own, fit, problem = judged.evidences[judged.leader], judged.fits[judged.leader], judged.problem
-    frame, rest = problem.frame, problem.left(fit.frame, fit.columns, *problem.solution(fit.frame, fit.columns))
-    found: list[FloatArray] = []  # a segment each: dynamic pressure, then every channel as measured and as modelled
+def _of_processes(own: Evidence, flight: int) -> _AtMode:
+    """The processes of moments on a flight, at their mode."""
+    time = own.rows.frame.motions[flight].time
+    span = {"start": float(time[0]), "stop": float(time[-1])}
+    processes = tuple(each.model_copy(update=span) for each in moment_processes())
+    coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
+    found = _AtMode(processes=processes, coefficients=coefficients)
+    return found.model_copy(update={"name": f"{_AtMode.name} {flight}"})
+
+
+def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None) -> Series:
+    """Histories of one flight: of the hypotheses that were `found`, and of the `best` mechanism alone."""
+    own, problem, leader = judged.evidences[judged.leader], judged.problem, judged.fits[judged.leader]
+    frame, rest, motion = problem.frame, found[leader.name].rest, problem.frame.motions[flight]
+    observed = residual_moments(frame, problem.records, frame.observed)
+    bodies = [observed.body, *(observed.body - each.bare for each in found.values())]
+    bodies += [each.residual for each in found.values()]
+    if best is not None:
+        bodies += [found[best].residual + found[best].mechanisms, found[best].mechanisms]
+    samples, chosen = [], []
+    channels: list[FloatArray] = []  # a segment each: every channel as measured and as modelled
     for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
         if segment.flight == flight:
             turn = np.exp(-1j * problem.records[flight].spin_angle[segment.rows])
             rates, force = frame.observed[a:b] * turn, problem.force[a:b]
             modelled = (rates - (rest.rates[a:b] - np.mean(rest.rates[a:b])) * turn, force - rest.force[a:b])
             pairs = zip((rates, force), modelled, strict=True)
+            every = slice(None, None, max(1, -(-(b - a) // MOST_DRAWN)))
             parts = [part(each) for pair in pairs for part in (np.real, np.imag) for each in pair]
-            motion = frame.motions[flight]
-            planes = [plane_from_body(each[a:b], motion.windward_meridian[segment.rows]) for each in moments]
-            parts += [part(each) for each in planes for part in (np.real, np.imag)]
-            found.append(np.stack([motion.dynamic_pressure[segment.rows], *parts])[:, drawn(b - a)])
-    air, *histories = (tuple(each) for each in np.concatenate(found, axis=1).tolist())
-    count = 2 * len(_CHANNELS)
-    return {
-        "dynamic_pressure_pa": air,
-        "leader": tuple(zip(histories[count::2], histories[count + 1 :: 2], strict=True)),
-        "channels": dict(zip(_CHANNELS, zip(histories[:count:2], histories[1:count:2], strict=True), strict=True)),
-        "whitened": whitened(own, flight),
-        "histories": _histories(own, flight),
-    }
+            channels.append(np.stack(parts)[:, every])
+            samples.append(np.arange(segment.rows.start, segment.rows.stop)[every])
+            chosen.append(np.arange(a, b)[every])
+    kept, rows = np.concatenate(samples), np.concatenate(chosen)
+    bodies = [np.where(observed.usable, each, np.nan)[rows] for each in bodies]  # the filter's ends hold nothing
+    planes = [plane_from_body(each, motion.windward_meridian[kept]) for each in bodies]
+    moments = [(tuple(each.real.tolist()), tuple(each.imag.tolist())) for each in planes]
+    known, count = list(map(tuple, np.concatenate(channels, axis=1).tolist())), 1 + len(found)
+    return Series(
+        measured=moments[0],
+        sigma=tuple(observed.noise[rows].tolist()),
+        fitted=dict(zip(found, moments[1:], strict=False)),
+        residuals=dict(zip(found, moments[count:], strict=False)),
+        alone=() if best is None else tuple(moments[-2:]),
+        channels=dict(zip(_CHANNELS, zip(known[::2], known[1::2], strict=True), strict=True)),
+        whitened=whitened(own, flight),
+        histories=_histories(own, flight),
+        **motion_histories(frame.reconstructions[flight], kept),
+    )
 
 
 def _histories(own: Evidence, flight: int) -> dict[str, Any]:

@@ -5,45 +5,30 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.result import NetInterval, TermEstimate
 from brv_hypo.constants import SEARCH_SAME_THETA, SECOND_ORDER_VALUES
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.mechanisms.contract import Derived
-from brv_hypo.model.common_time import CommonTime, at
+from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor, Theta
 
 
-@dataclass(frozen=True)
-class NetValue:
-    """The net coefficient of one term of one theta over an interval."""
-
-    mechanism: str
-    term: str
-    theta: Theta
-    delay: float | None
-    units: str
-    value: float
-    std_error: float
+def estimate(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
+    """An estimate; `where`: its channel, region and delay."""
+    f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
+    known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
+    return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A stretch between two knots with the net values there, and what mechanisms derive from them.
-
-    `start`, `stop` s, in the time that courses are told in.
+def intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
+    """Net values of a fit's selected columns, interval by interval in the time that knots are given in, and what
+    mechanisms derive from them; ramps at the middle of theirs.
     """
-
-    start: float
-    stop: float
-    values: tuple[NetValue, ...]
-    derived: tuple[tuple[str, Derived], ...]
-
-
-def intervals(fit: HypothesisFit) -> tuple[Interval, ...]:
-    """Net values of a fit's selected columns, interval by interval; ramps at the middle of theirs."""
     if not fit.selected:
         return ()
     time = fit.frame.coefficient_time
@@ -53,7 +38,7 @@ def intervals(fit: HypothesisFit) -> tuple[Interval, ...]:
     return tuple(_interval(fit, first, last) for first, last in itertools.pairwise(edges))
 
 
-def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
+def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
     middle = np.array([0.5 * (start + stop)])
     weights = np.array([float(column.time_basis(middle)[0]) for column in fit.selected])
     groups: dict[tuple[str, Theta, str], list[int]] = {}
@@ -63,22 +48,19 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> Interval:
     rows = np.zeros((len(groups), len(fit.selected)))
     for i, members in enumerate(groups.values()):
         rows[i, members] = weights[members]
-    first = fit.baseline_size
+    first, where = fit.baseline_size, {"channel": "both", "region_s": (start, stop)}
     values = rows @ fit.values[first:]
     covariance = rows @ fit.covariance[first:, first:] @ rows.T
-    found = tuple(
-        NetValue(
-            mechanism=key[0],
-            term=key[2],
-            theta=key[1],
-            delay=fit.selected[members[0]].delay,
-            units=_units(fit.selected[members[0]]),
-            value=float(values[i]),
-            std_error=float(np.sqrt(max(covariance[i, i], 0.0))),
-        )
-        for i, (key, members) in enumerate(groups.items())
-    )
-    return Interval(start, stop, found, _derived(fit, list(groups), values, covariance))
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+    found = []
+    for (mechanism, _, term), members, value, sigma in zip(
+        groups, groups.values(), values.tolist(), sigmas, strict=True
+    ):
+        column = fit.selected[members[0]]
+        found.append(estimate(term, mechanism, value, sigma, _units(column), delay_s=column.delay, **where))
+    derived = _derived(fit, list(groups), values, covariance)
+    found += [estimate(d.name, name, d.value, d.std_error, d.units, **where) for name, d in derived]
+    return NetInterval(start_s=start, stop_s=stop, values=tuple(found))
 
 
 def _first_like(columns: Sequence[Regressor], column: Regressor) -> Theta:
@@ -129,32 +111,20 @@ class Excess:
 
 def out_of_bounds(fit: HypothesisFit) -> Excess | None:
     """The net value farthest outside its mechanism's bounds; None where all lie within them."""
-    bounds = {m.name: m.bounds for m in fit.mechanisms}
+    bounds, common = {m.name: m.bounds for m in fit.mechanisms}, fit.frame.common
     found: list[Excess] = []
     every = [(interval, net) for interval in intervals(fit) for net in interval.values]
     for interval, net in every:
-        low, high = bounds[net.mechanism].get(net.term, (-np.inf, np.inf))
-        similar = [o.value for _, o in every if (o.mechanism, o.term) == (net.mechanism, net.term)]
-        largest = float(np.max(np.abs(np.clip(similar, low, high))))
-        found.append(_excess(net, low, high, largest, _between(fit.frame.common, interval)))
+        low, high = bounds[net.mechanism].get(net.name, (-np.inf, np.inf))
+        similar = [o.value for _, o in every if (o.mechanism, o.name) == (net.mechanism, net.name)]
+        largest = float(np.max(np.abs(np.clip(similar, low, high))))  # that is possible, for errors of second order
+        error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
+        beyond = max(low - net.value, net.value - high, 0.0) / max(error, 1e-300)
+        begin = f"{interval.start_s:.2f}" if common is None else at(common, interval.start_s)
+        where = f"from {begin} to {at(common, interval.stop_s)}, where {low:g} to {high:g} is possible"
+        found.append(Excess(float(beyond), f"{net.name} = {net.value:.3g} {where}"))
     worst = max(found, key=lambda excess: excess.sigmas, default=None)
     return worst if worst is not None and worst.sigmas > 0.0 else None
-
-
-def _between(common: CommonTime | None, interval: Interval) -> str:
-    """The ends of an interval in words."""
-    begin = f"{interval.start:.2f}" if common is None else at(common, interval.start)
-    return f"from {begin} to {at(common, interval.stop)}"
-
-
-def _excess(net: NetValue, low: float, high: float, largest: float, where: str) -> Excess:
-    """`largest`: the largest possible value of the term over all intervals, for errors of second order."""
-    beyond = max(low - net.value, net.value - high, 0.0)
-    error = np.hypot(net.std_error, np.sqrt(SECOND_ORDER_VALUES) * max(abs(net.value), largest))
-    return Excess(
-        float(beyond / max(error, 1e-300)),
-        f"{net.term} = {net.value:.3g} {where}, where {low:g} to {high:g} is possible",
-    )
 
 
 def within_bounds(fit: HypothesisFit) -> HypothesisFit:

@@ -1,7 +1,7 @@
 """Every hypothesis beside processes: fits with the errors of one evidence, and what the leader explains.
 
 The search knows no processes. About its leader the record is linearised once more with all of them, and every
-hypothesis, and what may be there instead, gets its evidence there (`inference`). Entrance: `judged`.
+hypothesis, and what may be there instead, gets its evidence there (`inference`). Entrances: `judged`, `outside`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import scale_variance
 from brv_hypo.comparison.preparation import cleaned, shared_problem, with_processes, without_processes
-from brv_hypo.comparison.result import Explained, ProcessEstimate
+from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     Pair,
+    acting,
     along_delays,
     in_one_region,
     level,
@@ -29,7 +31,7 @@ from brv_hypo.comparison.with_processes import (
     scanned,
     widened,
 )
-from brv_hypo.constants import LINEARISATIONS, SEARCH_OUT_OF_REACH
+from brv_hypo.constants import LINEARISATIONS, OUTSIDE, SEARCH_OUT_OF_REACH
 from brv_hypo.inference.build import point_of
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
@@ -45,10 +47,14 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import FINAL, ROUGH, Steps
 from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.uncertainty import with_others
+from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moments, unmodelled_moments
 from brv_hypo.io.text import hypothesis
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, rms_of_shapes
+from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.common_time import at
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.thresholds import MECHANISM_ACTS
+from brv_hypo.thresholds import MECHANISM_ACTS, SPECIFIC
 
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
@@ -153,7 +159,9 @@ def judged(
         weight = independent * shares[place]
         each = [(pair, weighed(pair[0], level(pair) - null.level, weight)) for pair in pairs]
         stated = [_estimated(*pair, own, independent * s, scale) for (pair, own), s in zip(each, shares, strict=True)]
-        stated[place] = _less_linear(stated[place], along_delays(problem, pairs[place], weight))
+        if np.any(more := along_delays(problem, pairs[place], weight)):  # of coefficients, knots and delays
+            covariance = stated[place].joint_covariance + more
+            stated[place] = within_bounds(replace(stated[place], joint_covariance=covariance))
         fits = [with_others(problem, fit) for fit in stated]
         there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
@@ -216,11 +224,6 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
     return within_bounds(replace(found, bound_cost=0.0))
 
 
-def _less_linear(fit: HypothesisFit, more: FloatArray) -> HypothesisFit:
-    """The fit with more covariance of coefficients, knots and delays."""
-    return within_bounds(replace(fit, joint_covariance=fit.joint_covariance + more)) if np.any(more) else fit
-
-
 def explained(judged: Judged) -> Explained:
     """What the leader's terms explain of the mean square that the baseline's fit without processes has as residual.
 
@@ -253,11 +256,27 @@ def _noise_share(judged: Judged) -> float:
     return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
 
 
+def as_planted(own: Evidence, process: Process, flight: int) -> dict[str, float]:
+    """The coefficient of every spline on a flight at its mode, by the name under which a simulation plants it."""
+    place = [group.name for group in own.rows.groups].index(process.name)
+    values, motion = np.split(own.spline_coefficients(place)[0], len(own.rows.blocks))[flight], own.rows.frame.motions
+    if isinstance(process, MomentProcess):
+        values = values / max(rms_of_shapes(process, motion[flight]), 1e-300)
+        kinds = [f"{process.name} {k}" for k in range(values.size // process.splines)]
+    else:
+        kinds = list(process.channels)
+    names = (f"{kind} {k}" for kind in kinds for k in range(process.splines))
+    return dict(zip(names, values.tolist(), strict=True))
+
+
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
     """Every process beside the leader, the one that makes most of the record first."""
-    own, rows = judged.evidences[judged.leader], judged.rows
-    found = []
+    own, rows, found = judged.evidences[judged.leader], judged.rows, []
+    every: tuple[Process, ...] = (*record_processes(), *moment_processes())
+    known = {each.name: each for each in every}
     for k, group in enumerate(rows.groups):
+        share = float(np.linalg.norm(own.made_by(k))) / rows.static
+        planted = as_planted(own, known[group.name], 0) if share > LEAST_PROCESS else {}
         size, error = (float(np.sqrt(np.mean(part**2))) for part in own.spline_coefficients(k))
         found.append(
             ProcessEstimate(
@@ -266,8 +285,69 @@ def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:
                 size=size,
                 std_error=error,
                 units=group.units,
-                share_of_moment=float(np.linalg.norm(own.made_by(k))) / rows.static,
+                share_of_moment=share,
                 tolerance=float(np.exp(group.prior[0])) * group.size,
+                planted=planted,
             )
         )
     return tuple(sorted(found, key=lambda each: -each.share_of_moment))
+
+
+# ---- What outside the list would explain a flight instead of the leader, rather than beside it ----
+
+
+class Alternative(NamedTuple):
+    """Something outside the list, fitted as a hypothesis of its own, its evidence, and what it is in words."""
+
+    words: str
+    fit: HypothesisFit
+    evidence: Evidence
+
+
+def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> list[Alternative]:
+    """What may be there instead of the leader: a change that many things bring, the best moment of a shape that nothing
+    on the list has, and the best that turns in the body while the leader acts, each between two times.
+
+    A leader whose characteristic terms are not wanted is such a change, and no likelier than that.
+    """
+    problem, leader, null = judged.problem, judged.fits[judged.leader], judged.evidences[judged.null]
+    listed = tuple({each.name: each for group in hypotheses.values() for each in group}.values())
+    frame = null.rows.frame_of(leader)
+    like = replace(leader, frame=frame)
+    # Gradual changes of such moments are described by processes.
+    found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), [null], onsets=(0.0,))
+    if (stretch := _stretch(leader, frame)) is not None:
+        turning = turning_moments(problem, listed, OUTSIDE, *stretch)
+        found += acting(problem, like, turning, [null], np.array(stretch))
+    moments = [Alternative(_described(pair[0]), *pair) for pair in found]
+    if is_specific(leader, judged.evidences[judged.leader]):
+        return moments
+    terms = ", ".join(dict.fromkeys(column.term for column in plain_columns(leader)))
+    words = f"a change of {terms} alone, which is not specific to {leader.name}"
+    return [Alternative(words, leader, judged.evidences[judged.leader]), *moments]
+
+
+def is_specific(fit: HypothesisFit, own: Evidence) -> bool:
+    """Whether the evidence wants what is characteristic of a fit's mechanisms; of one that names none, all is."""
+    plain = plain_columns(fit)
+    specific = [k for k, column in enumerate(fit.selected) if column not in plain]
+    if not plain or not any(mechanism.characteristic for mechanism in fit.mechanisms):
+        return True
+    return bool(specific) and own.level - own.level_without(specific) > SPECIFIC
+
+
+def _stretch(leader: HypothesisFit, frame: RateFrame) -> tuple[float, float] | None:
+    """From where to where the leader acts, s; None where it changes at no time."""
+    bases = [column.time_basis for column in leader.selected if column.time_basis.kind != "constant"]
+    starts = sorted({basis.start for basis in bases})
+    return (starts[0], starts[-1] if len(starts) > 1 else float(frame.coefficient_time.max())) if starts else None
+
+
+def _described(fit: HypothesisFit) -> str:
+    rates = {
+        f"turning in the body at {value:.3g} rad/s" for c in fit.selected for name, value in c.theta if name == RATE
+    }
+    shapes = " and ".join(rates or dict.fromkeys(column.term for column in fit.selected))
+    starts = [column.time_basis.start for column in fit.selected if column.time_basis.kind != "constant"]
+    since = f" from {at(fit.frame.common, min(starts))}" if starts else ""
+    return f"a moment that no mechanism on the list has ({shapes}{since})"

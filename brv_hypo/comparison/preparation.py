@@ -63,18 +63,8 @@ def shared_problem(reconstructions: Sequence[Reconstruction], config: CompareCon
     problem = _problem(reconstructions, settings, config)
     bend = _bend_of(problem)
     settings = replace(settings, static=_static_of(problem), bend=bend)
-    problem = carrying(_under_estimated_noise(problem), bend)
+    problem = carrying(problem.under(estimated_noise(problem)), bend)
     return problem, _with_motion_noise(problem, settings)
-
-
-def prepare(reconstructions: Sequence[Reconstruction], config: CompareConfig) -> Problem:
-    """The first problem that the hypotheses share."""
-    return shared_problem(reconstructions, config)[0]
-
-
-def _under_estimated_noise(problem: Problem) -> Problem:
-    """The problem under the noise that the record shows in it."""
-    return problem.under(estimated_noise(problem))
 
 
 def _with_motion_noise(problem: Problem, settings: Settings) -> Settings:
@@ -155,7 +145,7 @@ def _anew(reconstruction: Reconstruction, flight: Flight) -> Reconstruction:
 def _beside(problem: Problem, point: LinearisationPoint) -> Problem:
     """The problem under the noise beside a model; of several flights beside the baseline."""
     if len(problem.records) > 1:
-        return _under_estimated_noise(problem)
+        return problem.under(estimated_noise(problem))
     frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
     return problem.under(estimated_noise(replace(problem, frame=frame, baseline=point.columns)))
 

@@ -9,14 +9,16 @@ from typing import Literal
 from pydantic import Field
 
 from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED
+from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import hypothesis, number
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
-EXCEED = "errors exceed the tolerances of the record"
-"""In the warning of errors that the conclusion names too."""
+Moments = tuple[tuple[float, ...], tuple[float, ...]]
+QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
+"""In place of a maximum likelihood in trouble."""
 
 
 class TermEstimate(NullIsNaN):
@@ -73,11 +75,10 @@ class MaximumLikelihood(NullIsNaN):
 
     @property
     def trouble(self) -> str:
-        """Why it is not to be relied on, and what is; empty where it converged from every starting point alike."""
+        """Why it is not to be relied on; empty where it converged from every starting point alike."""
         apart = "starting points disagree" if "Starting points disagree" in self.message else ""
         ended = {"converged": "", "left out": "not run"}.get(self.status, self.status)
-        why = ", ".join(filter(None, (ended, apart)))
-        return f"{why}: quote the estimates of the tables, which are fitted with processes" if why else ""
+        return ", ".join(filter(None, (ended, apart)))
 
 
 class NetInterval(NullIsNaN):
@@ -175,11 +176,15 @@ class Explained(NullIsNaN):
     noise: float = float("nan")
 
 
+LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
+
+
 class ProcessEstimate(NullIsNaN):
     """A process beside the leader: rms `size` of its splines' coefficients with their standard error, in `units`.
 
     `share_of_moment`: rms of what it makes of the record over that of the static moment; `tolerance`: one unit of its
-    amplitude, an ordinary size, in `units`.
+    amplitude, an ordinary size, in `units`. `planted`: of the first flight, the coefficients by which a simulation
+    plants it again, under `mechanisms` or `instruments.errors`; empty of one that makes less than `LEAST_PROCESS`.
     """
 
     name: str
@@ -189,6 +194,15 @@ class ProcessEstimate(NullIsNaN):
     units: str
     share_of_moment: float
     tolerance: float
+    planted: dict[str, float] = Field(default_factory=dict)
+
+    @property
+    def as_planted(self) -> str:
+        """The entry of a simulation's configuration that plants it again."""
+        terms = ", ".join(f"{name}: {value:.3g}" for name, value in self.planted.items())
+        if not any(name.startswith(f"{self.name} ") for name in self.planted):  # which terms of moments do
+            return f"instruments: {{errors: {{{self.name}: {{{terms}}}}}}}"
+        return f"mechanisms: [{{mechanism: {self.name}, kind: constant, terms: {{{terms}}}}}]"
 
 
 class MechanismLimit(NullIsNaN):
@@ -216,6 +230,23 @@ class RecordError(NullIsNaN):
         return self.value / self.tolerance
 
 
+def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
+    """Those that exceed what the record allows."""
+    return [each for each in errors if abs(each.tolerances) > BEYOND_TOLERANCE]
+
+
+def beyond_text(errors: Sequence[RecordError], poses: str = "") -> str:
+    """The largest of those in a sentence, with what they may be instead; empty where there are none."""
+    beyond = beyond_tolerances(errors)
+    said = [
+        f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
+        f"({abs(each.tolerances):.1f} times)"
+        for each in beyond[:BEYOND_TOLERANCE_NAMED]
+    ]
+    listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
+    return f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}." if beyond else ""
+
+
 class SizedModel(NullIsNaN):
     """The best subset of `n_terms` of the leader's terms on the grid of knots and delays (Tables 5.5, 5.7)."""
 
@@ -225,21 +256,11 @@ class SizedModel(NullIsNaN):
     terms: tuple[str, ...]
 
 
-class RecordFaultSummary(NullIsNaN):
-    """A fault of the record: in which channel, what, when (s), and what was done about it."""
-
-    channel: str
-    fault: str
-    start_s: float
-    stop_s: float
-    action: str
-
-
 class RecordSummary(NullIsNaN):
     """What the trial of the record found; a record that contradicts itself is not sound."""
 
     sound: bool = True
-    faults: tuple[RecordFaultSummary, ...] = ()
+    faults: tuple[RecordFault, ...] = ()
 
 
 Outcome = Literal["named", "undecided", "none adequate", "record fault"]
@@ -287,21 +308,25 @@ class MotionHistories(NullIsNaN):
 
 
 class Series(MotionHistories):
-    """What was measured and fitted, of one flight.
+    """What was measured and fitted, of one flight; moments are (C_N', C_Z') over `time_s`.
 
-    `measured` and `fitted[mechanism]` hold (C_N', C_Z') as two tuples over `time_s`; what is fitted includes the errors
-    of record and vehicle beside the mechanism, and both are NaN at the ends, where rates cannot be differentiated.
+    `fitted[mechanism]` includes the errors of record and vehicle beside the mechanism, but no process; it and
+    `measured` are NaN at the ends, where rates cannot be differentiated.
     """
 
-    measured: tuple[tuple[float, ...], tuple[float, ...]]
+    measured: Moments
     sigma: tuple[float, ...]
-    fitted: dict[str, tuple[tuple[float, ...], tuple[float, ...]]]
+    fitted: dict[str, Moments]
     channels: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = Field(default_factory=dict)
-    """Of the leader, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled, processes left out.
+    """Of the leader with its processes, by name: q, r (rad/s), ay, az (m/s^2) at the c.g. as measured and as modelled.
     """
-    leader: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = ()
-    """As `measured` less the leader's baseline, processes and errors of the record; and of its mechanisms. Empty where
-    the baseline only leads.
+    residuals: dict[str, Moments] = Field(default_factory=dict)
+    """Of some hypotheses, the leader among them, with their processes and errors of the record: as `measured`, less all
+    that is estimated.
+    """
+    alone: tuple[Moments, ...] = ()
+    """Of the likeliest mechanism: as `measured` less baseline, processes and errors of the record beside it; and what
+    it makes. Empty where none was compared.
     """
     histories: dict[str, tuple[tuple[tuple[float, ...], tuple[float, ...]], ...]] = Field(default_factory=dict)
     """Of processes beside the leader, by name, at even times: value and standard error of each shape or channel, in the
@@ -355,11 +380,6 @@ class Comparison(HasCharts, Result):
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {headline}{explains}"
 
-    @property
-    def beyond_tolerances(self) -> tuple[RecordError, ...]:
-        """Errors that exceed what the record allows."""
-        return tuple(each for each in self.record_errors if abs(each.tolerances) > BEYOND_TOLERANCE)
-
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
         lines, found = [self.verdict.reason], self.verdict.explained
@@ -371,37 +391,23 @@ class Comparison(HasCharts, Result):
                 parts = {"processes": found.processes, "noise": found.noise}
             rest = [f"{name} {_percent(part)} %" for name, part in parts.items()]
             lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
-        if beyond := self.beyond_tolerances:
-            said = [
-                f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
-                f"({abs(each.tolerances):.1f} times)"
-                for each in beyond[:BEYOND_TOLERANCE_NAMED]
-            ]
-            listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
-            poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
-            lines.append(f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}.")
+        poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
+        lines.append(beyond_text(self.record_errors, poses))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
-            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}.")
-        return "\n".join(lines)
+            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {QUOTED}.")
+        return "\n".join(filter(None, lines))
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""
         probability = self.verdict.probability
         limits = {limit.mechanism: limit.share_of_moment_95 for limit in self.verdict.limits}
+        criteria = ("log_evidence", "n_terms", "f_ratio", "cp", "prediction_error", "prediction_ratio", "r2", "bic")
         return [
             {
                 "rank": row.rank,
                 "mechanism": row.mechanism,
                 "probability": probability.get(row.mechanism),
-                "log_evidence": row.log_evidence,
-                "n_terms": row.n_terms,
-                "f_ratio": row.f_ratio,
-                "cp": row.cp,
-                "prediction_error": row.prediction_error,
-                "prediction_ratio": row.prediction_ratio,
-                "r2": row.r2,
-                "bic": row.bic,
-                "log_likelihood": row.log_likelihood,
+                **{name: getattr(row, name) for name in (*criteria, "log_likelihood")},
                 "share_of_moment_95": limits.get(row.mechanism),
             }
             for row in self.ranking

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, IntArray
-from brv_hypo.comparison.intervals import intervals
-from brv_hypo.comparison.maximum_likelihood import Likelihoods
+from brv_hypo.arrays import IntArray
+from brv_hypo.comparison.intervals import estimate, intervals
 from brv_hypo.comparison.result import (
     BaselineSummary,
     Comparison,
@@ -18,13 +17,10 @@ from brv_hypo.comparison.result import (
     FlightSummary,
     Knot,
     MaximumLikelihood,
-    NetInterval,
     RankedHypothesis,
     ReconstructionSummary,
-    RecordFaultSummary,
     RecordSummary,
     Seconds,
-    Series,
     TermEstimate,
     Verdict,
 )
@@ -32,16 +28,15 @@ from brv_hypo.flight.record import Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.uncertainty import residual_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import BASELINE, Regressor, Vector, evaluated
-from brv_hypo.motion.motion import Motion, plane_from_body
+from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
 NONE = "none"
-MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
+_LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 
 def criteria_disagree(ranking: Sequence[RankedHypothesis], probability: Mapping[str, float]) -> tuple[str, ...]:
@@ -81,7 +76,7 @@ def summarise(
     errors: Sequence[float],
     criteria: Sequence[Criteria],
     seconds: Seconds,
-    likelihoods: Likelihoods,
+    likelihoods: Mapping[str, Identification | None],
     verdict: Verdict,
 ) -> Comparison:
     """Rank the fits, and gather all that the result holds.
@@ -94,8 +89,8 @@ def summarise(
     ranking = tuple(
         _ranked(rank, fits[i], errors[i], criteria[i], errors[null], problem).model_copy(
             update={
-                "ml": _likelihood(fits[i], likelihoods.found.get(fits[i].name)),
-                "notes": _notes(fits[i], likelihoods),
+                "ml": _likelihood(fits[i], likelihoods.get(fits[i].name)),
+                "notes": (_LEFT_OUT,) if likelihoods.get(fits[i].name, True) is None else (),
             }
         )
         for rank, i in enumerate(order, start=1)
@@ -114,7 +109,6 @@ def summarise(
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
-        series=_series(problem, fits),
         disagreements=criteria_disagree(ranking, verdict.probability),
     )
 
@@ -135,13 +129,8 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSumm
 
 def record_summary(trials: Sequence[RecordTrial]) -> RecordSummary:
     """What the trials of all flights found."""
-    return RecordSummary(
-        sound=all(trial.sound for trial in trials),
-        faults=tuple(
-            RecordFaultSummary.model_validate(fault, from_attributes=True)
-            for fault in sorted((f for trial in trials for f in trial.faults), key=lambda fault: not fault.decisive)
-        ),
-    )
+    faults = sorted((fault for trial in trials for fault in trial.faults), key=lambda fault: not fault.decisive)
+    return RecordSummary(sound=all(trial.sound for trial in trials), faults=tuple(faults))
 
 
 def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: str) -> Comparison:
@@ -187,7 +176,7 @@ def _ranked(
         n_terms=len(fit.selected),
         n_effective=fit.effective,
         terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
-        intervals=_intervals(fit),
+        intervals=intervals(fit),
         derived=_derived(fit),
         knots=_knots(fit),
         criteria=asdict(criteria),
@@ -208,13 +197,6 @@ def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ..
         }
         found.append(estimate(column.label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
-
-
-def estimate(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
-    """An estimate; `where`: its channel, region and delay."""
-    f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
-    known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
-    return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
 
 
 def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
@@ -239,25 +221,6 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
         )
         for edge in sorted(edges)
     )
-
-
-def _intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
-    """Net values in time order, with what mechanisms derive from them."""
-    found = []
-    for each in intervals(fit):
-        where = {"channel": "both", "region_s": (each.start, each.stop)}
-        net = [
-            estimate(n.term, n.mechanism, n.value, n.std_error, n.units, delay_s=n.delay, **where) for n in each.values
-        ]
-        net += [estimate(d.name, name, d.value, d.std_error, d.units, **where) for name, d in each.derived]
-        found.append(NetInterval(start_s=each.start, stop_s=each.stop, values=tuple(net)))
-    return tuple(found)
-
-
-def _notes(fit: HypothesisFit, likelihoods: Likelihoods) -> tuple[str, ...]:
-    if fit.name in likelihoods.left_out:
-        return ("ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too",)
-    return ()
 
 
 def _likelihood(fit: HypothesisFit, identification: Identification | None) -> MaximumLikelihood | None:
@@ -317,50 +280,6 @@ def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:
         found.extend(
             DerivedEstimate(name=d.name, value=d.value, std_error=d.std_error, units=d.units, region_s=region)
             for d in fit.frame.mechanisms[name].derived(values, covariance)
-        )
-    return tuple(found)
-
-
-def _residual(problem: Problem, fit: HypothesisFit) -> ComplexArray:
-    """Moments (frame rows,) that a hypothesis with errors of record and vehicle does not explain.
-
-    Processes are not fitted here: what they explain is to be seen.
-    """
-    values, others = problem.solution(fit.frame, fit.columns)
-    rest = problem.left(fit.frame, fit.columns, values, others)
-    return residual_moments(fit.frame, problem.records, rest.rates).body
-
-
-def drawn(samples: int) -> slice:
-    """Which of so many samples of a stretch of time are drawn: all of them, or every so many-th."""
-    return slice(None, None, max(1, -(-samples // MOST_DRAWN)))
-
-
-def _series(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Series, ...]:
-    """Histories for pictures: measured moments in and out of plane, and each hypothesis's fit of them."""
-    frame = problem.frame
-    known = residual_moments(frame, problem.records, frame.observed)
-    measured = np.where(known.usable, known.body, np.nan)
-    fitted = {fit.name: measured - _residual(problem, fit) for fit in fits}
-    found = []
-    for index, motion in enumerate(frame.motions):
-        pieces = [both for both in zip(frame.segments, frame.pieces, strict=True) if both[0].flight == index]
-        rows = np.concatenate([np.arange(a, b)[drawn(b - a)] for _, (a, b) in pieces])
-        kept = np.concatenate([np.arange(s.rows.start, s.rows.stop)[drawn(b - a)] for s, (a, b) in pieces])
-
-        def plane(
-            body: np.ndarray, phi_w: np.ndarray = motion.windward_meridian[kept], rows: np.ndarray = rows
-        ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-            both = plane_from_body(body[rows], phi_w)
-            return tuple(both.real.tolist()), tuple(both.imag.tolist())
-
-        found.append(
-            Series(
-                measured=plane(measured),
-                sigma=tuple(known.noise[rows].tolist()),
-                fitted={name: plane(body) for name, body in fitted.items()},
-                **motion_histories(frame.reconstructions[index], kept),
-            )
         )
     return tuple(found)
 

@@ -53,14 +53,9 @@ class Fit:
         return float(norm.sf(np.log(self.noise) / spread))
 
     @property
-    def lack(self) -> float:
-        """Squares of the residual beyond what the record's noise makes, over that noise."""
-        return max(self.noise**2 - 1.0, 0.0) * self.rows
-
-    @property
     def adequate(self) -> bool:
         """Whether the residual beyond noise and processes is less than what the leader explains, or than the noise."""
-        return self.lack <= max(self.explains, float(self.rows))
+        return max(self.noise**2 - 1.0, 0.0) * self.rows <= max(self.explains, float(self.rows))
 
 
 def probabilities(
@@ -114,7 +109,10 @@ def judge(
     """Name a hypothesis that leads beside processes, explains and predicts something, and has possible values."""
     whole = decide(listed, outside, fit, other_prior)
     count = whole.leader.held_out.size
-    repeated = [_without(listed, outside, fit, other_prior, k) for k in range(count)]
+    repeated = []  # each without a stretch of the record
+    for k in range(count):
+        rest = [[replace(c, level=c.level - float(c.held_out[k])) for c in some] for some in (listed, outside)]
+        repeated.append(decide(rest[0], rest[1], fit, other_prior))
     same = [(each.outcome, each.winner) == (whole.outcome, whole.winner) for each in repeated]
     confirming = sum(each.leader.name == whole.leader.name for each in repeated)
     confirmed = 1.0 if confirming == count else (confirming + 1.0) / (count + 2.0)  # Laplace's rule of succession
@@ -169,16 +167,6 @@ def decide(
     return Decision(leader, chances, adequate, predicts)
 
 
-def _without(
-    listed: Sequence[Candidate], outside: Sequence[Candidate], fit: Fit, other_prior: float, stretch: int
-) -> Decision:
-    """The decision without one stretch of the record."""
-    rest = [
-        [replace(c, level=c.level - float(c.held_out[stretch])) for c in candidates] for candidates in (listed, outside)
-    ]
-    return decide(rest[0], rest[1], fit, other_prior)
-
-
 def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> dict[str, float]:
     """Probabilities with the leader's lowered to that at which repetitions confirm it.
 
@@ -193,19 +181,22 @@ def _discounted(chances: Mapping[str, float], leader: str, stability: float) -> 
     return {**chances, leader: chances[leader] - lost, **{name: rivals[name] + gains[name] for name in rivals}}
 
 
+_NONE_ADEQUATE = "None of the hypotheses is adequate (possible, with noise as its residual)"
+
+
 def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outside: Sequence[Candidate]) -> str:
     name, remedy = hypothesis(leader.name), "`brv-hypo trace` looks for what it is."
     if leader.impossible is not None:
-        return f"None of the hypotheses is adequate: {name} fits best, but with {leader.impossible}. {remedy}"
+        return f"{_NONE_ADEQUATE}: {name} fits best, but with {leader.impossible}. {remedy}"
     if not fit.adequate:
         return (
-            f"None of the hypotheses is adequate: {name} fits best, but beside all processes its residual is "
+            f"{_NONE_ADEQUATE}: {name} fits best, but beside all processes its residual is "
             f"{fit.noise:.2f} times the record's noise, more than {name} explains. Check the noise that the record "
             f"states (--instruments). {remedy}"
         )
     best = max(outside, key=lambda candidate: candidate.level)
     return (
-        f"None of the hypotheses is adequate: {name} fits best of them, but {best.words} fits better (probability of "
+        f"{_NONE_ADEQUATE}: {name} fits best of them, but {best.words} fits better (probability of "
         f"something else {_share(chances[OTHER])}). {remedy}"
     )
 
@@ -219,6 +210,17 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
         f"{leader.name} explains the moments best (probability {chance}): {part} of the mean square that the baseline "
         "does not."
     )
+
+
+def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
+    """The verdict, with what speaks against a mechanism that it names: a held-out `ratio` of errors above 1."""
+    if verdict.winner in (None, NONE) or ratio <= 1.0:
+        return verdict
+    said = (
+        f" But without processes it predicts held-out blocks no better than the baseline: its prediction error is "
+        f"{100.0 * ratio:.0f} % of the baseline's. The name rests on the evidence beside processes alone."
+    )
+    return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:

@@ -17,6 +17,9 @@ _GALLERY = (
 )
 
 
+REFERENCE = "functions"  # the topic of all functions of the library, which `manual` makes of their docstrings
+
+
 def topics() -> dict[str, str]:
     """Every topic with its title, in reading order."""
     found = {entry.name.removesuffix(".md") for entry in files(__name__).iterdir() if entry.name.endswith(".md")}
@@ -39,7 +42,13 @@ def text(topic: str) -> str:
     """The Markdown of a topic; UsageError with the topics there are where there is no such one."""
     page = files(__name__) / f"{topic}.md"
     if not topic.isidentifier() or not page.is_file():
-        known = topics()
-        hint = meant(topic, known, "", 0.5)
-        raise UsageError(f"the manual has no topic '{topic}'; {hint and hint + ' '}it has {', '.join(known)}.")
+        pages = [name.removesuffix(".ipynb") for name in _GALLERY]
+        if topic in pages:
+            raise UsageError(f"'{topic}' is a notebook: `brv-hypo docs {topic} --open` shows it as a page.")
+        known = [*topics(), REFERENCE]
+        hint = meant(topic, (*known, *pages), "", 0.5)
+        raise UsageError(
+            f"the manual has no topic '{topic}'; {hint and hint + ' '}it has {', '.join(known)}, and with --open "
+            f"{', '.join(pages)}."
+        )
     return page.read_text(encoding="utf-8")

@@ -25,7 +25,7 @@ from rich.table import Table
 from rich.text import Text
 
 from brv_hypo import __all__, __version__
-from brv_hypo.docs import file_of, notebooks, text, topics
+from brv_hypo.docs import REFERENCE, file_of, notebooks, text, topics
 
 
 class _WholeTable(TableElement):
@@ -71,8 +71,7 @@ _FUNCTIONS = (
     *map("brv_hypo.comparison.Comparison.{}".format, ("to_dataframe", "to_xarray", "plot", "to_json", "from_json")),
     *("brv_hypo.flight.Flight.save", "brv_hypo.subset.best_subsets", "brv_hypo.likelihood.fit"),
 )
-FIRST, REFERENCE = "start", "functions"
-"""The pages that open first, and of all functions."""
+FIRST = "start"  # the page that opens first
 
 
 def site() -> dict[str, str]:

@@ -30,7 +30,7 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.tolerances import Instruments, of_grade
 from brv_hypo.flight.units import SI, Dimension
-from brv_hypo.io.text import nearest, one_line, refusal
+from brv_hypo.io.text import interval, nearest, one_line, refusal
 from brv_hypo.results import HasCharts, Histories
 from brv_hypo.thresholds import LARGEST_PROPERTY, MINIMUM_SAMPLES, SHORTEST_STEP, SLOWEST
 
@@ -93,13 +93,29 @@ class RecordFault:
     stop_s: float
     action: str
     """What was done, or what the user should do, in words."""
-    decisive: bool
+    decisive: bool = False
     """True where the record contradicts itself, and nothing that is fitted to it can be trusted."""
 
     @classmethod
     def over(cls, time: FloatArray, channel: str, fault: str, action: str, *, decisive: bool = False) -> RecordFault:
         """A fault from the first to the last of `time` (n,) s."""
         return cls(channel, fault, float(time[0]), float(time[-1]), action, decisive)
+
+    @property
+    def of_single_samples(self) -> bool:
+        """Whether it is of samples here and there, each replaced, of which it has the first and the last time."""
+        return self.fault == "spikes" and "masked" not in self.action
+
+    @property
+    def when(self) -> str:
+        """When it was, in words."""
+        if self.start_s == self.stop_s:
+            return f"at {self.start_s:.2f} s"
+        if self.of_single_samples and self.action.startswith("2 "):
+            return f"at {self.start_s:.2f} and {self.stop_s:.2f} s"
+        if self.of_single_samples:
+            return f"first at {self.start_s:.2f} s, last at {self.stop_s:.2f} s"
+        return f"{interval((self.start_s, self.stop_s))} s"
 
 
 @dataclass(frozen=True)

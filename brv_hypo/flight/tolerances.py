@@ -15,7 +15,7 @@ import numpy as np
 
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.units import SI, Dimension, to_si
-from brv_hypo.io.text import counted, meant, refusal
+from brv_hypo.io.text import meant, refusal
 
 TOLERANCE_LEAST = 1e-3  # share of the laboratory's that a tolerance stated as zero counts as: nothing is known exactly
 
@@ -73,9 +73,10 @@ class Instruments:
 
     @property
     def described(self) -> str:
-        """The grade, and how many tolerances were stated in place of its own."""
-        stated = sum(value != getattr(of_grade(self.grade), key) for key, value in self.values().items())
-        return self.grade + (f" with {counted(stated, 'stated tolerance')}" if stated else "")
+        """The grade, and how many of the tolerances differ from its own."""
+        known, own = self.values(), of_grade(self.grade)
+        others = sum(value != getattr(own, key) for key, value in known.items())
+        return self.grade + (f" but for {others} of {len(known)} tolerances" if others else "")
 
 
 INSTRUMENT_DIMENSIONS: Mapping[str, Dimension] = {

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -252,6 +253,11 @@ class SavedRecordError(_Saved):
         return Applied(effect=effect, component=name, units=units, size=size, value=self.value, flight=self.flight)
 
 
+def digest(flight: Flight) -> str:
+    """SHA-256 of a record's times and gyros, by which a model knows the records that it was estimated from."""
+    return sha256(np.stack([flight.time, flight.p, flight.q, flight.r]).tobytes()).hexdigest()
+
+
 class SavedModel(_Saved):
     """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
 
@@ -259,9 +265,9 @@ class SavedModel(_Saved):
     `covariance_elsewhere` is that of the coefficients on other flights, 0 for what is left out there; empty where it is
     the same. `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
     aerodynamic table in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
-    of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops; `error`
-    is what it left there; `flown` the ends of what they ran through, by quantity (`mach`, `alpha` in rad): beyond, the
-    model is known to nobody.
+    of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops,
+    `digests` those of their gyros (`digest`); `error` is what it left there; `flown` the ends of what they ran through,
+    by quantity (`mach`, `alpha` in rad): beyond, the model is known to nobody.
     """
 
     format: Literal["brv-model"] = "brv-model"
@@ -278,6 +284,7 @@ class SavedModel(_Saved):
     error: ModelError | None = None
     found_on: tuple[str, ...] = ()
     times: tuple[tuple[float, float], ...] = ()
+    digests: tuple[str, ...] = ()
     flown: dict[str, tuple[float, float]] = {}
 
     @model_validator(mode="after")

@@ -17,7 +17,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -43,7 +43,7 @@ from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism, current_name
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms, record_processes
-from brv_hypo.model.model import Model, SavedModel, read_model, restored
+from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
 from brv_hypo.model.term import TimeBasis, term_column
 from brv_hypo.motion import try_record
 from brv_hypo.motion.inertial import InertialRecord
@@ -82,7 +82,8 @@ def predict(
     """Errors of the moments that a frozen model predicts for a flight.
 
     Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
-    (its file, at its times); so is what belongs to its times, unless `refit` names it.
+    (its file, or a copy of its record); so is what belongs to its times, unless `refit` names it. On its own record
+    nothing is tested, and record and vehicle err within their tolerances, as they did where it was estimated.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
     predicted as it is; `record` of the result says so.
 
@@ -123,7 +124,9 @@ def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
 ) -> Prediction:
-    fit, left_out, elsewhere = _frozen(flight, content, refit, config)
+    if here := _is_found_on(content, flight):  # all of it was flown, and its errors were fitted with the model
+        content, refit = content.model_copy(update={"flown": {}}), (*refit, INSTRUMENTS)
+    fit, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
     measured = data.moments(data.frame.observed)
@@ -135,15 +138,16 @@ def _predict(
         noise=noise_floor(data.whole, measured),
     )
     covariance, known = fit.covariance[: len(columns), : len(columns)].copy(), np.flatnonzero(np.isfinite(fit.fixed))
-    covariance[np.ix_(known, known)] = _covariance_of(content, fit, known, elsewhere)
+    covariance[np.ix_(known, known)] = _covariance_of(content, fit, known, not here)
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
-    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=elsewhere)
-    whole = data.regression(fit.model, fit.linear, processes=record_processes())
-    alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
-    known_by = covariance[np.ix_(known, known)]
-    change = find_local_change(fixed_within(alone, columns, fit.fixed, known_by))
-    better = max(alone, beside, key=lambda each: each.level)
-    difference = find_difference(better, columns, fit.fixed, known_by)
+    beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
+    known_by, change, difference = covariance[np.ix_(known, known)], None, None
+    if not here:  # a test of estimates against the record that they are of would count it twice
+        whole = data.regression(fit.model, fit.linear, processes=record_processes())
+        alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
+        change = find_local_change(fixed_within(alone, columns, fit.fixed, known_by))
+        better = max(alone, beside, key=lambda each: each.level)
+        difference = find_difference(better, columns, fit.fixed, known_by)
     remain = np.flatnonzero(np.isfinite(within.fixed))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
@@ -163,6 +167,7 @@ def _predict(
         difference=difference,
         refused=change is not None or (difference is not None and difference.p_value < REFUSED),
         left_out=left_out,
+        own_record=here,
         reason="",
     )
     of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(fit, refit, tolerated)
@@ -174,19 +179,6 @@ def _predict(
 # ---- The frozen model on this flight ----
 
 
-class _Frozen(NamedTuple):
-    """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
-    here.
-
-    `left_out` are the mechanisms of columns that belong to the times of the model's own flights; `elsewhere` says that
-    this is none of them.
-    """
-
-    fit: Fit
-    left_out: tuple[str, ...]
-    elsewhere: bool
-
-
 def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
     """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
     own = np.array([column.mechanism in names for column in fit.model.columns], dtype=bool)
@@ -194,9 +186,14 @@ def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
     return replace(fit, fixed=np.where(own, np.nan, fit.fixed), others=np.where(errors, np.nan, fit.others))
 
 
-def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig) -> _Frozen:
-    """What is fitted here is fitted where the model is known, if that is enough of the record."""
-    model, here = restored(content, (flight,), frozen=True), _is_found_on(content, flight)
+def _frozen(
+    flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool
+) -> tuple[Fit, tuple[str, ...]]:
+    """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
+    here, where the model is known if that is enough of the record; and the mechanisms that are left out, as they belong
+    to the times of the model's own flights, which this is not unless it is `here`.
+    """
+    model = restored(content, (flight,), frozen=True)
     columns, lasts = model.columns, model.lasting
     values = {
         column: saved.value if here or saved.elsewhere is None else saved.elsewhere
@@ -227,16 +224,19 @@ def _frozen(flight: Flight, content: SavedModel, refit: tuple[str, ...], config:
         own = {name: value for name, value in found.record_errors[0].items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
         found = read_with(corrections)
-    return _Frozen(found, left_out, not here)
+    return found, left_out
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:
-    """Whether the model was found on this very record at these times: then its times and errors are the flight's."""
+    """Whether the model was estimated from this very record, or a longer part of it: then its times and errors are the
+    flight's.
+    """
     first, last = float(flight.time[0]), float(flight.time[-1])
-    return flight.path is not None and any(
+    of_file = any(
         Path(flight.path).resolve() == Path(name).resolve() and start <= first and last <= stop
         for name, (start, stop) in zip(content.found_on, content.times, strict=False)
     )
+    return of_file or digest(flight) in content.digests
 
 
 def _tolerated(flight: Flight) -> tuple[str, ...]:

@@ -110,6 +110,7 @@ class Prediction(HasCharts, Result):
     `local_change` is where slope or damping differ from the frozen model's, None where nothing beyond chance does.
     `refused` says that this flight contradicts the model: there is a local change, or `difference`, None where no
     coefficient is frozen, is more than chance makes it.
+    `own_record`: the model was estimated from this very record, so that nothing is tested.
     `left_out` are mechanisms of the model that belong to the times of its own flights. `record` is what the trial of
     the flight's record found.
     """
@@ -129,6 +130,7 @@ class Prediction(HasCharts, Result):
     difference: Difference | None = None
     refused: bool = False
     left_out: tuple[str, ...] = ()
+    own_record: bool = False
     reason: str
     record: RecordSummary = RecordSummary()
 
@@ -154,6 +156,10 @@ class Prediction(HasCharts, Result):
         ]
 
 
+_OWN_RECORD = (
+    "The model was estimated from this very record: agreement is that of a fit, not of a prediction, and whether the "
+    "flight contradicts the model is not tested. Predict the record of another flight for that. "
+)
 _NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
 
 
@@ -180,7 +186,8 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             "nothing about this flight."
         )
         return nowhere + fixed_too_much
-    said = (
+    said = _OWN_RECORD if found.own_record else ""
+    said += (
         f"The frozen model {_explains(found.explained)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."

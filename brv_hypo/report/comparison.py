@@ -5,30 +5,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
-from brv_hypo.comparison.result import EXCEED, Comparison, FlightSummary, RankedHypothesis
+from brv_hypo.comparison.result import QUOTED, Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.io.text import hypothesis, probability
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Picture, Role, Section, Texts
+from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
 from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, derivative_chart
 
-LEADING = 2  # hypotheses that are drawn besides the baseline only; more lines than this hide each other
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
-FUNCTIONS = {"C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"), "C_malpha": STATIC, "C_mq": DAMPING}
+STATIC_JUDGED = (
+    "Of the leader's terms and the processes of stiffness together. At alpha = 0 it is extrapolated by a process's "
+    "bend; trace, whose model has a bend and no processes, may differ there: quote the slope at the angle flown."
+)
+FUNCTIONS = {
+    "C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"),
+    "C_malpha": (*STATIC, STATIC_JUDGED),
+    "C_mq": DAMPING,
+}
 """Name, heading and axis of a function of Mach number and angle of attack."""
 CHANNELS = {
     "measured-rates": {"q": ("q, deg/s", 180.0 / np.pi), "r": ("r, deg/s", 180.0 / np.pi)},
     "measured-forces": {"ay": ("a<sub>y</sub>, m/s²", 1.0), "az": ("a<sub>z</sub>, m/s²", 1.0)},
 }
 """By chart and channel, title and scale of an axis."""
-ALONE = "Dots: measured less the leader's baseline, processes and errors of the record. Dashed: its knots."
-EVIDENCE = "ln evidence: ln of the record's probability density, processes included, over the baseline only's."
+ALONE = (
+    "Dots: measured less the leader's baseline, processes and errors of the record, which may cancel part of it. "
+    "Dashed: its knots."
+)
+JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
+EVIDENCE = (
+    "pred. error: mean square error of moments on blocks held out of the fit, no processes; ln evidence: ln of the "
+    "record's probability density, processes included. Both over the baseline only's."
+)
 
 
 def _probability(comparison: Comparison) -> Chart:
@@ -104,40 +119,38 @@ def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Sett
 
 def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     """Charts of one flight, by what they are of."""
-    series, ranked = comparison.series[index], [row for row in comparison.ranking if row.mechanism != "none"]
-    leader = comparison.ranking[0]
+    series, leader = comparison.series[index], comparison.ranking[0]
     knots = _own_knots(leader, index, comparison.flights[index])
     setting = _setting(comparison, index, knots)
     time, measured, sigma = series.time_s, series.measured, series.sigma
-    angles = (series.alpha_rad, series.windward_meridian_rad)
     # the baseline below, for contrast, and the leader last, on top
-    roles: tuple[Role, ...] = ("first", "second")
-    leading = list(zip((row.mechanism for row in ranked[:LEADING]), roles, strict=False))
-    shown: list[tuple[str, Role]] = [("none", "none"), *reversed(leading)]
-    models = [Drawn(hypothesis(name), series.fitted[name], role) for name, role in shown if name in series.fitted]
-    residuals = [replace(m, moments=charts.difference(measured, m.moments)) for m in models]
+    shown = sorted(series.residuals, key=lambda name: (name == leader.mechanism, name != "none"))
+    roles: dict[str, Role] = {"none": "none", leader.mechanism: "first"}
+    residuals = [Drawn(hypothesis(name), series.residuals[name], roles.get(name, "second")) for name in shown]
+    models = [replace(each, moments=charts.difference(measured, each.moments)) for each in residuals]
+    bare = Drawn("no processes", series.fitted[leader.mechanism], "guide", hidden=True)
+    left = replace(bare, moments=charts.difference(measured, bare.moments))
     moments = [
-        charts.moment_chart(setting, time, measured, sigma, models),
-        charts.residual_chart(setting, time, sigma, residuals),
-        charts.moment_by_alpha_chart(setting, angles[0], measured, models[-1:]),
+        charts.moment_chart(setting, time, measured, sigma, [*models, bare], caption=JUDGED),
+        charts.residual_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
+        charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
     overview = replace(moments[0], name=f"overview{setting.suffix}")
-    if "none" in series.fitted and len(models) > 1:  # what is left for a mechanism, and what it makes of that (5.18)
-        heading, left, made = "Moments less the baseline", residuals[0].moments, models[-1].moments
-        beyond = charts.difference(made, series.fitted["none"])
-        if series.leader:
-            heading, (left, beyond) = f"Moments of {models[-1].name}", series.leader
-            alone = charts.moment_chart(setting, time, left, sigma, [replace(models[-1], moments=beyond)])
-            marks = [Mark(at, name) for at, name in knots.items()]
-            title = f"{heading}{setting.which}"
-            overview = replace(alone, name=overview.name, heading=title, caption=ALONE, marks=marks)
-        drawn = [replace(models[-1], moments=beyond)]
-        moments.append(charts.moment_by_alpha_chart(setting, angles[0], left, drawn, "excess-by-alpha", heading))
-    sigmas, rolls = (series.alpha_sigma_rad, series.windward_meridian_sigma_rad), series.roll_rate_rad_s
-    motion = charts.air_chart(setting, time, series.mach, series.dynamic_pressure_pa)
-    motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
-    if rolls:
-        motion.append(charts.attitude_chart(setting, time, *angles, rolls))
+    if series.alone:  # what all else does not explain, and what the mechanism makes of that (5.18)
+        best = next(row for row in comparison.ranking if row.n_terms)
+        (beyond, made), heading = series.alone, f"Moments of {hypothesis(best.mechanism)}"
+        drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
+        if best is leader and comparison.verdict.winner:  # else it and processes may cancel
+            overview = replace(
+                charts.moment_chart(setting, time, beyond, sigma, drawn),
+                name=overview.name,
+                heading=f"{heading}{setting.which}",
+                caption=ALONE,
+                marks=[Mark(at, name) for at, name in knots.items()],
+            )
+        moments.append(
+            charts.moment_by_alpha_chart(setting, series.alpha_rad, beyond, drawn, "excess-by-alpha", heading)
+        )
     channels = []
     for stem, axes in CHANNELS.items() if series.channels else ():
         panels = []
@@ -145,11 +158,10 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             read, fitted = (scale * np.asarray(each) for each in series.channels[name])
             dots = Line(time, read, "measured", "measured", dots=True)
             panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
-        text = "At the c.g., fitted errors of the record taken out; the model without processes."
+        text = "At the c.g., fitted errors of the record taken out; the model with its processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
-    ends = residuals[:1] + residuals[1:][-1:]  # the baseline's and the leader's
-    rates = charts.turning_rates(rolls, series.windward_meridian_rate_rad_s)
-    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *ends], rates)
+    rates = (series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
+    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates)
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
     named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
     return {
@@ -158,7 +170,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             charts.process_chart(setting, series.histories, dict(units[k * most : (k + 1) * most]), *each)
             for k, each in enumerate(named.items())
         ],
-        "motion": motion,
+        "motion": charts.flight_charts(setting, series),
         "moments": moments,
         "channels": channels,
         "residual": [*charts.whiteness_charts(setting, series.whitened), spectrum],
@@ -185,19 +197,14 @@ def comparison_document(comparison: Comparison) -> Document:
     """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
     verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
     flights = [_of_flight(comparison, index) for index in range(len(comparison.series))]
+    first: Mapping[str, Sequence[Chart]] = flights[0] if flights else defaultdict(list)
 
-    def drawn(some: Iterable[Chart]) -> list[Block]:
-        return [Picture(chart) for chart in some]
-
-    def of(kind: str) -> list[Block]:
-        return drawn(flights[0][kind]) if flights else []
-
-    def functions(flight: int) -> list[Block]:
+    def functions(flight: int) -> list[Chart]:
         known = comparison.functions.items()
-        return drawn(derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known)
+        return [derivative_chart(found[flight], count, *FUNCTIONS[name]) for name, found in known]
 
     others = [
-        Section(f"Flight {k + 1}", [*drawn(chain(*flights[k].values())), *functions(k)], folded=True)
+        Section(f"Flight {k + 1}", [*chain(*flights[k].values()), *functions(k)], folded=True)
         for k in range(1, len(flights))
     ]
     return Document(
@@ -207,20 +214,21 @@ def comparison_document(comparison: Comparison) -> Document:
         conclusion=comparison.conclusion(),
         decided=verdict.winner is not None,
         ahead=(
-            *of("overview"),
+            *first["overview"],
             tables.ranking_table(comparison),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
         beside=[*tables.estimate_blocks(comparison), *tables.process_blocks(comparison)],
         blocks=(
             Section("Data quality", _quality(comparison)),
-            Section("Air data and motion", of("motion"), folded=True),
-            Section("Moments, measured and modelled", of("moments")),
-            Section("Measured channels", of("channels"), folded=True),
-            Section("Processes", [*tables.process_texts(comparison), *of("processes")], folded=True),
-            Section("Residual diagnostics", of("residual")),
+            Section("Notes", [_notes(comparison)], folded=True),
+            Section("Air data and motion", first["motion"], folded=True),
+            Section("Moments, measured and modelled", first["moments"]),
+            Section("Measured channels", first["channels"], folded=True),
+            Section("Processes", [*tables.process_texts(comparison), *first["processes"]], folded=True),
+            Section("Residual diagnostics", first["residual"]),
             Section("Hypotheses and limits", _compared(comparison)),
-            Section("Models by size", [Picture(_sizes(comparison)), tables.size_table(comparison)]),
+            Section("Models by size", [_sizes(comparison), tables.size_table(comparison)]),
             Section("Errors of instruments and vehicle", _of_record(comparison)),
             Section(
                 "Coefficients",
@@ -242,16 +250,18 @@ def comparison_document(comparison: Comparison) -> Document:
 def _quality(comparison: Comparison) -> list[Block]:
     """Faults of the record, and what limits the result."""
     faults = tables.fault_texts(comparison.record, comparison.verdict.reason)
-    known = [text for text in comparison.warnings if not (comparison.beyond_tolerances and EXCEED in text)]
-    warnings = (*faults, *comparison.reconstruction.warnings, *known)
+    known = (*faults, *comparison.reconstruction.warnings, *comparison.warnings)
+    warnings = [text for text in known if text not in comparison.conclusion()]
     none = () if warnings or comparison.record.faults else ("The record shows no fault.",)
+    return [Texts(none, bullets=False, shown="page"), Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST)]
+
+
+def _notes(comparison: Comparison) -> Texts:
+    """How the records were made ready, and how long it took."""
     seconds = comparison.seconds
     took = [f"{seconds.total:.2f} s in all, {seconds.ml:.2f} s of maximum likelihood"] if comparison.ranking else []
-    return [
-        Texts(none, bullets=False, shown="page"),
-        Texts(warnings, "Warnings", warning=True, most=WARNINGS_AT_FIRST),
-        Texts([*(note for flight in comparison.flights for note in flight.notes), *took], "Notes", shown="verbose"),
-    ]
+    notes = [note for flight in comparison.flights for note in flight.notes]
+    return Texts([*notes, *took], "How the record was read", shown="verbose")
 
 
 def _compared(comparison: Comparison) -> list[Block]:
@@ -264,9 +274,9 @@ def _compared(comparison: Comparison) -> list[Block]:
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
     title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
     return [
-        Picture(_evidence(comparison)),
-        Picture(_probability(comparison)),
-        Picture(Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read)),
+        _evidence(comparison),
+        _probability(comparison),
+        Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read),
         Texts(no_limits, "Limits", bullets=False, shown="page"),
         Texts(comparison.disagreements, "Disagreements"),
     ]
@@ -275,12 +285,14 @@ def _compared(comparison: Comparison) -> list[Block]:
 def _of_record(comparison: Comparison) -> list[Block]:
     """Errors over tolerances, and what the maximum likelihood says of its own fit."""
     rows = [(hypothesis(row.mechanism), row.ml) for row in comparison.ranking]
-    said = [
-        f"{name}: {fit.status}, {fit.iterations} iterations: {fit.message}" for name, fit in rows if fit is not None
-    ]
+    said = []
+    for name, fit in rows:
+        if fit is not None:  # of one in trouble only that: the errors of the record that follow say nothing then
+            message = fit.message.split(";")[0] if fit.trouble else fit.message
+            said.append(f"{name}: {fit.status}, {fit.iterations} iterations: {message}")
     said += [f"{hypothesis(row.mechanism)}: {note}" for row in comparison.ranking for note in row.notes]
     return [
-        Picture(charts.errors_chart(comparison.record_errors)),
+        charts.errors_chart(comparison.record_errors),
         tables.error_table(comparison.record_errors),
         Texts(said, shown="verbose"),
     ]
@@ -290,7 +302,7 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
     blocks: list[Block] = [
-        Picture(_coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row)),
+        _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
         tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
         tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
@@ -298,5 +310,6 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     ]
     if fit is not None:
         blocks.append(tables.term_table(f"{name} by maximum likelihood: {fit.status}", fit.terms, knots=fit.knots))
-        blocks.append(Texts(tables.derived_texts(fit.derived), shown="verbose"))
+        trouble = (f"Maximum likelihood, {fit.trouble}: {QUOTED}.",) if fit.trouble else ()
+        blocks.append(Texts((*tables.derived_texts(fit.derived), *trouble), shown="verbose"))
     return blocks

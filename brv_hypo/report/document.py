@@ -3,7 +3,7 @@
 A `Chart` is what is drawn, apart from how: panels of lines, bands and bars over a common axis, with marks and shaded
 spans. Colours go by role, so that light, dark and print have their own; later layers lie on top of earlier ones.
 
-A `Document` is title, conclusion and blocks (`Table`, `Texts`, `Picture`), in sections that a page folds. `terminal`,
+A `Document` is title, conclusion and blocks (`Table`, `Texts`, `Chart`), in sections that a page folds. `terminal`,
 `html` and `figures` render the same document. A block without content is left out; `shown` says where it appears:
 "always", with -v in the terminal ("verbose"), or on the page alone ("page"). A page shows everything.
 """
@@ -36,6 +36,7 @@ class Line:
     dots: bool = False
     dashed: bool = False
     large: bool = False  # of dots that are few
+    hidden: bool = False  # until its name in a page's legend is clicked; picture files leave it out
     labels: Sequence[str] = ()  # above each dot, or to the right of its error; of a line or more
     error: tuple[Values, Values] | None = None  # how far y may lie below and above
     spread: Values | None = None  # how far x may lie to either side
@@ -131,6 +132,8 @@ class Chart:
     caption: str = ""
     counted: bool = False  # whether the horizontal axis has whole numbers alone
 
+    shown: ClassVar[Literal["page"]] = "page"  # and picture files; a terminal leaves it out
+
     @property
     def columns(self) -> int:
         """Panels beside each other."""
@@ -212,20 +215,7 @@ class Texts:
     shown: Shown = "always"
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A chart, for pages and picture files; a terminal leaves it out."""
-
-    chart: Chart
-    shown: Shown = "page"
-
-    @property
-    def heading(self) -> str:
-        """The chart's."""
-        return self.chart.heading
-
-
-Block = Table | Texts | Picture
+Block = Table | Texts | Chart
 
 
 @dataclass(frozen=True)
@@ -239,7 +229,7 @@ class Section:
 
 def flat(blocks: Sequence[Block | Section]) -> Iterator[Block]:
     """The blocks of all sections that have something to show: a row, a sentence, a panel."""
-    held = {Table: lambda b: b.rows, Texts: lambda b: b.texts, Picture: lambda b: b.chart.panels}
+    held = {Table: lambda b: b.rows, Texts: lambda b: b.texts, Chart: lambda b: b.panels}
     for block in blocks:
         if isinstance(block, Section):
             yield from flat(block.blocks)
@@ -263,6 +253,4 @@ class Document:
     @property
     def charts(self) -> tuple[Chart, ...]:
         """The charts that have something to show, in the order of a page."""
-        return tuple(
-            block.chart for block in flat((*self.ahead, *self.beside, *self.blocks)) if isinstance(block, Picture)
-        )
+        return tuple(block for block in flat((*self.ahead, *self.beside, *self.blocks)) if isinstance(block, Chart))

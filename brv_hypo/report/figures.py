@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,7 +19,8 @@ from matplotlib.ticker import MaxNLocator
 from brv_hypo.report.document import Band, Bars, Chart, Line, Panel, PlanePath, named
 
 WIDTH = 6.5  # inches: the text of a page
-PANEL, BAR, FRAME = 1.9, 0.24, 0.9
+PANEL, BAR, FRAME, TITLE, CAPTION = 1.9, 0.24, 0.9, 0.35, 0.14
+CAPTION_LINE = 105  # characters
 COLOURS = {
     "measured": "#1a1a1a",
     "first": "#0072b2",
@@ -56,10 +58,13 @@ class ChartFigure(Figure):
 
 
 def chart_figure(chart: Chart) -> ChartFigure:
-    """The chart in the colours and the width of a paper's page; `.axes` are its panels, to add to or to change."""
+    """The chart with title and caption, in the colours and the width of a paper's page; `.axes` are its panels, to add
+    to or to change.
+    """
     height = FRAME + (BAR * chart.lines or PANEL * max(len(chart.panels), 1.4))
     if chart.path is not None:
         height = WIDTH * chart.rows / chart.columns + FRAME / chart.columns
+    height += TITLE + CAPTION * _caption(chart).count("\n")
     with mpl.rc_context(STYLE):
         figure = ChartFigure(figsize=(WIDTH, height), layout="constrained")
         FigureCanvasAgg(figure)
@@ -77,6 +82,7 @@ def _fill(figure: Figure, chart: Chart) -> None:
         for span in chart.spans:
             axes.axvspan(span.start, span.stop, color="#e69f00", alpha=0.2, linewidth=0)
     top, bottom = rows[0], rows[-1]
+    figure.supxlabel(_caption(chart), fontsize=8, x=0.01, ha="left")
     for mark, line in named(chart.marks):
         above = {"xytext": (0, 2 + _NAME * line), "textcoords": "offset points", "fontsize": 7}
         top.annotate(mark.name, (mark.at, 1.0), xycoords=("data", "axes fraction"), ha="left", **above)
@@ -90,9 +96,13 @@ def _fill(figure: Figure, chart: Chart) -> None:
         bottom.set_xlim(*chart.range)
     if chart.path is not None:
         _frame_path(figure, rows, chart, chart.path)
-    if any(axes.get_legend_handles_labels()[0] for axes in rows):
-        handles = {label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-        legend = figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
+    handles = {label: h for axes in rows for h, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    title = _plain(chart.heading)
+    if not handles:
+        figure.suptitle(title, x=0.01, ha="left", fontsize="large")
+    else:  # in the legend, which would lie over a title of its own
+        style: Any = {"ncols": 5, "title": title, "title_fontsize": "large", "alignment": "left"}
+        legend = figure.legend(handles.values(), handles.keys(), loc="outside upper left", **style)
         for handle in legend.legend_handles:
             if isinstance(handle, Line2D) and handle.get_marker() == "o":
                 handle.set_markersize(max(handle.get_markersize(), SMALLEST_DOT))
@@ -109,7 +119,6 @@ def _frame_path(figure: Figure, intervals: Sequence[Axes], chart: Chart, path: P
     limit = 1.05 * float(np.nanmax(np.abs(np.concatenate([path.x, path.y]))) or 1.0)
     intervals[0].set_xlim(-limit, limit)
     intervals[0].set_ylim(-limit, limit)
-    figure.supxlabel(_plain(chart.x), fontsize="medium")
     figure.supylabel(_plain(path.y_title), fontsize="medium")
 
 
@@ -120,7 +129,7 @@ def _draw(axes: Axes, panel: Panel) -> None:
             _bars(axes, layer, colour)
         elif isinstance(layer, Band):
             axes.fill_between(layer.x, layer.low, layer.high, color=colour, alpha=0.2, linewidth=0, label=layer.name)
-        else:
+        elif not layer.hidden:
             _line(axes, layer, colour)
     axes.set_ylabel(_plain(panel.title))
     if panel.log:
@@ -154,6 +163,12 @@ def _bars(axes: Axes, layer: Bars, colour: str) -> None:
     axes.invert_yaxis()
     for place, value, text in zip(places, layer.values, layer.texts, strict=False):
         axes.annotate(text, (value, place), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8)
+
+
+def _caption(chart: Chart) -> str:
+    """The caption in lines as wide as the figure; that of a path names the axis that its intervals share."""
+    text = chart.caption if chart.path is None else f"Across: {chart.x}. {chart.caption}"
+    return "\n".join(textwrap.wrap(_plain(text), CAPTION_LINE))
 
 
 def _plain(title: str) -> str:

@@ -14,8 +14,7 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -40,7 +39,6 @@ from brv_hypo.report.document import (
     Layer,
     Line,
     Panel,
-    Picture,
     Section,
     Table,
     Values,
@@ -104,6 +102,7 @@ def _line(layer: Line) -> list[dict[str, Any]]:
         "y": _bits(thinned(layer.y)),
         "name": layer.name,
         "mode": ("markers+text" if layer.labels else "markers") if layer.dots else "lines",
+        **({"visible": "legendonly"} if layer.hidden else {}),
     }
     if layer.dots:
         trace["marker"] = {"color": colour, "size": 8 if layer.large else 2.6}
@@ -239,31 +238,18 @@ def _bits(values: FloatArray) -> dict[str, str]:
     return {"dtype": "f4", "bdata": base64.b64encode(values.astype("<f4").tobytes()).decode("ascii")}
 
 
-@dataclass(frozen=True)
-class Provenance:
-    """The command, the settings that differ from the defaults, and each record with its SHA-256."""
+def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> dict[str, str]:
+    """Each record with its SHA-256, the settings that differ from the defaults, and the command, by name.
 
-    command: str = ""
-    settings: str = ""
-    records: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def rows(self) -> tuple[tuple[str, str], ...]:
-        """Name and value of each entry."""
-        records = ((f"record {path}", f"SHA-256 {digest}") for path, digest in self.records)
-        made = (("settings", self.settings), ("made by", self.command))
-        return (("version", f"brv-hypo {__version__}"), *records, *(row for row in made if row[1]))
-
-
-def provenance(command: str, settings: BaseModel | None, records: Iterable[str | Path]) -> Provenance:
-    """The provenance of a result; a record that is no file any more has no digest."""
-    paths = dict.fromkeys(Path(path) for path in records if str(path))
-    text = ""
+    A record that is no file any more has no digest.
+    """
+    paths = [path for path in dict.fromkeys(Path(path) for path in records if str(path)) if path.is_file()]
+    found = {f"record {path}": f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in paths}
     if settings is not None:
         changed = settings.model_dump(mode="json", exclude_defaults=True)
-        text = yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip() if changed else "defaults"
-    known = {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()}
-    return Provenance(command, text, tuple(known.items()))
+        text = yaml.safe_dump(changed, default_flow_style=True, width=10**6).strip()
+        found["settings"] = text if changed else "defaults"
+    return found | ({"made by": command} if command else {})
 
 
 # ---- The page: templates in `page/`, and what they need ----
@@ -274,7 +260,7 @@ _CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][a-z-]*)")
 """What is typed in one piece: text between backticks, and options."""
 
 
-def page(document: Document, provenance: Provenance) -> str:
+def page(document: Document, provenance: Mapping[str, str] = {}) -> str:
     """The whole file: conclusion, contents, sections, and at the foot where it came from and how to make it again."""
     drawn = [plotly_chart(chart) for chart in document.charts]
     data = json.dumps(drawn, separators=(",", ":"), allow_nan=False).encode()
@@ -283,7 +269,7 @@ def page(document: Document, provenance: Provenance) -> str:
         document=document,
         answer=list(map(_cell, _groups((*document.ahead, *document.beside)))),
         parts=_parts(document.blocks),
-        provenance=provenance,
+        provenance={"version": f"brv-hypo {__version__}", **provenance},
         library=base64.b64encode(resource("plotly-basic.min.js.gz")).decode("ascii"),
         charts=base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii") if drawn else "",
     )
@@ -296,7 +282,7 @@ def render(template: str, **values: Any) -> str:
     known.filters["typed"] = lambda words: Markup(_CODE.sub(r"<code>\1\2</code>", str(escape(words))))
     known.filters |= {"csv": _as_csv, "slug": _slug}
     known.tests["table"] = lambda block: isinstance(block, Table)
-    known.tests["picture"] = lambda block: isinstance(block, Picture)
+    known.tests["picture"] = lambda block: isinstance(block, Chart)
     known.globals["resource"] = lambda name: Markup(resource(name).decode())
     return known.get_template(template).render(values)
 
@@ -317,8 +303,8 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
     """Blocks that belong together: one without a heading goes with what stands before it, unless that is a chart."""
     groups: list[list[Block]] = []
     for block in flat(blocks):
-        alone = block.heading or isinstance(block, Picture)
-        if alone or not groups or isinstance(groups[-1][-1], Picture):
+        alone = block.heading or isinstance(block, Chart)
+        if alone or not groups or isinstance(groups[-1][-1], Chart):
             groups.append([block])
         else:
             groups[-1].append(block)
@@ -327,7 +313,7 @@ def _groups(blocks: Sequence[Block]) -> list[list[Block]]:
 
 def _cell(group: Sequence[Block]) -> dict[str, Any]:
     """Blocks, and whether they want all of the page's width or half of it; else a third will do."""
-    pictures = [block.chart for block in group if isinstance(block, Picture)]
+    pictures = [block for block in group if isinstance(block, Chart)]
     columns = max((len(block.headings) for block in group if isinstance(block, Table)), default=0)
     wide = columns > _NARROW or any(chart.over_time or chart.path or chart.counted for chart in pictures)
     return {"blocks": group, "whole": columns > _WHOLE, "wide": wide}

@@ -11,9 +11,10 @@ from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
 from brv_hypo.io.text import number, share
-from brv_hypo.mechanisms.conformance import Outcome
-from brv_hypo.mechanisms.contract import Process
-from brv_hypo.mechanisms.registry import OWN, Installed
+from brv_hypo.mechanisms.conformance import Outcome, sample_flight, sample_motion, uniform_time
+from brv_hypo.mechanisms.contract import Mechanism, Process
+from brv_hypo.mechanisms.registry import OWN, Installed, Item
+from brv_hypo.model.term import theta_grid
 from brv_hypo.report.document import Block, Table, Texts
 from brv_hypo.simulation import SimulatedFlight
 
@@ -38,16 +39,8 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         for channel in inspection.channels
     ]
     channels += [{**dict.fromkeys(channels[0], ""), "channel": name, "units": "absent"} for name in inspection.absent]
-    faults = [
-        {
-            "channel": fault.channel,
-            "fault": fault.fault,
-            "from s": f"{fault.start_s:.3f}",
-            "to s": f"{fault.stop_s:.3f}",
-            "action": fault.action,
-        }
-        for fault in trial.faults
-    ]
+    shown = ("channel", "fault", "when", "action")
+    faults = [{name: getattr(fault, name) for name in shown} for fault in trial.faults]
     vehicle = inspection.vehicle
     position = ", ".join(f"{value:.4g}" for value in vehicle.accelerometer_position)
     described = (
@@ -60,7 +53,7 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
         Texts((inspection_line(inspection), _usable(inspection)), bullets=False),
         Table(channels, words=("channel", "units")),
         Texts(("", described), bullets=False),
-        Table(faults, title, ("channel", "fault", "action")),
+        Table(faults, title, shown),
         Texts(("" if trial.sound else f"\n{_WHAT_THEN}\n",) if faults else (), bullets=False),
         Texts(phase_texts(inspection.phases), "Phases"),
         Texts(inspection.notes, "Notes", most=NOTES),
@@ -115,7 +108,7 @@ KINDS = ("mechanism", "aerodynamic", "process", "instrument", "environment")
 
 def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> Table:
     """One row for each mechanism or effect: name, kind, claim; of a process family and title; below the claim the
-    package, where it is another's; `verbose` adds package and source of all.
+    package, where it is another's; `verbose` adds package and source of all, and what a simulation plants of it.
     """
     rows = []
     for name, entry in found.items():
@@ -124,7 +117,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
         if verbose or entry.package != OWN:
             lines.append(f"package: {entry.package} {entry.version}")
         if verbose:
-            lines.append(f"source: {item.source}")
+            lines += [f"source: {item.source}", f"planted: {', '.join(planted_names(item))}"]
         kind = "process" if isinstance(item, Process) else item.kind
         rows.append({"name": name, "kind": kind, "claims": "\n".join(lines)})
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
@@ -132,23 +125,45 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
     return Table(rows, heading, ("name", "kind", "claims"))
 
 
-def listing_data(found: Mapping[str, Installed]) -> dict[str, Any]:
+def planted_names(item: Item) -> tuple[str, ...]:
+    """What a simulation plants of it, with units: `terms` and `theta` of a mechanism, components of
+    `instruments.errors`; of a process the first and the last spline.
+    """
+    if isinstance(item, Mechanism):
+        terms = item.terms(sample_motion(uniform_time()), dict(theta_grid(item)[0]))
+        names = [(term.name, term.units) for term in terms]
+        others = [(f"theta {each.name}", each.units) for each in item.parameters()]
+    else:
+        names, others = [(each.name, each.units) for each in item.components(sample_flight())], []
+    ends = [names[0], ("...", "1"), names[-1]] if isinstance(item, Process) else names
+    return tuple(name if units == "1" else f"{name} ({units})" for name, units in (*ends, *others))
+
+
+def plantable_table(plantable: Mapping[str, Sequence[str]]) -> Table:
+    """What `simulate --plant` takes, by configuration."""
+    rows = [{"configuration": name, "--plant": ", ".join(sets)} for name, sets in plantable.items()]
+    heading = "Planted by name: `simulate CONFIGURATION --plant NAME`; all else by a file (-v lists terms and errors)"
+    return Table(rows, heading, ("configuration", "--plant"))
+
+
+def listing_data(found: Mapping[str, Installed], plantable: Mapping[str, Sequence[str]]) -> dict[str, Any]:
     """The same as data for JSON."""
     described = ("kind", "title", "claims", "source")
     mechanisms = []
     for name, entry in found.items():
         keys = (*described, "family") if isinstance(entry.item, Process) else described
         item = {key: getattr(entry.item, key) for key in keys}
-        mechanisms.append({"name": name, **item, "package": entry.package, "version": entry.version})
-    return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms}
+        about = {"planted": planted_names(entry.item), "package": entry.package, "version": entry.version}
+        mechanisms.append({"name": name, **item, **about})
+    return {"schema": "brv-hypo/mechanisms/1", "mechanisms": mechanisms, "plantable": plantable}
 
 
 def conformance_table(name: str, outcomes: Sequence[Outcome]) -> Table:
     """One row for each check, with what was found where it failed."""
-    rows = []
-    for outcome in outcomes:
-        passed = "passed" if outcome.passed else "failed"
-        rows.append({"check": outcome.check.replace("_", " "), "": passed, "found": outcome.detail})
+    rows = [
+        {"check": each.check.replace("_", " "), "": "passed" if each.passed else "failed", "found": each.detail}
+        for each in outcomes
+    ]
     failed = [i for i, outcome in enumerate(outcomes) if not outcome.passed]
     return Table(rows, f"Conformance of '{name}'", ("check", "", "found"), marked=failed)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from brv_hypo.io.text import NOT_A_NUMBER, hypothesis, number
 from brv_hypo.io.text import share as percent
-from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Picture, Role, Shown, Table, Texts
+from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Role, Shown, Table, Texts
 from brv_hypo.study import Outcome
 from brv_hypo.study.statistics import SIGMAS, Calibration, ConfusionRow, Share, StudySummary
 
@@ -202,8 +202,8 @@ def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Docume
             *(confusion_table(f"Ranked first, {name}", part, "verbose") for name, part in by_vehicle.items()),
             confusion_table("Ranked first, all flights", summary.confusion if small else (), "page"),
             *calibration_blocks(summary.calibration_visible),
-            Picture(effect_chart([o for o in outcomes if o.status == "compared" and o.effect > 0.0])),
-            Picture(calibration_chart(summary.calibration_visible)),
+            effect_chart([o for o in outcomes if o.status == "compared" and o.effect > 0.0]),
+            calibration_chart(summary.calibration_visible),
             detection_table(summary),
             coverage_table(summary),
             fault_table(summary),

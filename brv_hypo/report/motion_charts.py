@@ -12,7 +12,7 @@ from scipy.signal import welch
 from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import RecordError, RecordFaultSummary, TermEstimate
+from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimate
 from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
@@ -56,7 +56,7 @@ def framed(panel: Panel, floor: float = -np.inf) -> Panel:
 def cut_text(panels: Sequence[Panel]) -> str:
     """What lies beyond the frames, in a sentence; empty where nothing does."""
     said = {
-        Line: "A few values far from all others lie beyond the frame: double-click shows them.",
+        Line: "A few values far from all others lie beyond the frame.",
         Band: "The band is far wider than what is drawn, and goes beyond the frame.",
     }
     for kind, sentence in said.items():
@@ -79,7 +79,7 @@ def _of_bulk(values: FloatArray) -> tuple[float, float]:
 
 def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
     """The finite values of the panel's lines, or of the edges of its bands."""
-    layers = [layer for layer in panel.layers if isinstance(layer, kind)]
+    layers = [layer for layer in panel.layers if isinstance(layer, kind) and not getattr(layer, "hidden", False)]
     sides = [side for each in layers for side in ((each.y,) if isinstance(each, Line) else (each.low, each.high))]
     values: FloatArray = np.concatenate([np.zeros(0), *(np.asarray(side, dtype=float) for side in sides)])
     return values[np.isfinite(values)]
@@ -90,10 +90,6 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
 IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,side</sub>"
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
-BESIDE = (
-    "Models without processes. Errors of record and vehicle are fitted with every model; a model that fits far worse "
-    "than the leader is drawn with the leader's errors."
-)
 _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
 _SHARE, _MARGIN = 0.98, 2.0
 """A spectrum is shown up to this multiple of the frequency below which this share of its first history's power lies."""
@@ -134,17 +130,18 @@ class Setting:
             range=self.span,
             marks=[Mark(knot) for knot in self.knots],
             spans=[Span(*fault) for fault in self.masked],
-            caption=caption(*read, "Dashed lines: knots." if self.knots else ""),
+            caption=" ".join(filter(None, (*read, "Dashed lines: knots." if self.knots else ""))),
         )
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """One model's moments in a chart."""
+    """One model's moments in a chart; `hidden` as that of a `Line`."""
 
     name: str
     moments: Moments
     role: Role
+    hidden: bool = False
 
 
 def moment_chart(
@@ -154,12 +151,13 @@ def moment_chart(
     sigma: Values,
     models: Sequence[Drawn],
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
+    caption: str = "",
 ) -> Chart:
     """Measured moments within two standard deviations, and the models, the last one on top."""
     panels = _panels(titles, time, models, measured, sigma)
     heading = "Moments, measured and modelled" if models else "Moments"
     shaded = "Shaded: masked." if setting.masked else ""
-    return setting.chart("moments", heading, panels, BESIDE if models else "", shaded, cut_text(panels))
+    return setting.chart("moments", heading, panels, caption, shaded, cut_text(panels))
 
 
 def residual_chart(
@@ -169,10 +167,11 @@ def residual_chart(
     models: Sequence[Drawn],
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     heading: str = "Residual moments",
+    caption: str = "",
 ) -> Chart:
     """Residual moments of models, before a band of two standard deviations; the last one on top."""
     panels = _panels(titles, time, models, sigma=sigma)
-    return setting.chart("residuals", heading, panels, BESIDE, _GYROS, cut_text(panels))
+    return setting.chart("residuals", heading, panels, caption, _GYROS, cut_text(panels))
 
 
 def moment_by_alpha_chart(
@@ -198,7 +197,7 @@ def _panels(
     dots: bool = False,
 ) -> list[Panel]:
     """A panel for each moment: the measured one, if any, within its noise, and the models on top."""
-    factor, suffix = scale_of(*(measured or ()), *(values for m in models for values in m.moments))
+    factor, suffix = scale_of(*(measured or ()), *(values for m in models if not m.hidden for values in m.moments))
     panels = []
     for k, title in enumerate(titles):
         layers: list[Layer] = []
@@ -208,14 +207,12 @@ def _panels(
             layers.append(Band(x, centre - wide, centre + wide))
         if measured is not None:
             layers.append(Line(x, factor * np.asarray(measured[k], dtype=float), "measured", "measured", dots=True))
-        layers += [Line(x, factor * np.asarray(m.moments[k], dtype=float), m.role, m.name, dots=dots) for m in models]
+        layers += [
+            Line(x, factor * np.asarray(m.moments[k], dtype=float), m.role, m.name, dots=dots, hidden=m.hidden)
+            for m in models
+        ]
         panels.append(framed(Panel(f"{title}{suffix}", layers)))
     return panels
-
-
-def caption(*sentences: str) -> str:
-    """The sentences of a caption that are not empty, one after the other."""
-    return " ".join(sentence for sentence in sentences if sentence)
 
 
 def difference(measured: Moments, fitted: Moments) -> Moments:
@@ -246,8 +243,10 @@ def motion_chart(
     return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 
 
-def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], rates: Mapping[str, float]) -> Chart:
-    """Spectra of moments, both planes together, with the frequencies (Hz) of `rates` marked."""
+def spectrum_chart(
+    setting: Setting, time: Values, histories: Sequence[Drawn], roll_rate: Values, meridian_rate: Values
+) -> Chart:
+    """Spectra of moments, both planes together, with the median frequencies of the rates (rad/s) that are known."""
     sample_rate = 1.0 / float(np.median(np.diff(np.asarray(time, dtype=float))))
     known = np.all([np.isfinite(values) for each in histories for values in each.moments], axis=0)
     size = min(_SEGMENT, int(np.count_nonzero(known)))
@@ -257,7 +256,9 @@ def spectrum_chart(setting: Setting, time: Values, histories: Sequence[Drawn], r
         frequency = np.asarray(planes[0][0])[1:]  # from above zero
         powers.append(np.maximum(planes[0][1] + planes[1][1], np.finfo(float).tiny)[1:])
     most = float(frequency[np.searchsorted(np.cumsum(powers[0]), _SHARE * np.sum(powers[0]))])
-    marks = {name: at for name, at in rates.items() if np.isfinite(at)}
+    known = {"roll": roll_rate, "meridian": meridian_rate}
+    known = {name: np.abs(rate) for name, rate in known.items() if len(rate) and np.all(np.isfinite(rate))}
+    marks = {name: float(np.median(rate)) / (2.0 * np.pi) for name, rate in known.items()}
     highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
     shown = frequency <= highest
     layers = [
@@ -309,7 +310,7 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
     most = 1.1 * max([BEYOND_TOLERANCE, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
     marks = [Mark(side * BEYOND_TOLERANCE) for side in (-1.0, 1.0)]
-    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; the verdict names errors beyond."
+    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; errors beyond are named above."
     title = "error over its tolerance"
     return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
 
@@ -329,14 +330,14 @@ def process_chart(
     return setting.chart(name, heading, panels, "Moments by the rms of their shape. Bands: 2 sigma.")
 
 
-def masked(faults: Iterable[RecordFaultSummary | RecordFault], length: float) -> list[tuple[float, float, str]]:
-    """Intervals to shade for faults; of spikes, that are single samples, the first and the last; for what contradicts
-    the record as a whole, none.
+def masked(faults: Iterable[RecordFault], length: float) -> list[tuple[float, float, str]]:
+    """Intervals to shade for faults; of single samples the first and the last; for what contradicts the record as a
+    whole, none.
     """
     found = []
     for fault in faults:
         narrow = _NARROWEST * length
-        if fault.fault == "spikes":
+        if fault.of_single_samples:
             found += [(at - 0.5 * narrow, at + 0.5 * narrow, "") for at in {fault.start_s, fault.stop_s}]
         elif fault.stop_s - fault.start_s < _WHOLE * length:
             found.append((fault.start_s, max(fault.stop_s, fault.start_s + narrow), "masked"))
@@ -347,12 +348,6 @@ def knots_of(terms: Iterable[TermEstimate], start: float, stop: float) -> list[f
     """Times inside the record at which a model's coefficients begin, change or end."""
     edges = {edge for term in terms if term.region_s is not None for edge in term.region_s}
     return sorted(edge for edge in edges if start < edge < stop)
-
-
-def turning_rates(roll_rate: Values, meridian_rate: Values) -> dict[str, float]:
-    """Frequencies (Hz) of roll and of the windward meridian: medians of the rates' size (rad/s)."""
-    known = {name: rate for name, rate in (("roll", roll_rate), ("meridian", meridian_rate)) if len(rate)}
-    return {name: float(np.median(np.abs(np.asarray(rate)))) / (2.0 * np.pi) for name, rate in known.items()}
 
 
 def estimate(
@@ -366,7 +361,7 @@ STATIC = ("static-slope", "Slope of the static moment", "C<sub>m,in</sub> by alp
 DAMPING = ("damping", "Damping, processes included", "C<sub>mq</sub>, 1/rad")
 
 
-def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str) -> Chart:
+def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str, axis: str, read: str = "") -> Chart:
     """The moment or a derivative of it by Mach number, or by time where that is not known or stays about the same."""
     by_mach = bool(np.all(np.isfinite(slope.mach))) and np.ptp(slope.mach) > _ONE_MACH * max(slope.mach)
     x = np.array(slope.mach if by_mach else slope.time_s)
@@ -384,9 +379,8 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
     panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]
     suffix, which = ("", "") if flights == 1 else (f"-{slope.flight + 1}", f", flight {slope.flight + 1}")
     stable = "Negative is stable." if axis.endswith("1/rad") else ""
-    read = caption(stable, "Bands: two standard deviations.", cut_text(panels))
-    title = "Mach number" if by_mach else TIME
-    return Chart(f"{anchor}{suffix}", f"{heading}{which}", title, panels, caption=read)
+    read = " ".join(filter(None, (read, stable, "Bands: two standard deviations.", cut_text(panels))))
+    return Chart(f"{anchor}{suffix}", f"{heading}{which}", "Mach number" if by_mach else TIME, panels, caption=read)
 
 
 def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) -> list[Chart]:
@@ -398,11 +392,23 @@ def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) ->
     return [setting.chart("air", "Mach number and dynamic pressure", panels)]
 
 
+def flight_charts(setting: Setting, kept: MotionHistories) -> list[Chart]:
+    """Air data, motion and attitude of the histories of a result, as far as they are known."""
+    time, angles = kept.time_s, (kept.alpha_rad, kept.windward_meridian_rad)
+    found = air_chart(setting, time, kept.mach, kept.dynamic_pressure_pa)
+    if kept.alpha_rad:
+        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
+        found.append(motion_chart(setting, time, *angles, *sigmas))
+    if kept.roll_rate_rad_s:
+        found.append(attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
+    return found
+
+
 _CAPTION = (
     "Attitude to the wind in axes that do not roll; the roll angle counts from the start. "
     "A circle is coning, a line planar motion, a centre off the middle a trim that does not roll."
 )
-_SEVERAL = " Each interval begins at the dot. After zooming a chart over time, the intervals are those of its range."
+_SEVERAL = " Each interval begins at the dot."
 
 
 def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:

@@ -17,7 +17,7 @@ from brv_hypo.io.text import interval, number
 from brv_hypo.motion import Reconstruction
 from brv_hypo.motion.inertial import body_attitude
 from brv_hypo.report import motion_charts as charts
-from brv_hypo.report.document import Chart, Document, Line, Panel, Picture, Table, Texts
+from brv_hypo.report.document import Chart, Document, Line, Panel, Table, Texts
 from brv_hypo.report.motion_charts import Drawn, Setting
 from brv_hypo.report.tables import motion_known
 
@@ -55,7 +55,7 @@ def record_document(flight: Flight) -> Document:
         conclusion_title="Record",
         conclusion=flight.headline(),
         decided=not flight.faults,
-        blocks=(*map(Picture, record_charts(setting, flight)), Texts(flight.notes, "Notes")),
+        blocks=(*record_charts(setting, flight), Texts(flight.notes, "Notes")),
     )
 
 
@@ -67,14 +67,14 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     setting = Setting((start, stop), masked=charts.masked(result.flight.faults, stop - start))
     angles = (motion.time, motion.alpha, motion.windward_meridian)
     measured = (plane.real, plane.imag)
-    rates = charts.turning_rates(motion.p, motion.windward_meridian_rate)
+    rates = (motion.p, motion.windward_meridian_rate)
     return [
         *record_charts(setting, result.flight),
         charts.motion_chart(setting, *angles, result.alpha_sigma, result.phi_w_sigma),
         charts.moment_chart(setting, time, measured, result.moments.sigma[usable], ()),
         charts.attitude_chart(setting, *angles, motion.p),
         charts.moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
-        charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured")], rates),
+        charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured")], *rates),
     ]
 
 
@@ -103,7 +103,7 @@ def reconstruction_document(result: Reconstruction) -> Document:
             Table(history_rows(result), words=("history", "unit")),
             Texts(noise, bullets=False),
             Texts(result.warnings, "Warnings", warning=True),
-            *(Picture(chart) for chart in reconstruction_charts(result)),
+            *reconstruction_charts(result),
             Texts(flight.notes, "Notes", shown="page"),
         ),
     )

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from brv_hypo.comparison.result import (
+    LEAST_PROCESS,
     Comparison,
     DerivedEstimate,
     FlightSummary,
@@ -17,8 +18,8 @@ from brv_hypo.comparison.result import (
     RecordError,
     RecordSummary,
     TermEstimate,
+    beyond_tolerances,
 )
-from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
@@ -30,7 +31,6 @@ _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader need
 ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
-LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
     "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
@@ -101,8 +101,13 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
     others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
-    read = Texts((_PROCESSES,) if shown else (), bullets=False, shown="page")
-    return [read, Texts(others, bullets=False, shown="verbose" if shown else "always")]
+    return [
+        Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
+        Texts(others, bullets=False, shown="verbose" if shown else "always"),
+        Texts(
+            [each.as_planted for each in shown[:ROWS_AT_FIRST]], "To plant the largest again (simulate)", shown="page"
+        ),
+    ]
 
 
 def net_values(row: RankedHypothesis) -> list[TermEstimate]:
@@ -116,8 +121,10 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
     leader = comparison.ranking[:1]
     net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
-    table = term_table("Estimates of the leader", net, "always", most=ROWS_AT_FIRST)
-    derived = derived_texts(e for row in leader for e in row.derived if e.region_s is None)
+    heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
+    table = term_table(heading, net, "always", most=ROWS_AT_FIRST)
+    known = [e for row in leader for e in row.derived if e.region_s is None]
+    derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
     shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
     return [table, Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)]
 
@@ -145,8 +152,7 @@ def error_table(errors: Sequence[RecordError]) -> Table:
         if abs(each.tolerances) > LEAST_ERROR
     ]
     heading = "Errors of more than one tolerance"
-    beyond = [k for k, each in enumerate(errors) if abs(each.tolerances) > BEYOND_TOLERANCE]
-    return Table(rows, heading, ("error", "unit"), beyond, shown="verbose")
+    return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
 
 
 def function_table(comparison: Comparison) -> Table:
@@ -251,8 +257,8 @@ def motion_known(method: str, alpha_sigma: float, meridian_sigma: float) -> str:
 
 def fault_texts(record: RecordSummary, reported: str = "") -> list[str]:
     """The faults of the record but those that are `reported` already."""
-    return [
-        f"{fault.channel}: {fault.fault}, {interval((fault.start_s, fault.stop_s))} s: {fault.action}"
-        for fault in record.faults
-        if fault.action not in reported
-    ]
+    channels: dict[str, list[str]] = {}  # by what all of them have in common
+    for fault in record.faults:
+        if fault.action not in reported:
+            channels.setdefault(f"{fault.fault}, {fault.action}, {fault.when}", []).append(fault.channel)
+    return [f"{', '.join(names)}: {text}" for text, names in channels.items()]

@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from brv_hypo.io.text import printable
-from brv_hypo.report.document import Block, Document, Picture, Table, Texts, flat
+from brv_hypo.report.document import Block, Chart, Document, Table, Texts, flat
 
 _BETWEEN = 2  # characters between columns
 _LEAST_TEXT = 12  # characters below which a column of words is not folded further
@@ -44,7 +44,7 @@ def blocks_view(blocks: Sequence[Block], verbose: bool) -> Group:
 
 
 def _lines(block: Block, verbose: bool) -> Iterator[RenderableType]:
-    if isinstance(block, Picture):
+    if isinstance(block, Chart):
         return
     if isinstance(block, Texts) and block.bullets:
         texts = list(dict.fromkeys(block.texts))

@@ -7,14 +7,23 @@ from __future__ import annotations
 
 import numpy as np
 
+from brv_hypo.comparison.result import beyond_text
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
-from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Picture, Section, Table, Texts, thinned
+from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
 from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
+
+TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
+
+EXTRAPOLATED = "No sample is there: it is extrapolated from the angles flown."
+STATIC_TRACED = (
+    "Of the model, which has no processes; its errors allow for no lack of fit. At alpha = 0 it is extrapolated by the "
+    "model's bend; compare, which leaves the bend to a process, may differ there: quote the slope at the angle flown."
+)
 
 
 def _charts(result: Trace) -> dict[str, list[Chart]]:
@@ -27,27 +36,22 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     time, measured = kept.time_s, kept.measured
     residuals = [Drawn("before", kept.before, "second"), Drawn("after", kept.after, "first")]
     model = Drawn("model", charts.difference(measured, kept.after), "first")
-    rates = charts.turning_rates(kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
-    heading = "Residual moments, before and after"
-    angles = (kept.alpha_rad, kept.windward_meridian_rad)
-    motion = charts.air_chart(setting, time, kept.mach, kept.dynamic_pressure_pa)
-    if kept.alpha_rad:
-        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
-        motion.append(charts.motion_chart(setting, time, *angles, *sigmas))
-        motion.append(charts.attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
+    rates = (kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     return {
-        "Air data and motion": motion,
+        "Air data and motion": charts.flight_charts(setting, kept),
         "Moments, measured and modelled": [
-            charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY),
-            charts.residual_chart(setting, time, kept.sigma, residuals, BODY, heading),
+            charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY, TRACED),
+            charts.residual_chart(
+                setting, time, kept.sigma, residuals, BODY, "Residual moments, before and after", TRACED
+            ),
         ],
         "Residual diagnostics": [
             *charts.whiteness_charts(setting, kept.whitened),
-            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], rates),
+            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates),
         ],
         "Static slope and damping": [
-            derivative_chart(each, len(some), *named)
-            for some, named in ((result.static_slopes, STATIC), (result.damping, DAMPING))
+            derivative_chart(each, len(some), *named, read)
+            for some, named, read in ((result.static_slopes, STATIC, STATIC_TRACED), (result.damping, DAMPING, ""))
             for each in some
         ],
     }
@@ -101,23 +105,27 @@ def trace_document(result: Trace) -> Document:
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
+    trouble = "" if result.ml is None else result.ml.trouble
     conclusion = (
         "" if sound else CONTRADICTED,
         f"Found: {found}." if found else "No effect was found.",
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
         families_text(result.steps[0]),
-        result.static_stability,
+        f"{result.static_stability} {EXTRAPOLATED}" if result.static_stability else "",
         result.dynamic_stability,
         _STOPPED[result.stopped],
         result.unexplained,
-        f"Maximum likelihood: {result.ml.trouble}." if result.ml is not None and result.ml.trouble else "",
+        beyond_text(result.record_errors),
+        f"Maximum likelihood, {trouble}: quote the table of the model." if trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
         for each in result.account
     ]
     account.append({"model": "noise alone", "held out": number(result.noise), "sigma": ""})
-    errors = Table(account, "Mean square of the moment error, model by model", ("model",))
+    errors = Table(
+        account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
+    )
     drawn, known = _charts(result), result.record_errors
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
@@ -132,8 +140,8 @@ def trace_document(result: Trace) -> Document:
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
-        *(Section(name, list(map(Picture, some)), name.startswith("Air")) for name, some in drawn.items()),
-        Section("Errors of instruments and vehicle", [Picture(charts.errors_chart(known)), error_table(known)]),
+        *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
+        Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),
     ]
@@ -146,7 +154,7 @@ def trace_document(result: Trace) -> Document:
         blocks=sections,
         ahead=(errors,),
         beside=(
-            Picture(families_chart(result.steps[0])),
+            families_chart(result.steps[0]),
             Texts(related, bullets=False, shown="page" if result.findings else "always"),
         ),
     )
@@ -260,7 +268,7 @@ def prediction_document(result: Prediction) -> Document:
             Table(errors, "Mean square of the moment coefficients", ("moments less",)),
             Table(regions, "Error with the frozen model over that without a model, by interval of time"),
             Table(differences, WHERE_IT_DIFFERS, ("term", "units")),
-            *(Picture(chart) for chart in prediction_charts(result)),
+            *prediction_charts(result),
             term_table("Frozen", result.frozen, "always", most=COEFFICIENTS_AT_FIRST),
             term_table("Fitted to this flight", result.refitted, "always", most=COEFFICIENTS_AT_FIRST),
             Texts(fault_texts(result.record), "Warnings", warning=True),

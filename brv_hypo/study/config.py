@@ -20,7 +20,6 @@ from pydantic import AfterValidator, Field, model_validator
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison import CompareConfig
-from brv_hypo.comparison.result import RecordFaultSummary
 from brv_hypo.flight.clock import sigma_of_differences
 from brv_hypo.flight.plausibility import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Record, RecordFault
@@ -48,7 +47,7 @@ class PlantedFault:
     kind: str
     corrupt: Corruption
 
-    def named_by(self, faults: Iterable[RecordFault | RecordFaultSummary]) -> bool:
+    def named_by(self, faults: Iterable[RecordFault]) -> bool:
         """Whether any of `faults` names the channels, all and no others, and the kind."""
         return any(
             fault.fault == self.kind and set(fault.channel.split(", ")) == set(self.channels) for fault in faults

@@ -128,7 +128,7 @@ def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     if len(problem.records) > 1 or not any(bounds.values()):
         return fit
     fit = with_errors(problem, replace(fit, bound_cost=0.0))
-    values = [(net.value, bounds[net.mechanism].get(net.term)) for each in intervals(fit) for net in each.values]
+    values = [(net.value, bounds[net.mechanism].get(net.name)) for each in intervals(fit) for net in each.values]
     absurd = any(max(at[0] - value, value - at[1]) > at[1] - at[0] for value, at in values if at)
     return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
 

@@ -15,8 +15,9 @@ from scipy import stats
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
+from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
-from brv_hypo.comparison.summary import channel_of, estimate, flight_summary, likelihood_block, motion_histories
+from brv_hypo.comparison.summary import channel_of, flight_summary, likelihood_block, motion_histories
 from brv_hypo.constants import (
     LIKELIHOOD_STEPS,
     MODEL_ERROR_CHANCE,
@@ -33,11 +34,12 @@ from brv_hypo.inference.derivatives import Derivative, along_flight, along_fligh
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
 from brv_hypo.inference.uncertainty import Regressed, ResidualMoments
+from brv_hypo.io.text import number
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.model import Model, ModelError, SavedModel
+from brv_hypo.model.model import Model, ModelError, SavedModel, digest
 from brv_hypo.model.term import BASELINE, Regressor, TimeBasis, evaluated
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -153,8 +155,8 @@ def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
     said = "is unstable" if unstable else "is not significantly stable"
     return (
         f"At alpha = 0 the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
-        f"{values[worst]:.2g} ± {errors[worst]:.1g} per rad at {slope.time_s[worst]:.0f} s, and "
-        f"{slope.at_flown[worst]:.2g} ± {slope.at_flown_std_error[worst]:.1g} at the "
+        f"{number(values[worst], 2)} ± {number(errors[worst], 1)} per rad at {slope.time_s[worst]:.0f} s, and "
+        f"{number(slope.at_flown[worst], 2)} ± {number(slope.at_flown_std_error[worst], 1)} at the "
         f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."
     )
 
@@ -257,6 +259,7 @@ def _definition(fit: Fit, model: Model, found: Coefficients) -> SavedModel:
             "error": model_error(fit.data, fit.left, left),
             "found_on": tuple(flight.path or flight.title for flight in flights),
             "times": tuple((float(flight.time[0]), float(flight.time[-1])) for flight in flights),
+            "digests": tuple(map(digest, flights)),
             "flown": _flown(fit.data),
         }
     )

@@ -258,6 +258,16 @@ class TestMechanisms:
         assert "brv-hypo" in done.stdout
         assert "wind-fixed" in done.stdout
 
+    def test_lists_what_a_simulation_plants(self, brv_hypo):
+        shown = brv_hypo("mechanisms", "-v", "--json", "list.json").stdout
+        assert re.search(r"research_cone +sticking, lag, bodyfixed", shown)
+        assert "C_b cos(phi_b), C_b sin(phi_b)" in " ".join(shown.split())
+        assert "theta delay (s)" in " ".join(shown.split())
+        found = strict_json(brv_hypo("mechanisms", "--json", "-").stdout)
+        planted = {each["name"]: each["planted"] for each in found["mechanisms"]}
+        assert planted["gyro_drift"][0] == "p 0 (rad/s)"
+        assert "magnus" in found["plantable"]["research_cone"]
+
     def test_check_reports_every_check(self, brv_hypo):
         result = strict_json(brv_hypo("mechanisms", "check", "lag", "--json", "-").stdout)
         assert result["passed"] is True

@@ -105,22 +105,6 @@ def test_the_report_shows_the_residual_before_and_after(traced):
             {"schema": "brv-hypo/compare/1", "verdict": {"winner": None}, "ranking": [{"mechanism": "lag+trim"}]},
             "lag+trim",
         ),
-        (
-            {
-                "schema": "brv-hypo/trace/1",
-                "model": {
-                    "terms": [
-                        {"mechanism": "baseline", "channel": "in-plane"},
-                        {"mechanism": "trim", "channel": "both"},
-                        {"mechanism": "trim", "channel": "both"},
-                        {"mechanism": "lag", "channel": "both"},
-                        {"mechanism": "gyro_bias", "channel": "record"},
-                    ]
-                },
-            },
-            "trim+lag",
-        ),
-        ({"schema": "brv-hypo/trace/1", "model": {"terms": []}}, "none"),
     ],
 )
 def test_a_model_starts_with_its_mechanisms(tmp_path, content, hypothesis):

@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from brv_hypo.comparison.adequacy import Alternative, outside
+from brv_hypo.comparison.judgement import Alternative, outside
 from brv_hypo.mechanisms import find
 from tests.comparison.test_judgement import judged_cone
 

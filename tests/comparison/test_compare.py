@@ -105,6 +105,7 @@ def test_json_carries_the_keys_of_the_contract() -> None:
         "units",
         "share_of_moment",
         "tolerance",
+        "planted",
     }
     assert set(content["verdict"]["adequacy"]) == {"ratio", "p_value", "adequate"}
     assert set(content["verdict"]["limits"][0]) == {"mechanism", "share_of_moment_95"}

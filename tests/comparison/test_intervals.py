@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from brv_hypo_mechanisms.bodyfixed import BodyFixed
 
-from brv_hypo.comparison.intervals import Interval, intervals, out_of_bounds, within_bounds
+from brv_hypo.comparison.intervals import intervals, out_of_bounds, within_bounds
+from brv_hypo.comparison.result import NetInterval
 from brv_hypo.constants import SECOND_ORDER_VALUES
 from brv_hypo.mechanisms import find
 from tests.comparison.pulse import fitted, pulse
@@ -20,16 +21,16 @@ INSIDE = 3.0
 """A time within the pulse, s."""
 
 
-def at(time: float) -> Interval:
-    return next(each for each in intervals(fitted("bodyfixed")) if each.start <= time < each.stop)
+def at(time: float) -> NetInterval:
+    return next(each for each in intervals(fitted("bodyfixed")) if each.start_s <= time < each.stop_s)
 
 
 def test_intervals_follow_each_other_over_the_whole_record() -> None:
     found, time = intervals(fitted("bodyfixed")), fitted("bodyfixed").frame.time
-    assert found[0].start == time.min()
-    assert found[-1].stop == time.max()
-    assert all(one.stop == following.start for one, following in itertools.pairwise(found))
-    assert all(each.start < each.stop for each in found)
+    assert found[0].start_s == time.min()
+    assert found[-1].stop_s == time.max()
+    assert all(one.stop_s == following.start_s for one, following in itertools.pairwise(found))
+    assert all(each.start_s < each.stop_s for each in found)
 
 
 def test_the_order_of_the_columns_is_that_of_nothing() -> None:
@@ -44,18 +45,18 @@ def test_the_order_of_the_columns_is_that_of_nothing() -> None:
         joint_covariance=fit.joint_covariance[np.ix_(order, order)],
     )
     for one, other in zip(intervals(fit), intervals(turned), strict=True):
-        assert (one.start, one.stop) == (other.start, other.stop)
-        assert {net.term: pytest.approx(net.value) for net in one.values} == {
-            net.term: net.value for net in other.values
+        assert (one.start_s, one.stop_s) == (other.start_s, other.stop_s)
+        assert {net.name: pytest.approx(net.value) for net in one.values} == {
+            net.name: net.value for net in other.values
         }
 
 
 def test_magnitude_and_direction_of_a_pulse_are_the_planted_ones() -> None:
     (planted,) = pulse().config.mechanisms
-    assert planted.start == pytest.approx(at(INSIDE).start, abs=0.02)
-    assert planted.stop == pytest.approx(at(INSIDE).stop, abs=0.02)
+    assert planted.start == pytest.approx(at(INSIDE).start_s, abs=0.02)
+    assert planted.stop == pytest.approx(at(INSIDE).stop_s, abs=0.02)
     cosine, sine = planted.terms["C_b cos(phi_b)"], planted.terms["C_b sin(phi_b)"]
-    derived = {each.name: each for _, each in at(INSIDE).derived}
+    derived = {each.name: each for each in at(INSIDE).values}
     for name, value, largest in (
         ("C_b", np.hypot(cosine, sine), 0.05 * np.hypot(cosine, sine)),
         ("phi_b", np.arctan2(sine, cosine), 0.05),
@@ -88,13 +89,13 @@ def test_values_that_no_body_has_cost_what_their_bounds_take() -> None:
 
     class Bounded(BodyFixed):
         bounds: ClassVar[Mapping[str, tuple[float, float]]] = {
-            largest.term: (-0.5 * abs(largest.value), 0.5 * abs(largest.value))
+            largest.name: (-0.5 * abs(largest.value), 0.5 * abs(largest.value))
         }
 
     held = replace(fit, mechanisms=(Bounded(),))
     excess = out_of_bounds(held)
     assert excess is not None
-    assert largest.term in excess.words
+    assert largest.name in excess.words
     error = np.hypot(largest.std_error, np.sqrt(SECOND_ORDER_VALUES) * largest.value)
     assert excess.sigmas == pytest.approx(0.5 * abs(largest.value) / error)
     assert within_bounds(held).information == pytest.approx(fit.information + excess.sigmas**2)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import Explained, ProcessEstimate, Verdict
-from brv_hypo.comparison.verdict import NONE, OTHER, Candidate, Fit, decide, judge, probabilities
+from brv_hypo.comparison.verdict import NONE, OTHER, Candidate, Fit, decide, judge, probabilities, with_prediction_error
 from brv_hypo.constants import OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.thresholds import NOISE_LEVEL
 
@@ -21,6 +21,7 @@ STRETCHES = 12
 ROWS = 1000
 GOOD = Fit(noise=1.0, rows=ROWS, explains=800.0)
 SIDE = "a moment that no mechanism on the list has (side moment from 2.00 s)"
+NONE_ADEQUATE = "None of the hypotheses is adequate (possible, with noise as its residual)"
 NAMES = (NONE, "lag", "sticking", "damping", "bodyfixed", "inplane")
 LEVELS = st.floats(-1e4, 1e4)
 
@@ -138,6 +139,13 @@ def test_a_clear_leader_is_named() -> None:
     )
 
 
+def test_a_name_that_predicts_held_out_blocks_worse_than_the_baseline_is_said_to() -> None:
+    named, null = said(NULL, LAG), said(NULL)
+    assert with_prediction_error(named, 0.4) == named
+    assert "its prediction error is 130 % of the baseline's" in with_prediction_error(named, 1.3).reason
+    assert with_prediction_error(null, 1.3) == null
+
+
 def test_the_baseline_may_be_named() -> None:
     verdict = said(candidate(NONE, 0.0), candidate("lag", -8.0))
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == (NONE, "named", (NONE,))
@@ -210,9 +218,7 @@ def test_a_value_that_no_body_can_have_makes_none_adequate() -> None:
     assert verdict.probability["lag"] == 0.0
     assert verdict.probability[OTHER] > 0.99
     assert sum(verdict.probability.values()) == pytest.approx(1.0)
-    assert verdict.reason == (
-        f"None of the hypotheses is adequate: lag fits best, but with {eps}. `brv-hypo trace` looks for what it is."
-    )
+    assert verdict.reason == (f"{NONE_ADEQUATE}: lag fits best, but with {eps}. `brv-hypo trace` looks for what it is.")
 
 
 def test_an_impossible_rival_is_no_matter() -> None:
@@ -265,7 +271,7 @@ def test_what_explains_the_flight_better_than_any_on_the_list_makes_none_adequat
     assert verdict.adequacy is not None
     assert not verdict.adequacy.adequate
     assert verdict.reason == (
-        f"None of the hypotheses is adequate: lag fits best of them, but {SIDE} fits better (probability of something "
+        f"{NONE_ADEQUATE}: lag fits best of them, but {SIDE} fits better (probability of something "
         "else above 0.99). `brv-hypo trace` looks for what it is."
     )
 

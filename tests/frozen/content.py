@@ -14,7 +14,8 @@ from typing import Any
 
 LONGEST = 50
 """Values of an array that are kept; the first and the last are among them."""
-LEFT_OUT = frozenset({"seconds", "version", "path", "found_on"})
+LEFT_OUT = frozenset({"seconds", "version", "path", "found_on", "digests", "own_record", "planted"})
+"""What no two runs share, digests of rounded histories among it; and processes again, spline by spline."""
 TEXTS = frozenset(
     {
         "caveats",

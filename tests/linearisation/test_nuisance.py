@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from brv_hypo.comparison import CompareConfig
-from brv_hypo.comparison.preparation import Settings, _problem, prepare
+from brv_hypo.comparison.preparation import Settings, _problem, shared_problem
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import carrying
 from brv_hypo.inference.problem import Problem
@@ -40,7 +40,7 @@ def noisier(flight: Flight, seed: int) -> Flight:
 
 @cache
 def problem(seed: int) -> Problem:
-    return prepare([reconstruct(noisier(nominal(USUAL_RATE_HZ).flight, seed))], CompareConfig())
+    return shared_problem([reconstruct(noisier(nominal(USUAL_RATE_HZ).flight, seed))], CompareConfig())[0]
 
 
 def at_half_the_rate() -> Problem:

@@ -22,7 +22,7 @@ from brv_hypo.report.tables import CONTRADICTED
 from brv_hypo.report.trace import WHERE_IT_DIFFERS, band_chart, prediction_charts, prediction_document
 from brv_hypo.simulation import SimulationConfig, simulate
 from brv_hypo.tracing import Trace, TraceConfig, trace
-from tests.chains import TRIM, traced_trim, trimmed_cone
+from tests.chains import TRIM, traced_trim, trimmed, trimmed_cone
 from tests.shared_data import shared_file
 from tests.studies.loop.planting import another_flight
 
@@ -112,6 +112,19 @@ def test_the_change_stands_on_the_page_and_survives_its_json(changed: Prediction
     rows = [row for table in tables if table.heading == WHERE_IT_DIFFERS for row in table.rows]
     assert [row["term"] for row in rows] == ["C_malpha"]
     assert Prediction.model_validate_json(changed.model_dump_json(by_alias=True)) == changed
+
+
+def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
+    """A copy is the same record; what the model was fitted with is fitted again."""
+    found = predict(replace(trimmed().flight, path="copy.h5"), traced)
+    assert found.own_record
+    assert found.reason.startswith("The model was estimated from this very record")
+    assert (found.refused, found.difference, found.local_change) == (False, None, None)
+    assert "contradicts" not in found.reason.partition("not tested.")[2]
+    assert "--refit" not in found.reason
+    assert found.error.frozen < 1.1 * found.error.noise
+    assert found.band.inside == pytest.approx(found.band.level, abs=0.02)
+    assert found.flown == 1.0
 
 
 def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:

@@ -11,8 +11,8 @@ import pytest
 
 import brv_hypo
 from brv_hypo.docs.manual import site
-from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Picture, Section, Span
-from brv_hypo.report.html import Provenance, page
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Span
+from brv_hypo.report.html import page
 from brv_hypo.report.many_flights import study_document
 from brv_hypo.report.motion_charts import Setting, attitude_chart, motion_chart
 from brv_hypo.report.write import document_of
@@ -120,8 +120,8 @@ def charts() -> list[Chart]:
 
 
 def report(extra: str = "") -> str:
-    document = Document("t", (), "c", "words", True, [Picture(chart) for chart in charts()])
-    return page(document, Provenance()).replace("</body>", f"{extra}</body>")
+    document = Document("t", (), "c", "words", True, charts())
+    return page(document).replace("</body>", f"{extra}</body>")
 
 
 @pytest.mark.parametrize("width", [800, pytest.param(1600, marks=pytest.mark.thorough)])
@@ -140,10 +140,10 @@ def pages() -> dict[str, str]:
         "predict": brv_hypo.predict(trimmed().flight, traced_trim()),
         "reconstruct": reconstructed(),
     }
-    drawn = {name: page(document_of(result), Provenance()) for name, result in results.items()}
+    drawn = {name: page(document_of(result)) for name, result in results.items()}
     outcomes = [outcome("lag", "lag", winner="lag", repeat=i, effect=0.1 + 0.02 * i) for i in range(6)]
     studied = summarise(StudyConfig(title="made up", vehicles=("cone",), planted=("none", "lag"), flights=6), outcomes)
-    return {**drawn, "study": page(study_document(studied, outcomes), Provenance())}
+    return {**drawn, "study": page(study_document(studied, outcomes))}
 
 
 @pytest.mark.parametrize("name", ["compare", "trace", "predict", "reconstruct", "study"])
@@ -160,9 +160,9 @@ def test_pages_of_results_are_drawn_narrow_and_wide_light_and_dark(shown, pages,
 
 
 def test_a_folded_chart_is_drawn_at_the_zoom_of_the_others_when_its_section_is_linked_to(shown) -> None:
-    one, two, _ = (Picture(chart) for chart in charts())
+    one, two, _ = charts()
     document = Document("t", (), "c", "words", True, [Section("First", [one]), Section("Second", [two], folded=True)])
-    root = shown(page(document, Provenance()).replace("</body>", f"{FOLD}</body>"))
+    root = shown(page(document).replace("</body>", f"{FOLD}</body>"))
     assert "data-failed" not in root
     assert 'data-before="1"' in root
     assert 'data-drawn="2"' in root
@@ -180,8 +180,8 @@ def test_a_path_is_divided_into_the_stretches_of_its_chart_and_anew_by_a_zoom(sh
     alpha = np.full(2001, 0.05)
     path = attitude_chart(setting, time, alpha, -2.0 * np.pi * 2.0 * time, np.zeros(2001))
     charts = (motion_chart(setting, time, alpha, alpha), path)
-    document = Document("t", (), "c", "words", True, [Picture(chart) for chart in charts])
-    root = shown(page(document, Provenance()).replace("</body>", f"{STRETCHES}</body>"))
+    document = Document("t", (), "c", "words", True, charts)
+    root = shown(page(document).replace("</body>", f"{STRETCHES}</body>"))
     assert "data-failed" not in root
     titles = " | ".join([*(panel.title for panel in path.panels), "psi, deg", "theta, deg"])
     assert f'data-whole="{titles}"' in root
@@ -193,9 +193,9 @@ def test_a_path_is_divided_into_the_stretches_of_its_chart_and_anew_by_a_zoom(sh
 def test_charts_fit_a_sheet_when_they_are_printed(shown) -> None:
     """On white paper, two charts of two panels on a sheet of 1000 px, and none higher than it."""
     wave = Panel("y", [Line(np.linspace(0.0, 5.0, 50), np.ones(50), "first")])
-    tall = Picture(Chart("tall", "Tall", "time, s", [wave] * 6))
-    document = Document("t", (), "c", "words", True, [*(Picture(chart) for chart in charts()), tall])
-    html = page(document, Provenance()).replace("</body>", f"{PRINT}</body>")
+    tall = Chart("tall", "Tall", "time, s", [wave] * 6)
+    document = Document("t", (), "c", "words", True, [*charts(), tall])
+    html = page(document).replace("</body>", f"{PRINT}</body>")
     root = shown(html, scheme="dark")
     assert "data-failed" not in root
     sizes = re.search(r'data-sizes="([^"]*)"', root)[1].split()

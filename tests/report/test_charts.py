@@ -26,14 +26,13 @@ from brv_hypo.report.document import (
     Line,
     Mark,
     Panel,
-    Picture,
     Span,
     Table,
     Texts,
     wrapped_degrees,
 )
 from brv_hypo.report.figures import chart_figure
-from brv_hypo.report.html import Provenance, page, plotly_chart
+from brv_hypo.report.html import page, plotly_chart
 from brv_hypo.report.motion_charts import Setting, attitude_chart, process_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.terminal import terminal_view
@@ -119,16 +118,33 @@ def test_stretches_of_a_path_are_squares_at_one_scale_in_a_picture() -> None:
     assert [axes.get_title() for axes in figure.axes] == [panel.title for panel in cone(90).panels]
 
 
-def test_what_the_baseline_leaves_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:
-    series = comparison.series[0]
-    left, beyond = charts["excess-by-alpha-1"].panels[1].layers
-    np.testing.assert_allclose(left.y, 1e3 * np.subtract(series.measured[1], series.fitted["none"][1]))
-    np.testing.assert_allclose(beyond.y, 1e3 * np.subtract(series.fitted["bodyfixed"][1], series.fitted["none"][1]))
+def test_the_likeliest_mechanism_alone_is_drawn_against_the_angle_of_attack(comparison, charts) -> None:
+    rest, made = comparison.series[0].alone
+    dots, line = charts["excess-by-alpha-1"].panels[1].layers
+    np.testing.assert_allclose(dots.y, 1e3 * np.array(rest[1]))
+    np.testing.assert_allclose(line.y, 1e3 * np.array(made[1]))
+
+
+def test_the_leader_is_drawn_as_it_was_judged(planted) -> None:
+    """A baseline that leads by a process would seem refuted without it: that line is hidden until it is wanted."""
+    series, name = planted.series[0], planted.ranking[0].mechanism
+    measured = np.array(series.measured)
+    far = series.model_copy(update={"fitted": dict.fromkeys(series.fitted, tuple(map(tuple, measured + 1.0)))})
+    drawn = {c.name: c for c in comparison_document(planted.model_copy(update={"series": (far,)})).charts}
+    for plane, panel in enumerate(drawn["moments"].panels):
+        lines = {layer.name: layer for layer in panel.layers if isinstance(layer, Line) and not layer.dots}
+        assert [each.hidden for each in lines.values()] == [False, False, True]
+        assert np.nanmax(np.abs(np.array(lines[name].y) - 1e3 * measured[plane])) < 1.0
+        assert np.nanmin(np.array(lines["no processes"].y) - 1e3 * measured[plane]) > 999.0
+    traces = {each["name"]: each for each in plotly_chart(drawn["moments"])["traces"]}
+    assert traces["no processes"]["visible"] == "legendonly"
+    _, names = chart_figure(drawn["moments"]).axes[0].get_legend_handles_labels()
+    assert "no processes" not in names
 
 
 def test_the_overview_has_what_is_left_for_the_leader_and_what_it_makes_of_that(planted, planted_charts) -> None:
     """Both differ by noise, and where the leader does not act nothing is left; its onset and end are marked."""
-    left, made = (np.array(each) for each in planted.series[0].leader)
+    left, made = (np.array(each) for each in planted.series[0].alone)
     time, known = np.array(planted.series[0].time_s), np.isfinite(left[0])
     marks = {mark.name: mark.at for mark in planted_charts["overview"].marks if mark.name}
     assert set(marks) <= {"onset", "end"}
@@ -158,7 +174,7 @@ def test_a_record_that_is_refused_is_not_said_to_be_without_fault() -> None:
     flight = nominal().flight
     refused = compare(replace(flight, q=-flight.q))
     assert refused.verdict.outcome == "record fault"
-    assert "shows no fault" not in page(comparison_document(refused), Provenance())
+    assert "shows no fault" not in page(comparison_document(refused))
 
 
 def test_the_manual_names_a_file_for_every_figure_of_the_report(charts) -> None:
@@ -184,11 +200,11 @@ def test_a_record_is_drawn_as_it_was_measured() -> None:
     np.testing.assert_allclose(drawn["accelerations"].panels[0].layers[0].y, flight.ax)
 
 
-def test_the_leader_is_drawn_last_and_none_first(charts) -> None:
+def test_the_leader_is_drawn_last(charts) -> None:
     for chart in (charts["moments-1"], charts["residuals-1"]):
         for panel in chart.panels:
-            drawn = [layer.name for layer in panel.layers if isinstance(layer, Line) and not layer.dots]
-            assert drawn == ["baseline only", "bodyfixed"]
+            lines = [layer for layer in panel.layers if isinstance(layer, Line) and not (layer.dots or layer.hidden)]
+            assert [layer.name for layer in lines] == ["bodyfixed", "baseline only"]
 
 
 def test_coefficients_are_the_net_values_between_knots(planted, planted_charts) -> None:
@@ -275,7 +291,7 @@ class TestPlotlyChart:
 
 def test_pages_of_results_have_links_that_resolve_and_ids_given_once(comparison, planted) -> None:
     for one in (comparison, planted):
-        html = page(comparison_document(one), Provenance())
+        html = page(comparison_document(one))
         ids, links = (re.findall(pattern, html) for pattern in (r' id="([^"]*)"', r' href="#([^"]*)"'))
         assert len(set(ids)) == len(ids)
         assert set(links) <= set(ids)
@@ -313,14 +329,15 @@ def test_functions_are_the_planted_ones(planted) -> None:
 class TestPage:
     def test_it_says_where_it_came_from(self, comparison) -> None:
         html = page(
-            comparison_document(comparison), Provenance("brv-hypo compare f.h5", "{knot_count: 5}", (("f.h5", "ab12"),))
+            comparison_document(comparison),
+            {"made by": "brv-hypo compare f.h5", "settings": "{knot_count: 5}", "record f.h5": "SHA-256 ab12"},
         )
         for expected in ("brv-hypo compare f.h5", "{knot_count: 5}", "SHA-256 ab12", "<dt>version</dt>"):
             assert expected in html
         assert len(html) < 1_500_000
 
     def test_a_document_without_charts_needs_no_script(self) -> None:
-        html = page(Document("t", (), "c", "words", True, [Texts(("said",))]), Provenance())
+        html = page(Document("t", (), "c", "words", True, [Texts(("said",))]))
         assert 'id="library"' not in html
         assert len(html) < 20_000
 
@@ -328,10 +345,10 @@ class TestPage:
         """A step's sentence, its table and its outcome; a chart and a heading begin anew."""
         chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
         blocks = (
-            Texts(("residual",), "Step 1"), Table([{"effect": "lag"}]), Texts(("added",)), Picture(chart),
+            Texts(("residual",), "Step 1"), Table([{"effect": "lag"}]), Texts(("added",)), chart,
             Texts(("loose",)), Texts(("mind",), "Warnings", warning=True),
         )  # fmt: skip
-        html = page(Document("t", (), "c", "words", True, blocks), Provenance())
+        html = page(Document("t", (), "c", "words", True, blocks))
         sections = re.findall(r"<section[^>]*>(.*?)</section>", html, flags=re.DOTALL)
         assert len(sections) == 4
         assert all(word in sections[0] for word in ("Step 1", "lag", "added"))
@@ -340,7 +357,7 @@ class TestPage:
 
     def test_text_is_escaped(self) -> None:
         table = Table([{"term": "<b>", "value": "1 & 2"}], "a < b")
-        html = page(Document("<t>", ("<s>",), "c", "<c>", True, [table, Texts(("<x>",))]), Provenance("<cmd>"))
+        html = page(Document("<t>", ("<s>",), "c", "<c>", True, [table, Texts(("<x>",))]), {"made by": "<cmd>"})
         assert not any(tag in html for tag in ("<b>", "<s>", "<c>", "<x>", "<cmd>", "<t>"))
         assert "&lt;b&gt;" in html
 
@@ -407,6 +424,6 @@ class TestDrawing:
 
 
 def test_a_block_without_content_is_left_out() -> None:
-    empty = (Table([]), Texts(()), Picture(Chart("c", "h", "x", ())))
-    html = page(Document("t", (), "c", "words", True, empty), Provenance())
+    empty = (Table([]), Texts(()), Chart("c", "h", "x", ()))
+    html = page(Document("t", (), "c", "words", True, empty))
     assert "<section" not in html

@@ -17,7 +17,7 @@ def test_a_spike_at_the_edge_lies_beyond_the_frame() -> None:
     panel = framed(Panel("y", [Line(TIME, spiked, "first")]))
     assert panel.range is not None
     assert -3.0 < panel.range[0] < -1.0 < 1.0 < panel.range[1] < 3.0
-    assert cut_text([panel]) == "A few values far from all others lie beyond the frame: double-click shows them."
+    assert cut_text([panel]) == "A few values far from all others lie beyond the frame."
 
 
 def test_what_is_not_flattened_keeps_its_frame() -> None:

@@ -11,24 +11,12 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from brv_hypo.comparison.result import RecordFaultSummary, RecordSummary
+from brv_hypo.comparison.result import RecordSummary
+from brv_hypo.flight.record import RecordFault
 from brv_hypo.report.comparison import comparison_document
-from brv_hypo.report.document import (
-    Band,
-    Bars,
-    Chart,
-    Document,
-    Line,
-    Mark,
-    Panel,
-    Picture,
-    Section,
-    Table,
-    Texts,
-    flat,
-)
+from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Table, Texts, flat
 from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
-from brv_hypo.report.html import Provenance, page, plotly_chart, resource
+from brv_hypo.report.html import page, plotly_chart, resource
 from brv_hypo.report.motion_charts import (
     Drawn,
     Setting,
@@ -52,7 +40,7 @@ def test_names_of_rivals_of_one_size_stand_in_one_label() -> None:
     row = comparison.ranking[0]
     cps = {"a": (3, 1.0), "b": (3, 9e3), "c": (3, 1e4), "d": (3, 1.1e4), "e": (4, 1e4)}
     rows = tuple(row.model_copy(update={"mechanism": name, "n_terms": n, "cp": cp}) for name, (n, cp) in cps.items())
-    charts = comparison_document(comparison.model_copy(update={"ranking": rows})).charts
+    charts = comparison_document(comparison.model_copy(update={"ranking": rows, "series": ()})).charts
     _, _, *dots = next(chart for chart in charts if chart.name == "cp").panels[0].layers
     assert [list(each.labels) for each in dots] == [["d\nc\nb", "", ""], ["e"], ["a"]]
 
@@ -92,8 +80,8 @@ def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> Non
 
 def test_a_fault_of_the_whole_record_is_not_shaded_as_masked() -> None:
     faults = [
-        RecordFaultSummary(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),
-        RecordFaultSummary(channel="q", fault="stuck", start_s=1.0, stop_s=2.0, action=""),
+        RecordFault(channel="p, q, r", fault="axes", start_s=0.0, stop_s=5.0, action=""),
+        RecordFault(channel="q", fault="stuck", start_s=1.0, stop_s=2.0, action=""),
     ]
     assert masked(faults, 5.0) == [(1.0, 2.0, "masked")]
 
@@ -149,7 +137,7 @@ class TestPage:
     def test_sections_flow_in_as_many_columns_as_their_blocks_allow(self) -> None:
         """Three of small blocks, two where one is wide or there are two, and one for words alone."""
         chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
-        small, wide = Picture(chart), Picture(replace(chart, over_time=True))
+        small, wide = chart, replace(chart, over_time=True)
         words, columns = Texts(("few",), "Notes"), Table([dict.fromkeys("abcdefghijk", "1")], "many")
         parts = {
             "three": [small] * 3,
@@ -158,16 +146,16 @@ class TestPage:
             "one": [words],
             "all": [columns],
         }
-        html = page(Document("t", (), "c", "words", True, [Section(*part) for part in parts.items()]), Provenance())
+        html = page(Document("t", (), "c", "words", True, [Section(*part) for part in parts.items()]))
         assert re.findall(r'<div class="grid\s*(\w*)"', html) == ["narrow", "", "", "single", "single"]
         assert html.count('<section class="whole">') == 1
 
     def test_sections_fold_and_contents_lead_to_them(self) -> None:
         """Empty ones are left out; every link resolves, and no id is given twice."""
-        chart = Picture(Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])]))
+        chart = Chart("c", "h", "t", [Panel("y", [Line([0.0, 1.0], [0.0, 1.0], "first")])])
         table = Table([{"term": "a, b", "value": "1"}], "C_p <and> size")
         sections = [Section("Moments", [chart, table]), Section("All of it", [table], folded=True), Section("No", [])]
-        html = page(Document("t", (), "c", "words", True, sections), Provenance())
+        html = page(Document("t", (), "c", "words", True, sections))
         assert re.findall(r"<details( open)?>", html) == [" open", ""]
         contents = re.search(r"<nav.*?</nav>", html, re.DOTALL)[0]
         assert re.findall(r'<a href="#([^"]*)">([^<]*)</a>', contents) == [
@@ -179,14 +167,14 @@ class TestPage:
 
     def test_every_table_is_a_csv_file(self) -> None:
         rows = [{"term": 'a, "b"', "value": "1"}, {"term": "<c>", "value": "–"}]
-        html = page(Document("t", (), "c", "words", True, [Table(rows, "Terms", ("term",))]), Provenance())
-        assert 'download="table.csv"' in page(Document("t", (), "c", "words", True, [Table(rows)]), Provenance())
+        html = page(Document("t", (), "c", "words", True, [Table(rows, "Terms", ("term",))]))
+        assert 'download="table.csv"' in page(Document("t", (), "c", "words", True, [Table(rows)]))
         (content,) = re.findall(r'download="terms.csv" href="data:text/csv;charset=utf-8,([^"]*)"', html)
         assert list(csv.DictReader(io.StringIO(unquote(content)))) == rows
 
     def test_what_is_typed_stands_in_one_piece(self) -> None:
         words = "Check the tolerances (--instruments), or look with `brv-hypo trace`; free-form -- as <it> is."
-        html = page(Document("t", (), "c", words, True, [Texts((words,))]), Provenance())
+        html = page(Document("t", (), "c", words, True, [Texts((words,))]))
         expected = (
             "Check the tolerances (<code>--instruments</code>), or look with <code>brv-hypo trace</code>; "
             "free-form -- as &lt;it&gt; is."
@@ -207,7 +195,7 @@ class TestTrace:
     def test_a_record_that_contradicts_itself_is_told_before_what_was_found(self) -> None:
         sound = traced_trim()
         assert sound.record.sound
-        fault = RecordFaultSummary(channel="q", fault="sign", start_s=0.0, stop_s=1.0, action="turn q over")
+        fault = RecordFault(channel="q", fault="sign", start_s=0.0, stop_s=1.0, action="turn q over")
         doubted = sound.model_copy(update={"record": RecordSummary(sound=False, faults=(fault,))})
         document = trace_document(doubted)
         assert document.conclusion_title == "Record in doubt"

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from brv_hypo.report.document import Document
 from brv_hypo.report.figures import chart_figure
-from brv_hypo.report.html import Provenance, page
+from brv_hypo.report.html import page
 from brv_hypo.report.many_flights import MOST_MISTAKES, study_document
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.report.write import RESOLUTION
@@ -43,7 +43,7 @@ def test_the_terminal_lists_some_mistakes_and_all_of_them_with_verbose(document)
 
 
 def test_the_page_shades_the_confusion_and_draws_effects_and_calibration(document) -> None:
-    html = page(document, Provenance())
+    html = page(document)
     assert "rgba(var(--shade), 0.60)" in html
     assert [chart.name for chart in document.charts] == ["effects", "calibration"]
     assert all(b"<svg" in chart_figure(chart).content("svg", RESOLUTION) for chart in document.charts)

@@ -9,7 +9,7 @@ import pytest
 
 from brv_hypo import compare, reconstruct
 from brv_hypo.comparison import CompareConfig
-from brv_hypo.comparison.preparation import prepare
+from brv_hypo.comparison.preparation import shared_problem
 from brv_hypo.linearisation.propagated_motion import linearisation_point, walk_modes
 from brv_hypo.model.baseline import PitchDamping, StaticBend, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct as reconstruction_of
@@ -45,7 +45,9 @@ def test_a_bend_drifts_with_the_speed_where_the_slope_does() -> None:
     """At 30 deg a drift in time left 4e-4 of the moment: it was named `inplane`."""
     made = drawn_flight(134000, 0, "mixed", 1.0, 5, True, True)
     true = made.true
-    problem = prepare([reconstruction_of(made.flight, ReconstructionConfig())], CompareConfig(mechanisms=LISTED))
+    problem = shared_problem(
+        [reconstruction_of(made.flight, ReconstructionConfig())], CompareConfig(mechanisms=LISTED)
+    )[0]
     motion = replace(
         problem.frame.motions[0], alpha=true.alpha, windward_meridian=true.meridian, velocity=true.velocity,
         p=true.rates[:, 0], q=true.rates[:, 1], r=true.rates[:, 2],
