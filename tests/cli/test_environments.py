@@ -27,7 +27,7 @@ STREAMS = [
 ]
 LINES = [*(f"env {variables} {{}}" for variables in VARIABLES), *STREAMS]
 QUICKLY = {STREAMS[1], "env PYTHONIOENCODING=ascii {}"}
-THOROUGH = {*STREAMS[::2], *LINES[::9], "env PYTHONWARNINGS=error {}"}  # of the others the slow tests have all: each takes 3 s
+THOROUGH = {*STREAMS[::2], *LINES[::9], "env PYTHONWARNINGS=error {}"}  # the slow tests have all others: each takes 3 s
 
 
 def _when(line: str) -> pytest.MarkDecorator | tuple[()]:
