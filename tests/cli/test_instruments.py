@@ -31,7 +31,7 @@ def test_a_file_replaces_what_it_names(flight_file, tmp_path):
     assert found.gyro_bias == pytest.approx(np.radians([0.3] * 3))
     assert found.accel_position == pytest.approx((0.001, 0.002, 0.002))
     assert found.wind == of_grade("tactical").wind
-    assert found.described == "tactical with 2 stated tolerances"
+    assert found.described == "tactical but for 2 of 14 tolerances"
 
 
 def test_the_grade_is_at_the_top_of_an_answer(flight_file):
