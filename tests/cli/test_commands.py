@@ -258,8 +258,8 @@ class TestMechanisms:
         assert "brv-hypo" in done.stdout
         assert "wind-fixed" in done.stdout
 
-    def test_lists_what_a_simulation_plants(self, brv_hypo):
-        shown = brv_hypo("mechanisms", "-v").stdout
+    def test_lists_what_a_simulation_plants(self, brv_hypo, tmp_path):
+        shown = brv_hypo("mechanisms", "-v", "--json", "list.json", cwd=tmp_path).stdout
         assert re.search(r"research_cone +sticking, lag, bodyfixed", shown)
         assert "C_b cos(phi_b), C_b sin(phi_b)" in " ".join(shown.split())
         assert "theta delay (s)" in " ".join(shown.split())

@@ -38,7 +38,7 @@ def test_what_is_outside_has_an_evidence_on_the_same_rows() -> None:
 def test_a_leader_of_which_nothing_is_specific_is_no_likelier_than_a_change_that_many_things_bring(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("brv_hypo.comparison.adequacy.is_specific", lambda *_: False)
+    monkeypatch.setattr("brv_hypo.comparison.judgement.is_specific", lambda *_: False)
     judged = judged_cone("bodyfixed")
     first, *_ = outside(judged, {"bodyfixed": (find("bodyfixed"),)})
     assert (first.fit, first.evidence) == (judged.fits[judged.leader], judged.evidences[judged.leader])
