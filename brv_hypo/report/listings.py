@@ -121,7 +121,7 @@ def listing_table(found: Mapping[str, Installed], *, verbose: bool = False) -> T
         kind = "process" if isinstance(item, Process) else item.kind
         rows.append({"name": name, "kind": kind, "claims": "\n".join(lines)})
     rows.sort(key=lambda row: (KINDS.index(row["kind"]), row["name"]))
-    heading = f"Mechanisms, effects and processes, of {OWN} {__version__} where no other package is named"
+    heading = f"Mechanisms, effects and processes of {OWN} {__version__}, or of the package given"
     return Table(rows, heading, ("name", "kind", "claims"))
 
 
@@ -141,10 +141,10 @@ def planted_names(item: Item) -> tuple[str, ...]:
 
 def plantable_table(plantable: Mapping[str, Sequence[str]]) -> Table:
     """What `simulate --plant` takes, by configuration."""
-    alike: dict[str, list[str]] = {}
+    by_sets: dict[str, list[str]] = {}
     for name, sets in plantable.items():
-        alike.setdefault(", ".join(sets), []).append(name)
-    rows = [{"configuration": ", ".join(names), "--plant": text} for text, names in alike.items()]
+        by_sets.setdefault(", ".join(sets), []).append(name)
+    rows = [{"configuration": ", ".join(names), "--plant": text} for text, names in by_sets.items()]
     return Table(rows, "Planted by `simulate CONFIGURATION --plant NAME` (by a file: -v)", ("configuration", "--plant"))
 
 
