@@ -39,12 +39,12 @@ def listing(session: Session, context: typer.Context) -> None:
         return
     session.claim()
     from brv_hypo.mechanisms import installed
-    from brv_hypo.report.listings import listing_data, listing_table, plantable_table
+    from brv_hypo.report.listings import listing_data, listing_table, plantable_texts
     from brv_hypo.simulation.config import config_names, load_config
 
     found = installed()
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
-    tables = (listing_table(found, verbose=session.verbose), plantable_table(plantable))
+    tables = (listing_table(found, verbose=session.verbose), plantable_texts(plantable))
     session.tell(*tables, conclusion="\n".join(found))
     if session.json is not None:  # which evaluates every mechanism
         session.write_json(listing_data(found, plantable))

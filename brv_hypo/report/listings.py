@@ -139,13 +139,13 @@ def planted_names(item: Item) -> tuple[str, ...]:
     return tuple(name if units == "1" else f"{name} ({units})" for name, units in (*ends, *others))
 
 
-def plantable_table(plantable: Mapping[str, Sequence[str]]) -> Table:
+def plantable_texts(plantable: Mapping[str, Sequence[str]]) -> Texts:
     """What `simulate --plant` takes, by configuration."""
     by_sets: dict[str, list[str]] = {}
     for name, sets in plantable.items():
         by_sets.setdefault(", ".join(sets), []).append(name)
-    rows = [{"configuration": ", ".join(names), "--plant": text} for text, names in by_sets.items()]
-    return Table(rows, "Planted by `simulate CONFIGURATION --plant NAME` (by a file: -v)", ("configuration", "--plant"))
+    texts = [f"{', '.join(names)}: {text}" for text, names in by_sets.items()]
+    return Texts(texts, "Planted by `simulate CONFIGURATION --plant NAME` (by a file: -v)")
 
 
 def listing_data(found: Mapping[str, Installed], plantable: Mapping[str, Sequence[str]]) -> dict[str, Any]:

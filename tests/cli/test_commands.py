@@ -260,7 +260,7 @@ class TestMechanisms:
 
     def test_lists_what_a_simulation_plants(self, brv_hypo, tmp_path):
         shown = brv_hypo("mechanisms", "-v", "--json", "list.json", cwd=tmp_path).stdout
-        assert re.search(r"research_cone +sticking, lag, bodyfixed", shown)
+        assert re.search(r"research_cone: sticking, lag, bodyfixed", shown)
         assert "C_b cos(phi_b), C_b sin(phi_b)" in " ".join(shown.split())
         assert "theta delay (s)" in " ".join(shown.split())
         found = strict_json(brv_hypo("mechanisms", "--json", "-").stdout)
