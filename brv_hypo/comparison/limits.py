@@ -142,8 +142,8 @@ def regions(
     thetas: Sequence[Theta] = (),
     most: int | None = None,
 ) -> list[list[Shape]]:
-    """Of each of some evidences of the same rows every region between two edges, at every theta of a dense grid, or of
-    those given; `most` of each that gain most.
+    """Of each of some evidences of the same rows and terms every region between two edges, at every theta of a dense
+    grid, or of those given; `most` of each that gain most.
 
     `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
     """
@@ -180,7 +180,7 @@ def _shapes(
     widths: tuple[int, ...],
     most: int | None,
 ) -> list[list[Shape]]:
-    """Of each evidence every region between two edges, made of the parts between neighbouring ones."""
+    """Of each evidence, all of the same terms, every region between two edges, made of the parts between neighbours."""
     names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
     parts = [
         Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
@@ -190,21 +190,21 @@ def _shapes(
         for name, units in names
     ]
     rows, moments = evidences[0].rows.of_moments(frame, parts), frame.moments(parts)
-    count, terms = edges.size - 1, len(names)
+    products, count, terms = evidences[0].with_columns(rows), edges.size - 1, len(names)
     ends, every = _every_region(count, widths)
     part = float(np.min(np.diff(edges)))
     # Squares of the parts: of rounding the size is enough.
     before = every**2 @ np.sum(rows**2, axis=0).reshape(count, terms)
     gram_of_parts = np.real(np.conj(moments).T @ moments) / moments.shape[0]
 
-    def over_regions(products: FloatArray, inside: FloatArray) -> FloatArray:
+    def over_regions(of_parts: FloatArray, inside: FloatArray) -> FloatArray:
         """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
-        first = (inside @ products.reshape(count, -1)).reshape(-1, terms, count, terms)
+        first = (inside @ of_parts.reshape(count, -1)).reshape(-1, terms, count, terms)
         return np.asarray(np.sum(first * inside[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
 
     def of(evidence: Evidence) -> list[Shape]:
-        products, against_y = evidence.projected_products(rows)
-        information, right = over_regions(products, every), every @ against_y.reshape(count, terms)
+        of_parts, against_y = evidence.projected(products)
+        information, right = over_regions(of_parts, every), every @ against_y.reshape(count, terms)
         scale = np.diagonal(information, axis1=1, axis2=2)
         kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
         kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]

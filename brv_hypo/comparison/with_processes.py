@@ -34,12 +34,13 @@ STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, 
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
-PLAIN_EDGES, FINE_EDGES = 21, 81  # times between which all mechanisms and delays, and the best of them, are tried
-TRIED_FINELY = 3  # of those, at most
+FINE_EDGES = 81  # times between which all mechanisms and delays are tried
+SHORT_PART = 0.05  # of the record, within whose margin no two ends are
+WITH_ONSETS = 3  # of those that come on over a time too, at most
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # standard errors of a delay at which the evidence is found
 NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket one
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
-ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
+SHARP, ONSETS = (0.0,), (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
 Pair = tuple[HypothesisFit, Evidence]
@@ -177,7 +178,7 @@ def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[Tim
     tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
     rows = own.rows.of_moments(frame, tried).reshape(-1, len(ramps), len(mine)) @ values / (2.0 * halves)
     more = rows - (own.rows.of_moments(frame, [fit.selected[k] for k in mine]) @ values)[:, np.newaxis]
-    information, right = own.projected_products(more)
+    information, right = own.projected(own.with_columns(more))
     known = np.diag(information)
     gains = 0.5 * np.divide(right**2, known, out=np.zeros_like(known), where=known > SPENT * np.sum(more**2, axis=0))
     best = int(np.argmax(gains))
@@ -195,12 +196,12 @@ def acting(
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
 
-    The times are those given, or of a grid and then, for the likeliest, of a fine one; then it may come on over these
-    shares of it.
+    The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to tell its
+    delay. The likeliest may come on over these shares of the record.
     """
     every = [(mechanism, theta) for mechanism in mechanisms for theta in theta_grid(mechanism, dense=True)]
-    grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(like.frame, PLAIN_EDGES), (0,), TRIED_FINELY)]
-    grids = [*grids[len(every) <= TRIED_FINELY :], (*_fine(like.frame, onsets), 1)]
+    grids: list[tuple[FloatArray, Sequence[int], int]] = [(*_fine(like.frame, SHARP), WITH_ONSETS)]
+    grids = [*grids[len(every) <= WITH_ONSETS :], (*_fine(like.frame, onsets), 1)]
     for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
         tried = [(m, regions(nulls, like.frame, m, times, parts, [theta], most=1)) for m, theta in every]
         found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
@@ -215,7 +216,7 @@ def _between(
     """A mechanism acting in a region between some times, its ends placed between those and moved."""
     frame = like.frame.with_mechanisms([mechanism])
     time, reach = frame.coefficient_time, float(np.min(np.diff(times)))
-    shortest = KNOT_MARGIN * np.ptp(time) / (PLAIN_EDGES - 1)
+    shortest = KNOT_MARGIN * SHORT_PART * np.ptp(time)
     if times.size > 2 and best.width == 0.0:
         near = [np.linspace(edge - reach, edge + reach, FINER_EDGES) for edge in best.region]
         closer = np.unique(np.clip([*np.concatenate(near), *best.region], time.min(), time.max()))

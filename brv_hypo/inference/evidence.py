@@ -250,13 +250,18 @@ class Evidence:
         """Of all rows."""
         return _factored(self.products, self.rows, self.at)
 
-    def projected_products(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """X'PX and X'Py of further columns (n, k), where P is the inverse covariance with all else integrated out."""
-        both = np.concatenate([self.terms.x, x], axis=1)
-        products = self.rows.products.beside(self.rows, both)
+    def with_columns(self, x: FloatArray) -> Products:
+        """The scalar products with further columns (n, k) after the terms: of all evidences of these terms the same."""
+        return self.rows.products.beside(self.rows, np.concatenate([self.terms.x, x], axis=1))
+
+    def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
+        """X'PX and X'Py of the columns X after the terms, where P is the inverse covariance with all else integrated
+        out.
+        """
         inner, right = _reduced(products, _eliminated(products, self.rows, self.at, self._factors))
-        first = right.size - x.shape[1]
-        inner[:first, :first] += np.diag(_spreads(self.rows, self.terms, self.at) ** -2.0)
+        spread = _spreads(self.rows, self.terms, self.at)
+        first = spread.size
+        inner[:first, :first] += np.diag(spread**-2.0)
         known = np.linalg.solve(inner[:first, :first], np.column_stack([inner[:first, first:], right[:first]]))
         found = np.column_stack([inner[first:, first:], right[first:]]) - inner[first:, :first] @ known
         return found[:, :-1] / self.noise**2, found[:, -1] / self.noise**2

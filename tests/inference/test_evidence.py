@@ -239,7 +239,7 @@ def test_products_of_further_columns_are_projected(sizes: Sizes, seed: int, coun
     own = found(sizes, seed)
     rows = own.rows
     x = rows.whitened(np.random.default_rng(10_000 + seed).standard_normal((rows.y.size, count)))
-    information, right = own.projected_products(x)
+    information, right = own.projected(own.with_columns(x))
     p = dense(own).projector
     scale = float(np.max(np.abs(x.T @ p @ x)))
     assert information == pytest.approx(x.T @ p @ x, rel=1e-7, abs=1e-7 * scale)
@@ -250,7 +250,7 @@ def test_the_information_of_a_column_is_what_its_flat_coefficient_has() -> None:
     """One more column of the baseline: its generalised least squares."""
     own = found(Sizes(), 8)
     x = np.random.default_rng(8).standard_normal((own.rows.y.size, 1))
-    information, right = own.projected_products(x)
+    information, right = own.projected(own.with_columns(x))
     wider = replace(
         own.rows, shared=np.concatenate([own.rows.shared, x], axis=1), spread=np.append(own.rows.spread, np.inf)
     )
