@@ -215,7 +215,10 @@ def is_configurable(mechanism: Mechanism) -> None:
 def varies_in_known_ways(mechanism: Mechanism) -> None:
     """Its time variation is one or more of constant, jump and ramp."""
     known, stated = get_args(TimeVariation), mechanism.time_variation
-    expect(bool(stated) and set(stated) <= set(known), f"`time_variation` is {stated!r}: choose from {known}")
+    expect(
+        bool(stated) and set(stated) <= set(known),
+        f"`time_variation` is {stated!r}, expected a tuple of some of {known}",
+    )
 
 
 def has_sane_parameters(mechanism: Mechanism) -> None:

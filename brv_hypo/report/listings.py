@@ -187,9 +187,10 @@ def simulation_text(flown: SimulatedFlight) -> str:
     planted = ", ".join(flown.truth.planted) or "nothing"
     if flown.truth.planted:
         planted += f" ({share(inside)} of the moment's rms in plane, {share(outside)} out of plane)"
+    errors = ", ".join(flown.config.instruments.errors)
     return (
         f"Simulated '{flight.title}', seed {flown.seed}: {flight.samples} samples at "
-        f"{flight.sample_rate:.4g} Hz.\nPlanted: {planted}."
+        f"{flight.sample_rate:.4g} Hz.\nPlanted: {planted}{'; errors of the record: ' if errors else ''}{errors}."
     )
 
 
