@@ -327,15 +327,9 @@ def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
                 if fall > 0.5 or value in parameter.bounds:
                     break
             ends.append(moved_by / np.sqrt(max(2.0 * fall, 1.0)))
-        far, scaled = max(ends, key=lambda each: abs(each[count + k])), list(parameter.columns)
-        short = max(ends, key=lambda each: float(np.linalg.norm(each[scaled])))
-        more = far * np.sqrt(max(1.0 - (known / abs(far[count + k])) ** 2, 0.0))
-        # What is multiplied by a delay is farther off where that is short, and on its other side.
-        square = float(short[scaled] @ short[scaled])
-        linear = float(short[scaled] @ own.covariance[np.ix_(scaled, scaled)] @ short[scaled]) / weight
-        share = np.sqrt(max(1.0 - linear / max(square, 1e-300) ** 2, 0.0))
-        more[scaled] = (1.0 if short is far else -1.0) * share * short[scaled]
-        out += np.outer(more, more)
+        far = max(ends, key=lambda each: abs(each[count + k]))
+        if (size := abs(far[count + k])) > known:
+            out += (1.0 - (known / size) ** 2) * np.outer(far, far)
     return out
 
 

@@ -124,8 +124,8 @@ def _in_blocks(flight: Flight, config: TraceConfig) -> TraceConfig:
 def _predict(
     flight: Flight, content: SavedModel, path: Path | None, refit: tuple[str, ...], config: TraceConfig
 ) -> Prediction:
-    if here := _is_found_on(content, flight):  # all of it was flown, and its errors were fitted with the model
-        content, refit = content.model_copy(update={"flown": {}}), (*refit, INSTRUMENTS)
+    if here := _is_found_on(content, flight):  # all of it was flown
+        content = content.model_copy(update={"flown": {}})
     fit, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)

@@ -160,6 +160,7 @@ _OWN_RECORD = (
     "The model was estimated from this very record: agreement is that of a fit, not of a prediction, and whether the "
     "flight contradicts the model is not tested. Predict the record of another flight for that. "
 )
+_FIXED = " Record errors were fitted with the model and are fixed here: `--refit instruments` fits them again."
 _NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
 
 
@@ -193,7 +194,7 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
     if band.inside < PREDICTED_HOLDS:
-        said += _NARROW
+        said += _FIXED if found.own_record else _NARROW
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
         said += (
             f" On held-out blocks of the flights that it was found on its residual was {band.model_error:.2g} (rms), "

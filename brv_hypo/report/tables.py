@@ -155,17 +155,22 @@ def error_table(errors: Sequence[RecordError]) -> Table:
     return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
 
 
-def function_table(comparison: Comparison) -> Table:
-    """C_m,in and its derivatives at no angle of attack, at places along each flight, each with its standard error."""
-    rows = []
-    for found in zip(*comparison.functions.values(), strict=True):
-        whole, place = found[0], {"flight": str(found[0].flight + 1)} if len(comparison.flights) > 1 else {}
-        for k in np.unique(np.linspace(0, len(whole.time_s) - 1, FUNCTION_ROWS).round().astype(int)).tolist():
-            pairs = [(each.at_zero[k], each.at_zero_std_error[k]) for each in found]
-            values = (f"{known_to(value, sigma)} ± {number(sigma, 2)}" for value, sigma in pairs)
-            place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
-            rows.append(place | dict(zip(map(str, comparison.functions), values, strict=True)))
-    return Table(rows, "At alpha = 0", shown="verbose")
+def function_tables(comparison: Comparison) -> list[Table]:
+    """C_m,in and its derivatives at places along each flight, each with its standard error: at the angle of attack
+    flown there, and at none.
+    """
+    tables = []
+    for heading, at in (("At the angle of attack flown", "at_flown"), ("At alpha = 0", "at_zero")):
+        rows = []
+        for found in zip(*comparison.functions.values(), strict=True):
+            whole, place = found[0], {"flight": str(found[0].flight + 1)} if len(comparison.flights) > 1 else {}
+            for k in np.unique(np.linspace(0, len(whole.time_s) - 1, FUNCTION_ROWS).round().astype(int)).tolist():
+                pairs = [(getattr(each, at)[k], getattr(each, f"{at}_std_error")[k]) for each in found]
+                values = (f"{known_to(value, sigma)} ± {number(sigma, 2)}" for value, sigma in pairs)
+                place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
+                rows.append(place | dict(zip(map(str, comparison.functions), values, strict=True)))
+        tables.append(Table(rows, heading, shown="verbose"))
+    return tables
 
 
 def term_table(

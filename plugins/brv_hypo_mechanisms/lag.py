@@ -26,8 +26,8 @@ class Lag(Mechanism):
     delays: tuple[float, ...] = (0.005, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.22, 0.3)
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """The delay tau, s: far below the grid too, for a short one and the fraction make up for one another."""
-        bounds = (0.02 * min(self.delays), 1.5 * max(self.delays))
+        """The delay tau, s."""
+        bounds = (0.3 * min(self.delays), 1.5 * max(self.delays))
         return (Parameter("delay", "s", self.delays, bounds, "delay of the total moment", is_delay=True),)
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:

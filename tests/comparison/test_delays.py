@@ -59,20 +59,6 @@ def test_the_error_of_a_delay_reaches_to_where_the_evidence_has_fallen_by_a_half
     assert 0.2 < min(falls) < 1.5
 
 
-@pytest.mark.thorough
-def test_a_fraction_errs_as_far_as_it_is_at_the_shortest_delay() -> None:
-    """There it is farther off than at the longest: the two make up for one another along a hyperbola."""
-    pair, weight = leading("lag"), 1e-4
-    fit, own = pair
-    place = len(fit.columns) + next(k for k, each in enumerate(fit.nonlinear) if each.kind == "theta")
-    fraction = next(k for k in range(fit.baseline_size, len(fit.columns)) if fit.columns[k].term == "lag fraction")
-    whole = along_delays(judged_cone("lag").problem, pair, weight) + own.covariance / weight
-    short = 1.0 - float(np.sqrt(whole[place, place])) / delay_of(pair)
-    assert short > 0.0
-    there = with_delay(pair, short)[1].values[fraction]
-    assert np.sqrt(whole[fraction, fraction]) > 0.9 * abs(there - own.values[fraction])
-
-
 def test_what_has_no_delay_has_no_such_error() -> None:
     pair = leading("bodyfixed")
     assert not np.any(along_delays(judged_cone("bodyfixed").problem, pair, 1.0))
