@@ -83,7 +83,7 @@ def predict(
 
     Errors of the record that the model holds are those of its own flight, and are left out, unless this is that flight
     (its file, or a copy of its record); so is what belongs to its times, unless `refit` names it. On its own record
-    nothing is tested, and record and vehicle err within their tolerances, as they did where it was estimated.
+    nothing is tested.
     What the model left on stretches held out where it was found widens the band. A record that contradicts itself is
     predicted as it is; `record` of the result says so.
 
