@@ -10,7 +10,7 @@ from pydantic import Field
 
 from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED
 from brv_hypo.flight.record import RecordFault
-from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
@@ -82,11 +82,15 @@ class MaximumLikelihood(NullIsNaN):
 
 
 class NetInterval(NullIsNaN):
-    """The net values of a hypothesis between two of its knots (s, of the reference flight)."""
+    """The net values of a hypothesis between two of its knots (s, of the reference flight).
+
+    `collinear_groups`: names of values that are nearly collinear with each other.
+    """
 
     start_s: float
     stop_s: float
     values: tuple[TermEstimate, ...]
+    collinear_groups: tuple[tuple[str, ...], ...] = ()
 
 
 class RankedHypothesis(NullIsNaN):
@@ -366,7 +370,9 @@ class Comparison(HasCharts, Result):
     best_by_size: tuple[SizedModel, ...] = ()
     collinear: tuple[str, ...] = ()
     """Pairs of the leader's coefficients that are not to be read by themselves: correlation (variance inflations)."""
-    functions: dict[Literal["C_m0", "C_malpha", "C_mq"], tuple[Derivative, ...]] = Field(default_factory=dict)
+    collinear_groups: tuple[tuple[str, ...], ...] = ()
+    """Those that these pairs link together."""
+    functions: dict[Function, tuple[Derivative, ...]] = Field(default_factory=dict)
     """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)
 

@@ -137,12 +137,18 @@ class Evidence:
     @property
     def covariance(self) -> FloatArray:
         """That of `values`, everything else free."""
+        made = self._values_of_border
+        return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
+
+    @property
+    def _values_of_border(self) -> FloatArray:
+        """What makes `values` of the solution's border (values, border)."""
         known, rank = self.rows.coefficients.shape
         count, first = self.terms.spread.size, self.rows.shared.shape[1]
         made = np.zeros((known + count, self.solution.border.size))
         made[:known, :rank] = self.rows.coefficients
         made[known:, first:] = np.eye(count)
-        return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
+        return made
 
     @property
     def errors(self) -> FloatArray:
@@ -209,8 +215,10 @@ class Evidence:
 
     def along(
         self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray], allowed: FloatArray | float = 0.0
-    ) -> tuple[FloatArray, FloatArray]:
-        """A linear function of what is fitted on a flight, and its standard errors (points,).
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A linear function of what is fitted on a flight, its standard errors (points,), and how far what it is not
+        made of is correlated with it (points, processes + coefficients): all coefficients of a process together
+        (multiple correlation), and each coefficient of the baseline and the terms.
 
         `values` (points, coefficients): what it has per coefficient of the baseline and the terms; `splines` (points,
         splines): of each process by its place, per spline coefficient in its units; `allowed` (points, tolerances): per
@@ -228,7 +236,17 @@ class Evidence:
         both = shared - own @ found.follows[flight]
         variance = np.sum((both @ found.covariance) * both, axis=1)
         variance += np.sum((own @ found.inverses[flight]) * own, axis=1)
-        return shared @ found.border + own @ found.modes[flight], self.noise * np.sqrt(variance)
+        inverse, follows, made = found.inverses[flight], found.follows[flight], self._values_of_border
+        across, squares = own @ inverse - both @ found.covariance @ follows.T, []  # with the processes' coefficients
+        for k, columns in enumerate(block.columns):
+            spread = inverse[columns, columns] + follows[columns] @ found.covariance @ follows[columns].T
+            explained = np.sum(across[:, columns] * np.linalg.solve(spread, across[:, columns].T).T, axis=1)
+            squares.append(np.where(np.any(splines.get(k, 0.0)), 0.0, explained))
+        alone = np.sum((made @ found.covariance) * made, axis=1)
+        with_values = np.where(np.any(values, axis=0), 0.0, both @ found.covariance @ made.T)
+        squares += list((with_values**2 / np.maximum(alone, 1e-300)).T)
+        correlation = np.sqrt(np.array(squares).T / np.maximum(variance, 1e-300)[:, np.newaxis])
+        return shared @ found.border + own @ found.modes[flight], self.noise * np.sqrt(variance), correlation
 
     @cached_property
     def held_out(self) -> FloatArray:

@@ -21,8 +21,8 @@ from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, deriv
 
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
 STATIC_JUDGED = (
-    "Of the leader's terms and the processes of stiffness together. At alpha = 0 it is extrapolated by a process's "
-    "bend; trace, whose model has a bend and no processes, may differ there: quote the slope at the angle flown."
+    "Of the leader's terms and the processes of stiffness together. Quote it at the angle flown: where no sample is "
+    "near alpha = 0 (dotted), a process's bend extrapolates it, and trace, whose model has no processes, may differ."
 )
 FUNCTIONS = {
     "C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"),
@@ -234,8 +234,9 @@ def comparison_document(comparison: Comparison) -> Document:
                 "Coefficients",
                 [
                     *functions(0),
-                    *tables.function_tables(comparison),
-                    Texts(comparison.collinear, tables.COLLINEAR, shown="verbose"),
+                    *tables.function_blocks(comparison.functions),
+                    Texts(tables.collinear_names(comparison.collinear_groups), bullets=False, shown="verbose"),
+                    Texts(comparison.collinear, tables.PAIRS, shown="page"),
                 ],
             ),
             *others,
@@ -311,10 +312,13 @@ def _of_record(comparison: Comparison) -> list[Block]:
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
     """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
+    groups = comparison.collinear_groups if row is comparison.ranking[0] else ()
     blocks: list[Block] = [
         _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
         tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
-        tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
+        tables.term_table(
+            f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots, collinear=groups
+        ),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]

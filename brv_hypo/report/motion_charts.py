@@ -370,10 +370,11 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
         np.array(values)[order]
         for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
     )
-    layers = [
-        *estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
-        *estimate(x[order], zero, zero_sigma, "first", "at alpha = 0"),
-    ]
+    layers: list[Layer] = [*estimate(x[order], flown, flown_sigma, "second", "at the angle flown")]
+    if np.any(beyond := np.array(slope.extrapolated)[order]):
+        layers.append(Line(x[order], zero, "first", "extrapolated to alpha = 0", dashed=True))
+    if not np.all(beyond):
+        layers += estimate(x[order], np.where(beyond, np.nan, zero), zero_sigma, "first", "at alpha = 0")
     panel = Panel(axis, layers)
     edges = _values(panel, Band)
     panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]

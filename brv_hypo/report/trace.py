@@ -8,21 +8,22 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.comparison.result import beyond_text
+from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
-from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
 
-EXTRAPOLATED = "No sample is there: it is extrapolated from the angles flown."
 STATIC_TRACED = (
-    "Of the model, which has no processes; its errors allow for no lack of fit. At alpha = 0 it is extrapolated by the "
-    "model's bend; compare, which leaves the bend to a process, may differ there: quote the slope at the angle flown."
+    "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
+    "sample is near alpha = 0 (dotted), the model's bend extrapolates it, and compare, which leaves the bend to a "
+    "process, may differ."
 )
 
 
@@ -106,13 +107,15 @@ def trace_document(result: Trace) -> Document:
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
     trouble = "" if result.ml is None else result.ml.trouble
+    collinear = tables.collinear_texts("C_mq", result.damping)
     conclusion = (
         "" if sound else CONTRADICTED,
         f"Found: {found}." if found else "No effect was found.",
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
         families_text(result.steps[0]),
-        f"{result.static_stability} {EXTRAPOLATED}" if result.static_stability else "",
+        result.static_stability,
         result.dynamic_stability,
+        " ".join((*collinear, tables.ONLY_AS_ESTIMATED)) if collinear else "",
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors),
@@ -127,11 +130,13 @@ def trace_document(result: Trace) -> Document:
         account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
     )
     drawn, known = _charts(result), result.record_errors
+    functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
     model: list[Block] = [
-        term_table("Model, fitted to the whole record", result.model.terms),
-        Texts(result.collinear, COLLINEAR, shown="verbose"),
+        term_table("Model, fitted to the whole record", result.model.terms, collinear=result.collinear_groups),
+        Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
+        Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
     if (fit := result.ml) is not None:
         ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
@@ -141,6 +146,7 @@ def trace_document(result: Trace) -> Document:
     sections = [
         Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
         *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
+        Section("Coefficients along the flight", tables.function_blocks(functions), folded=True),
         Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),
