@@ -140,6 +140,8 @@ class FlightSummary(NullIsNaN):
     title: str = ""
     instruments: str = ""
     """The grade of the tolerances, and how many are stated."""
+    vehicle: dict[str, float] = Field(default_factory=dict)
+    """Mass, inertias, reference length and area, SI; `inertia` and `inertia_ratio` are relative tolerances."""
     notes: tuple[str, ...] = ()
 
 
@@ -397,6 +399,11 @@ class Comparison(HasCharts, Result):
                 parts = {"processes": found.processes, "noise": found.noise}
             rest = [f"{name} {_percent(part)} %" for name, part in parts.items()]
             lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
+        if (fits := self.verdict.adequacy) is not None:
+            within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"
+            stable = self.verdict.stability
+            repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
+            lines.append(f"{within}{repeated}.")
         poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
         lines.append(beyond_text(self.record_errors, poses))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:

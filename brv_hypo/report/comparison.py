@@ -12,8 +12,8 @@ from itertools import chain
 
 import numpy as np
 
-from brv_hypo.comparison.result import QUOTED, Comparison, FlightSummary, RankedHypothesis, Verdict
-from brv_hypo.io.text import hypothesis, number, probability, share
+from brv_hypo.comparison.result import QUOTED, Comparison, FlightSummary, RankedHypothesis
+from brv_hypo.io.text import hypothesis, probability, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
@@ -220,7 +220,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ),
         beside=[*tables.estimate_blocks(comparison), *tables.process_blocks(comparison)],
         blocks=(
-            Section("Data quality", _quality(comparison)),
+            Section("Data quality", [*_quality(comparison), *tables.vehicle_blocks(comparison.flights)]),
             Section("Notes", [_notes(comparison)], folded=True),
             Section("Air data and motion", first["motion"], folded=True),
             Section("Moments, measured and modelled", first["moments"]),
@@ -273,24 +273,15 @@ def _compared(comparison: Comparison) -> list[Block]:
         why = "Withheld: no hypothesis that was compared is adequate."
     no_limits = (why,) if withheld else ()
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
+    known = [f"{name}: at most {share(value)} of the moment's rms" for name, value in shares.items() if value == value]
     title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
     return [
         _evidence(comparison),
         _probability(comparison),
         Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read),
-        Texts((*no_limits, *_doubts(comparison.verdict, shares)), "Limits and doubts", shown="verbose"),
+        Texts((*no_limits, *known), "Limits", shown="verbose"),
         Texts(comparison.disagreements, "Disagreements"),
     ]
-
-
-def _doubts(verdict: Verdict, limits: Mapping[str, float]) -> list[str]:
-    """How large each mechanism may be at most, how well the leader fits, and how often it leads in repetitions."""
-    said = [f"{name}: at most {share(value)} of the moment's rms" for name, value in limits.items() if value == value]
-    if verdict.adequacy is not None:
-        said.append(f"adequacy: residual {number(verdict.adequacy.ratio, 2)} times what noise and tolerances explain")
-    if verdict.stability is not None:
-        said.append(f"stability: the same answer in {share(verdict.stability)} of the repetitions")
-    return said
 
 
 def _of_record(comparison: Comparison) -> list[Block]:

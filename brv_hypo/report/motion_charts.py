@@ -87,7 +87,7 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
 
 # ---- Motion and moments over time, angle of attack and frequency ----
 
-IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,side</sub>"
+IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
 _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."

@@ -21,6 +21,8 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     beyond_tolerances,
 )
+from brv_hypo.flight.record import VEHICLE_DIMENSIONS
+from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
 from brv_hypo.model.common_time import decimals
@@ -33,11 +35,17 @@ _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader need
 ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
+_OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
 _PROCESSES = (
-    "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
-    "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
+    "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the coefficients of its "
+    "splines in time, as the moment coefficient C_m that they make, or the instrument's or air's error; relative: over "
+    "an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
 )
 
+_VEHICLE = (
+    "As the record has it. All moment coefficients are proportional to iyy over reference area and length: where one "
+    "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
+)
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 ONLY_TOGETHER = "The data give what these make together, which the functions show, and none of them by itself."
 ONLY_AS_ESTIMATED = "That value and its error hold only for sizes of processes as estimated: no evidence by itself."
@@ -88,9 +96,9 @@ def process_blocks(comparison: Comparison) -> list[Block]:
         {
             "process": each.name,
             "family": each.family,
-            "size": known_to(each.size, each.std_error),
+            "rms size": known_to(each.size, each.std_error),
             "sigma": number(each.std_error, 2),
-            "unit": each.units,
+            "unit": "C_m" if each.family in _OF_MOMENTS else each.units,
             "relative": f"{number(each.size / each.tolerance, 2)} ×",
             "of moment": share(each.share_of_moment),
         }
@@ -294,6 +302,22 @@ def flight_line(flight: FlightSummary) -> str:
     span = interval((flight.start_s, flight.stop_s))
     line = f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
     return line + (f", instruments {flight.instruments}" if flight.instruments else "")
+
+
+def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
+    """Mass properties and reference quantities of each flight, with their tolerances, and what depends on them."""
+    tolerances, rows = {"ixx": "inertia_ratio", "iyy": "inertia"}, []
+    for k, flight in enumerate(flights, start=1):
+        for name, dimension in VEHICLE_DIMENSIONS.items():
+            if (value := flight.vehicle.get(name)) is not None:
+                size = flight.vehicle.get(tolerances.get(name, ""))
+                row = {"quantity": name.replace("_", " "), "value": number(value, 4), "unit": SI[dimension]}
+                row["tolerance"] = NOT_A_NUMBER if size is None else share(size)
+                rows.append(({"flight": str(k)} if len(flights) > 1 else {}) | row)
+    return [
+        Table(rows, "Vehicle", ("quantity", "unit"), shown="page"),
+        Texts((_VEHICLE,) if rows else (), bullets=False, shown="page"),
+    ]
 
 
 def flight_texts(comparison: Comparison) -> list[str]:

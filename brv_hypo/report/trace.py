@@ -144,7 +144,7 @@ def trace_document(result: Trace) -> Document:
     warnings = (*fault_texts(result.record), *result.caveats)
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
-        Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
+        Section("Data quality", [Texts(warnings, "Warnings", warning=True), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
         Section("Coefficients along the flight", tables.function_blocks(functions), folded=True),
         Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
