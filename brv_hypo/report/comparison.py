@@ -42,7 +42,8 @@ ALONE = (
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 EVIDENCE = (
     "pred. error: mean square error of moments on blocks held out of the fit, no processes; ln evidence: ln of the "
-    "record's probability density, processes included. Both over the baseline only's."
+    "record's probability density, processes included. Both over the baseline only's. A + beside terms: the search "
+    "came to `max_terms` of them; what is split or added beside processes comes on top."
 )
 
 
@@ -84,7 +85,10 @@ def _sizes(comparison: Comparison) -> Chart:
         heights = [max(row.cp, 1.0) for row in some]
         labels = ["\n".join(hypothesis(row.mechanism) for row in some), *[""] * (len(some) - 1)]
         layers.append(Line([count] * len(some), heights, "first", "hypotheses", dots=True, large=True, labels=labels))
-    read = "Mallows' criterion. Far above the line, terms are missing. Best of a size: on the grid of knots and delays."
+    read = (
+        "Mallows' criterion. Far above the line, terms are missing. Best of a size: exact search on the grid of knots "
+        "and delays. Hypotheses: as judged, with terms that were split or added beside processes."
+    )
     panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 1.0, p[-1] + 1.0)  # room for labels
     return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
 

@@ -68,13 +68,11 @@ def families_chart(step: Step) -> Chart:
 
 
 def families_text(step: Step) -> str:
-    """The families that hold some of a step's residual, and how the largest process of the first of them goes."""
+    """The families that hold some of a step's residual, with their intervals."""
     known = [each for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY]
-    if not known:
-        return ""
-    shares = [f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))})" for each in known]
-    history = known[0].history
-    return " ".join((f"By family: {', '.join(shares)}.", *([] if history is None else [f"{_history_text(history)}."])))
+    return ", ".join(
+        f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))})" for each in known
+    )
 
 
 def _history_text(history: ProcessHistory) -> str:
@@ -110,9 +108,8 @@ def trace_document(result: Trace) -> Document:
     collinear = tables.collinear_texts("C_mq", result.damping)
     conclusion = (
         "" if sound else CONTRADICTED,
-        f"Found: {found}." if found else "No effect was found.",
+        _found_text(result),
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
-        families_text(result.steps[0]),
         result.static_stability,
         result.dynamic_stability,
         " ".join((*collinear, tables.ONLY_AS_ESTIMATED)) if collinear else "",
@@ -158,12 +155,21 @@ def trace_document(result: Trace) -> Document:
         conclusion="\n".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
         blocks=sections,
-        ahead=(errors,),
         beside=(
+            errors,
             families_chart(result.steps[0]),
             Texts(related, bullets=False, shown="page" if result.findings else "always"),
         ),
     )
+
+
+def _found_text(result: Trace) -> str:
+    """What was found, and which families hold the residual of the first model, in one sentence."""
+    families, found = families_text(result.steps[0]), ", ".join(result.findings)
+    if not found:
+        explained = f"; families of processes explain the residual: {families}" if families else ""
+        return f"No effect with a name was found{explained}."
+    return f"Found: {found}" + (f"; by family, the first model's residual: {families}." if families else ".")
 
 
 def residual_text(residual: Residual) -> str:
@@ -189,7 +195,11 @@ def _step(step: Step) -> list[Block]:
         }
         for row in step.candidates
     ]
-    sentences = list(filter(None, (families_text(step), outcome_text(step))))
+    largest = next((each.history for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY), None)
+    families = families_text(step)
+    sentences = [f"By family: {families}."] if families else []
+    sentences += [f"{_history_text(largest)}."] if largest is not None else []
+    sentences.append(outcome_text(step))
     if step.removed:
         sentences.append(f"removed, as the model no longer needs it: {', '.join(step.removed)}")
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]
