@@ -16,9 +16,9 @@ from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.report.document import Document, Table, Texts
 from brv_hypo.report.tables import collinear_names, function_blocks, ranking_table, term_table, vehicle_blocks
 from brv_hypo.report.terminal import Fitted, terminal_view
-from brv_hypo.report.trace import outcome_text, trace_document
-from brv_hypo.tracing.result import Errors, Family, Step
-from tests.chains import compared_nominal, traced_trim
+from brv_hypo.report.trace import outcome_text
+from brv_hypo.tracing.result import Errors, Step
+from tests.chains import compared_nominal
 
 WORDS = ("mechanism", "kind", "term")
 WORD = st.text("abc_", min_size=1, max_size=30)
@@ -112,21 +112,6 @@ def test_a_step_says_why_it_added_nothing(named_in, refused, words) -> None:
     errors = Errors(fit=1e-8, held_out=2e-8)
     step = Step.model_construct(added=None, named_in=named_in, refused=refused, error_before=errors, error_after=errors)
     assert outcome_text(step).startswith(words)
-
-
-def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
-    """No "No effect was found" before shares of the residual; steps before the answer."""
-    traced = traced_trim()
-    first = traced.steps[0].model_copy(
-        update={"decomposition": (Family(family="body", share=0.83, interval_95=(0.7, 0.9)),)}
-    )
-    for findings, said in (
-        ((), "No effect with a name was found; families of processes explain the residual: body 83 % (70 % to 90 %)."),
-        (("trim",), "Found: trim; by family, the first model's residual: body 83 % (70 % to 90 %)."),
-    ):
-        document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
-        assert document.conclusion.splitlines()[0] == said
-    assert document.ahead == ()
 
 
 def test_coefficients_that_are_nearly_collinear_are_marked_and_named() -> None:
