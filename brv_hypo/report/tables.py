@@ -107,7 +107,20 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
     named = comparison.verdict.winner not in (None, "none")
-    return [table, Texts((NAME_AND_FAMILY,) if named else (), bullets=False)]
+    said = [*_alike(comparison), *((NAME_AND_FAMILY,) if named else ())]
+    return [table, Texts(said, bullets=False)]
+
+
+def _alike(comparison: Comparison) -> list[str]:
+    """Processes of instruments or air, of one family and unit, of which one is shown: one drift may be either."""
+    said = []
+    for each in shown_processes(comparison):
+        kin = [p.name for p in comparison.verdict.processes if (p.family, p.units) == (each.family, each.units)]
+        if each.family not in _OF_MOMENTS and len(kin) > 1:
+            said.append(
+                f"{' and '.join(sorted(kin))} may be one drift ({each.family}): the data may give it to either."
+            )
+    return list(dict.fromkeys(said))
 
 
 def process_texts(comparison: Comparison) -> list[Texts]:

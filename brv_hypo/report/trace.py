@@ -68,10 +68,12 @@ def families_chart(step: Step) -> Chart:
 
 
 def families_text(step: Step) -> str:
-    """The families that hold some of a step's residual, with their intervals."""
+    """The families that hold some of a step's residual, with their intervals and the largest process of each."""
     known = [each for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY]
     return ", ".join(
-        f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))})" for each in known
+        f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))}"
+        f"{'' if each.history is None else f', mostly {each.history.process}'})"
+        for each in known
     )
 
 

@@ -114,6 +114,13 @@ class TestTerminal:
         assert line_of(shown, "turbulence") == ["turbulence", "air", "1.43", "0.21", "m/s", "14", "×", "1.6", "%"]
         assert line_of(shown, "static_change")[-4:] == ["5.1", "×", "4.9", "%"]
 
+    def test_a_process_of_one_s_own_is_named_beside_one_that_drifts_alike(self) -> None:
+        """A drift of the gyros may be taken for theirs in general."""
+        own = process("gyro_warming", "gyros", 1e-6, "rad/s", 1e-5, 8.7e-5)
+        said = " ".join(printed(graded(processes=(*PROCESSES, own))).split())
+        assert "gyro_drift and gyro_warming may be one drift (gyros): the data may give it to either." in said
+        assert "may be one drift" not in printed(graded())
+
     def test_that_no_process_is_large_is_said(self) -> None:
         shown = printed(graded(processes=PROCESSES[-1:]))
         assert f"Of at most 0.1 % of the static moment: {PROCESSES[-1].name}." in shown
