@@ -28,7 +28,7 @@ class Noted(Walk):
             "mechanism",
             [
                 *("mechanisms", "simulate", "compare", "compare"),
-                *("mechanisms", "simulate", "mechanisms", "simulate", "compare"),
+                *("mechanisms", "simulate", "simulate", "compare"),
             ],
         ),
         ("effect", ["mechanisms", "mechanisms", "python", "trace"]),
