@@ -204,7 +204,8 @@ def transverse_frequency(q: FloatArray, r: FloatArray, step: float, times_noise:
 
 
 TIMES_NOISE = 20.0  # median power of a spectrum, beyond which a peak is no noise: chance gives 10 in 1000 lines
-TREND = 3  # degree of the polynomial through a rate that is no motion, which turns as often
+TREND = 3  # degree of the polynomial through a rate that is no motion
+ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of one: no period repeats
 
 
 def less_trend(rate: FloatArray) -> FloatArray:
@@ -217,7 +218,7 @@ def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Seq
     """`transverse_frequency` over the longest of `segments`, less a trend; 0 where no motion is periodic."""
     start, stop = max(segments, key=lambda segment: segment[1] - segment[0])
     frequency = transverse_frequency(less_trend(q[start:stop]), less_trend(r[start:stop]), step, TIMES_NOISE)
-    return frequency if frequency * (stop - start) * step > TREND else 0.0
+    return frequency if frequency * (stop - start) * step > ONE_CYCLE else 0.0
 
 
 def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:

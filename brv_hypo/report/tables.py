@@ -107,11 +107,11 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
     named = comparison.verdict.winner not in (None, "none")
-    said = [*_alike(comparison), *((NAME_AND_FAMILY,) if named else ())]
+    said = [*_one_drift(comparison), *((NAME_AND_FAMILY,) if named else ())]
     return [table, Texts(said, bullets=False)]
 
 
-def _alike(comparison: Comparison) -> list[str]:
+def _one_drift(comparison: Comparison) -> list[str]:
     """Processes of instruments or air, of one family and unit, of which one is shown: one drift may be either."""
     said = []
     for each in shown_processes(comparison):
