@@ -23,7 +23,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
@@ -397,8 +397,19 @@ def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Fact
         scale = np.repeat(amplitudes, [own.stop - own.start for own in rows.blocks[number].columns])
         matrix = scale[:, np.newaxis] * known.own * scale
         matrix[np.diag_indices_from(matrix)] += 1.0
-        factors[number] = scale, cholesky(matrix, lower=True, check_finite=False, overwrite_a=True)
+        factors[number] = scale, _factor(matrix)
     return factors
+
+
+def _factor(matrix: FloatArray) -> FloatArray:
+    """Its lower factor, where its smallest eigenvalues are lost in rounding (a record without noise) of one with these
+    at what rounding leaves of the largest.
+    """
+    try:
+        return np.asarray(cholesky(matrix, lower=True, check_finite=False))
+    except LinAlgError:
+        rounding = matrix.shape[0] * np.finfo(float).eps * float(np.max(np.diag(matrix)))
+        return np.asarray(cholesky(matrix + rounding * np.eye(matrix.shape[0]), lower=True, check_finite=False))
 
 
 class _Eliminated(NamedTuple):

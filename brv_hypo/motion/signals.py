@@ -85,12 +85,12 @@ def transverse_noise_level(y: FloatArray, z: FloatArray, segments: tuple[tuple[i
 
 
 def _quantisation(channel: FloatArray) -> float:
-    """Standard deviation of rounding to the channel's smallest step, or to double precision."""
+    """Standard deviation of rounding to the channel's smallest step, or to single precision."""
     steps = np.abs(np.diff(channel))
     steps = steps[steps > 0.0]
     still = steps.size < NOISE_STILL * max(channel.size - 1, 1)
     smallest = float(steps.min()) if steps.size and still else 0.0
-    return max(smallest / math.sqrt(12.0), 1e-12 * float(np.max(np.abs(channel), initial=1.0)))
+    return max(smallest / math.sqrt(12.0), 6e-8 * float(np.max(np.abs(channel), initial=1.0)))
 
 
 # ---- The first derivative: the local polynomial of the least mean-square error ----
