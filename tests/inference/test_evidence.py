@@ -70,7 +70,7 @@ def cost_of(rows: Rows, terms: Terms, patch: pytest.MonkeyPatch) -> Cost:
 
     def stays(cost: Any, start: FloatArray, *, jac: Any, hess: Any, **options: Any) -> SimpleNamespace:
         asked.append(Cost(cost, jac, hess))
-        return SimpleNamespace(x=start, fun=cost(start))
+        return SimpleNamespace(x=start, jac=jac(start), hess=hess(start))
 
     with patch.context() as context:
         context.setattr(evidence, "minimize", stays)
