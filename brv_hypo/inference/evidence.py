@@ -257,9 +257,11 @@ class Evidence:
         """Of all rows."""
         return _factored(self.products, self.rows, self.at)
 
-    def with_columns(self, x: FloatArray) -> Products:
-        """The scalar products with further columns (n, k) after the terms: of all evidences of these terms the same."""
-        return self.rows.products.beside(self.rows, np.concatenate([self.terms.x, x], axis=1))
+    def with_moments(self, rates: FloatArray) -> Products:
+        """The scalar products with moments by their rates (rate rows, k) after the terms: of all evidences of these
+        terms the same.
+        """
+        return self.products.beside_moments(self.rows, self.terms.x, rates)
 
     def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of the columns X after the terms, where P is the inverse covariance with all else integrated
