@@ -274,8 +274,15 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
         return np.asarray(change)
     from scipy.optimize import lsq_linear
 
-    bounds = np.minimum(lower, 0.0) * norm, np.maximum(upper, 0.0) * norm
-    return np.asarray(lsq_linear(matrix, right, bounds, method="bvls").x / norm)
+    # Few are bounded: the others follow them, so that every step within the bounds is of those few alone.
+    held = np.isfinite(lower) | np.isfinite(upper)
+    both = np.column_stack([right, matrix[:, held]])
+    follow = lstsq(matrix[:, ~held], both, _RANK_TOLERANCE, lapack_driver="gelsy")[0]
+    rest = both - matrix[:, ~held] @ follow
+    bounds = (np.minimum(lower, 0.0) * norm)[held], (np.maximum(upper, 0.0) * norm)[held]
+    change[held] = lsq_linear(rest[:, 1:], rest[:, 0], bounds, method="bvls").x
+    change[~held] = follow @ np.append(1.0, -change[held])
+    return np.asarray(change / norm)
 
 
 _HALVINGS = 12
