@@ -63,14 +63,43 @@ class _OfProcesses(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """A hypothesis at its most probable amplitudes; `level` is its log evidence, but for a constant of the rows."""
+class _Integrated:
+    """All that is integrated out at some amplitudes; what is of processes only where it is asked for."""
 
     rows: Rows
     terms: Terms
     products: Products
     at: FloatArray
     """Logarithms of the noise, of every process's amplitude, and of the mechanism's."""
+
+    @cached_property
+    def _parts(self) -> dict[int, _Eliminated]:
+        return _eliminated(self.products, self.rows, self.at)
+
+    @cached_property
+    def solution(self) -> _Solution:
+        """b and c, at their mode."""
+        return _solved(self.products, self._parts, self.rows, self.terms, self.at)
+
+    @cached_property
+    def processes(self) -> tuple[_OfProcesses, ...]:
+        """a of each flight: large, and wanted of few."""
+        return tuple(self._of(each) for each in self._parts.values())
+
+    def _of(self, part: _Eliminated) -> _OfProcesses:
+        both = np.column_stack([part.made, part.own])
+        both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
+        # In the place of the factor, of which nothing else is wanted.
+        inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
+        follows = both[:, :-1]
+        variances = np.diag(inverse) + np.sum((follows @ self.solution.covariance) * follows, axis=1)
+        return _OfProcesses(both[:, -1] - follows @ self.solution.border, inverse, follows, variances)
+
+
+@dataclass(frozen=True)
+class Evidence(_Integrated):
+    """A hypothesis at its most probable amplitudes; `level` is its log evidence, but for a constant of the rows."""
+
     level: float
 
     @property
@@ -121,16 +150,6 @@ class Evidence:
     def amplitudes(self) -> FloatArray:
         """Of every process (groups,), in its units."""
         return self.noise * _amplitudes(self.rows, self.at)
-
-    @cached_property
-    def solution(self) -> _Solution:
-        """What is integrated out, at its mode."""
-        return _Integrated(self.products, self.rows, self.terms, self.at).solution
-
-    @cached_property
-    def processes(self) -> tuple[_OfProcesses, ...]:
-        """The processes of each flight: large, and wanted of few evidences."""
-        return _Integrated(self.products, self.rows, self.terms, self.at).processes
 
     @property
     def values(self) -> FloatArray:
@@ -321,7 +340,7 @@ class _Surface:
         key = at.tobytes()
         if key not in self._last:
             self._last.clear()
-            self._last[key] = _Integrated(self.products, self.rows, self.terms, at)
+            self._last[key] = _Integrated(self.rows, self.terms, self.products, at)
         return self._last[key]
 
     def evidence(self, at: FloatArray) -> Evidence:
@@ -439,39 +458,6 @@ def _solved(
     covariance = cho_solve((outer, True), np.eye(border.size), check_finite=False)
     rest = products.square - sum(each.misfit for each in parts.values()) - float(right @ border)
     return _Solution(level, rest, border, covariance)
-
-
-@dataclass(frozen=True)
-class _Integrated:
-    """All that is integrated out at some amplitudes; what is of processes only where it is asked for."""
-
-    products: Products
-    rows: Rows
-    terms: Terms
-    at: FloatArray
-
-    @cached_property
-    def _parts(self) -> dict[int, _Eliminated]:
-        return _eliminated(self.products, self.rows, self.at)
-
-    @cached_property
-    def solution(self) -> _Solution:
-        """b and c."""
-        return _solved(self.products, self._parts, self.rows, self.terms, self.at)
-
-    @cached_property
-    def processes(self) -> tuple[_OfProcesses, ...]:
-        """a of each flight."""
-        return tuple(self._of(each) for each in self._parts.values())
-
-    def _of(self, part: _Eliminated) -> _OfProcesses:
-        both = np.column_stack([part.made, part.own])
-        both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
-        # In the place of the factor, of which nothing else is wanted.
-        inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
-        follows = both[:, :-1]
-        variances = np.diag(inverse) + np.sum((follows @ self.solution.covariance) * follows, axis=1)
-        return _OfProcesses(both[:, -1] - follows @ self.solution.border, inverse, follows, variances)
 
 
 def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> float:

@@ -154,10 +154,10 @@ class Products(NamedTuple):
             half, those = block.rows.size // 2, block.rows
             part, beside = _of(rates, those[:half]), _of(white, those)
             free, inside = block.own[:half].T @ part, block.errors[:half].T @ part
-            taken = (1.0 - block.shrunk)[:, np.newaxis] * inside
-            own += part.T @ part - free.T @ free - (inside + block.shrunk[:, np.newaxis] * inside).T @ taken
-            across += part.T @ beside[:half] - taken.T @ (block.errors.T @ beside)
-            flights[number] = block.z[:half].T @ part - block.errors_in_z @ taken
+            removed = (1.0 - block.shrunk)[:, np.newaxis] * inside
+            own += part.T @ part - free.T @ free - (inside + block.shrunk[:, np.newaxis] * inside).T @ removed
+            across += part.T @ beside[:half] - removed.T @ (block.errors.T @ beside)
+            flights[number] = block.z[:half].T @ part - block.errors_in_z @ removed
         return self._with(across[:, :-1], own, across[:, -1], flights)
 
     def _with(
