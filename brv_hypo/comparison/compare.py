@@ -36,7 +36,7 @@ from brv_hypo.comparison.result import Comparison, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_prediction_error
 from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
-from brv_hypo.errors import MechanismError
+from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
@@ -45,7 +45,7 @@ from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.held_out import block_of_whitened_row, held_out
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.uncertainty import Regressed
-from brv_hypo.io.text import hypothesis
+from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty
 from brv_hypo.mechanisms.contract import Mechanism, Process
@@ -265,4 +265,9 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
     items = {name: entry.item for name, entry in installed().items()}
     beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
     names = [name for name in config.mechanisms or () if name not in beside]
-    return {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}
+    found = {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}
+    own = dict.fromkeys(mechanism.name for mechanisms in found.values() for mechanism in mechanisms)
+    for name in config.options.keys() - own.keys():
+        hint = meant(name, own, f"compared: {', '.join(own)}.")
+        raise UsageError(f"the settings have options of '{name}', which is not compared; {hint}")
+    return found

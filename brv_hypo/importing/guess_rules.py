@@ -29,13 +29,19 @@ from brv_hypo.io.binary import ColumnTable
 
 MAGNETOMETER = ("mx", "my", "mz")  # no channels of format 1: they tell the roll rate
 
+
+def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
+    """An axis in units of a rate: roll_dps, Pitch [deg/s]."""
+    return tuple((axis, *units) for units in (("dps",), ("deg", "s"), ("rad", "s"), ("rps",), ("rpm",)))
+
+
 # Words that stand for a channel, the likelier first; a name must hold all words of one entry.
 _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
     "time": (("time",), ("clock",), ("timestamp",), ("met",), ("t",), ("stamp",), ("epoch",), ("sec",)),
     "roll_rate_mag": (("roll", "rate", "mag"), ("mag", "roll"), ("mag", "spin")),
-    "p": (("p",), ("roll", "rate"), ("rollrate",), ("spin", "rate"), ("gyro", "roll")),
-    "q": (("q",), ("pitch", "rate"), ("pitchrate",), ("gyro", "pitch")),
-    "r": (("r",), ("yaw", "rate"), ("yawrate",), ("gyro", "yaw")),
+    "p": (("p",), ("roll", "rate"), ("rollrate",), ("spin", "rate"), ("gyro", "roll"), *_as_rate("roll")),
+    "q": (("q",), ("pitch", "rate"), ("pitchrate",), ("gyro", "pitch"), *_as_rate("pitch")),
+    "r": (("r",), ("yaw", "rate"), ("yawrate",), ("gyro", "yaw"), *_as_rate("yaw")),
     "ax": (("axial", "acc"), ("axial", "accel"), ("axial", "force"), ("nx",), ("acc",), ("accel",)),
     "ay": (("lateral", "acc"), ("lateral", "accel"), ("ny",)),
     "az": (("normal", "acc"), ("normal", "accel"), ("nz",)),

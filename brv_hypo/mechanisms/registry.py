@@ -39,6 +39,7 @@ from brv_hypo.mechanisms.contract import (
 )
 from brv_hypo.mechanisms.yaml_mechanism import is_mechanism_file, read_mechanism
 from brv_hypo.motion.responses import Perturbation, superposed
+from brv_hypo.settings import problems_of
 
 OWN = "brv-hypo"  # this project's distribution: its plugins pass the conformance kit before every release
 HOOKS = ("brv_hypo_mechanisms", "brv_hypo_record_effects")
@@ -224,7 +225,10 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
         made = answer(name, package, plain.__class__.model_validate, {**plain.model_dump(), **options})
     except MechanismError as error:
         if isinstance(error.__cause__, ValidationError):
-            raise UsageError(f"bad options for mechanism '{name}': {error.__cause__}") from None
+            known = ", ".join(type(plain).model_fields) or "none"
+            raise UsageError(
+                f"bad options for mechanism '{name}': {problems_of(error.__cause__)}. It has: {known}."
+            ) from None
         raise
     return checked(made) if is_checked(item) else made
 
@@ -242,6 +246,8 @@ def _found(name: str, known: Sequence[str]) -> Item:
         return read_mechanism(name)
     if name in known:
         return installed()[name].item
+    if name.endswith(".py"):
+        raise UsageError(f"'{name}' is a file of plugins: give it by --plugin, and its mechanisms by their names")
     hint = meant(name, known, f"installed: {', '.join(known)}.", cutoff=0.4, most=3)
     reasons = "".join(f" {reason}" for reason in left_out() if f"'{name}'" in reason)
     where = "`brv-hypo mechanisms` lists what is installed, --plugin FILE adds a file's"

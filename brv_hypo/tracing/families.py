@@ -162,11 +162,8 @@ class Beside:
         return tuple(sorted(found, key=lambda each: -each.share))
 
     def _residual(self, names: Sequence[str]) -> FloatArray:
-        """That (n,) of the baseline and some effects, without processes."""
-        rows = self.rows
-        y, columns = rows.beside_baseline(rows.y), [rows.terms(None).x, *(self.terms[name].x for name in names)]
-        x = rows.beside_baseline(np.concatenate(columns, axis=1))
-        return np.asarray(y - x @ np.linalg.lstsq(x, y, rcond=None)[0])
+        """That (n,) of the baseline, its tolerances and some effects, without processes."""
+        return self.evidence(names, ()).residual
 
     @cached_property
     def majority(self) -> str | None:

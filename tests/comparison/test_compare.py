@@ -140,6 +140,11 @@ def test_too_short_a_window_cannot_answer() -> None:
         compare([flight])
 
 
+def test_options_of_what_is_not_compared_are_refused() -> None:
+    with pytest.raises(UsageError, match="is 'damping' meant"):
+        compare([nominal().flight], CompareConfig(mechanisms=("damping",), options={"dampin": {}}))
+
+
 def test_an_unknown_mechanism_names_the_nearest() -> None:
     with pytest.raises(UsageError, match="sticking"):
         compare([nominal().flight], CompareConfig(mechanisms=("stiking",)))

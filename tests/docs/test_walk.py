@@ -26,7 +26,7 @@ class Noted(Walk):
         ("demo", ["demo"]),
         (
             "mechanism",
-            ["mechanisms", "simulate", "compare", "mechanisms", "simulate", "mechanisms", "simulate", "compare"],
+            [*("mechanisms", "simulate", "compare", "compare"), *("mechanisms", "simulate", "simulate", "compare")],
         ),
         ("effect", ["mechanisms", "mechanisms", "python", "trace"]),
         ("sisters", ["simulate", "trace", "simulate", "predict"]),

@@ -256,6 +256,9 @@ def test_measured_logs_are_guessed_right() -> None:
         ("VelocityKmh", "velocity", "km/hour"),
         ("AltFt", "altitude", "ft"),
         ("gyroX_degS", "p", "deg/s"),
+        ("roll_dps", "p", "deg/s"),
+        ("Pitch [deg/s]", "q", "deg/s"),
+        ("yaw_rad_s", "r", "rad/s"),
     ],
 )
 def test_units_at_the_end_of_a_name_are_read_with_their_capitals(column: str, channel: str, units: str) -> None:

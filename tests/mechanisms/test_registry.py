@@ -44,9 +44,14 @@ def test_a_name_that_is_like_none_lists_what_is_installed():
         find("qqq")
 
 
+def test_a_file_of_plugins_among_names_says_where_it_belongs():
+    with pytest.raises(UsageError, match="--plugin"):
+        find("mine.py")
+
+
 def test_options_are_checked():
     assert find("sticking", {"form": "complete"}).form == "complete"
-    with pytest.raises(UsageError, match="bad options for mechanism 'sticking'"):
+    with pytest.raises(UsageError, match="bad options for mechanism 'sticking': 'form': .* It has: form, delays"):
         find("sticking", {"form": "square"})
     with pytest.raises(UsageError, match="bad options for mechanism 'damping'"):
         find("damping", {"colour": "red"})

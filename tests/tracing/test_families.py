@@ -9,8 +9,8 @@ import pytest
 
 from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.tracing import Trace, TraceConfig, trace
-from brv_hypo.tracing.baseline import start_model, starting_columns
-from brv_hypo.tracing.families import beside_processes
+from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
+from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.fit import converged, correct
 from tests.studies.independent.flights import Made, make_flight
 
@@ -63,14 +63,30 @@ def test_the_account_goes_from_constant_coefficients_to_the_last_model() -> None
     assert all(each.held_out > 0.0 and each.std_error > 0.0 for each in account)
 
 
-@pytest.mark.slow
-def test_nothing_added_leaves_nothing_to_want() -> None:
+@cache
+def beside_nothing() -> Beside:
+    """The baseline of a flight beside all processes, with nothing added."""
     made = flight("damping_alpha")
     model = start_model((made.flight,), ())
     data = correct((made.flight,), model, CONFIG)
     model = model.but(columns=starting_columns(model, data.frame))
-    state = converged((made.flight,), model, CONFIG)
-    beside = beside_processes(state, state.model)
+    state = converged((made.flight,), with_priors(model, data), CONFIG)
+    return beside_processes(state, state.model)
+
+
+@pytest.mark.slow
+def test_nothing_added_leaves_nothing_to_want() -> None:
+    beside = beside_nothing()
     assert beside.terms == {}
     assert beside.unwanted([]) == ()
     assert np.isfinite(beside.evidence([]).level)
+
+
+@pytest.mark.thorough
+def test_shares_are_of_what_baseline_and_tolerances_do_not_explain() -> None:
+    """A bend of the static moment, which is within its tolerance, explains nothing for a family of processes."""
+    beside = beside_nothing()
+    assert beside.rows.shared.shape[1] > beside.rows.coefficients.shape[1]
+    first = beside.shares([])[0]
+    squares = [float(np.sum(beside.evidence([], own).residual ** 2)) for own in ((), (first.family,))]
+    assert first.share == pytest.approx(1.0 - squares[1] / squares[0], abs=1e-6)

@@ -18,7 +18,8 @@ from scipy.interpolate import CubicSpline
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
-from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.mechanisms.registry import find_installed
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.motion import Motion
@@ -44,16 +45,39 @@ def with_moment(
     rates, chi = _moved(flight, _course(flight, state, lift), mechanism, values, onset)
     # C_y + i C_z = -C_malpha alpha (sin phi_w + i cos phi_w).
     force = -1j * lift * chi
-    arm = 0.0 if flight.vehicle.accelerometer_position is None else flight.vehicle.accelerometer_position[0]
-    change = np.gradient(rates, flight.time)
-    # f_y gains (p q + r') x, f_z gains (p r - q') x.
-    return replace(
-        flight,
-        q=flight.q + rates.real,
-        r=flight.r + rates.imag,
-        ay=flight.ay + force.real + arm * (flight.p * rates.real + change.imag),
-        az=flight.az + force.imag + arm * (flight.p * rates.imag - change.real),
+    true = state.data.reconstructions[0].corrected
+    turned = replace(true, q=true.q + rates.real, r=true.r + rates.imag)
+    lever = _lever(turned) - _lever(true)
+    turned = replace(
+        turned, ax=true.ax + lever[:, 0], ay=true.ay + force.real + lever[:, 1], az=true.az + force.imag + lever[:, 2]
     )
+    before, after = (_as_read(record, state) for record in (true, turned))
+    return replace(
+        flight, **{name: getattr(flight, name) + getattr(after, name) - getattr(before, name) for name in _SENSED}
+    )
+
+
+_SENSED = ("q", "r", "ax", "ay", "az")
+
+
+def _as_read(true: Flight, state: Fit) -> Flight:
+    """What the record's instruments read of this motion, with the errors that the reconstruction found in them.
+
+    A change of the motion that were read without them would contradict the record's own, and look like other errors.
+    """
+    for error in state.data.reconstructions[0].effects:
+        effect = find_installed(error.effect)
+        if isinstance(effect, RecordEffect) and effect.kind == "instrument":
+            true = effect.perturb(true, error.component, error.value)
+    return true
+
+
+def _lever(flight: Flight) -> FloatArray:
+    """Specific force (n, 3) at the accelerometers beyond that at the centre of mass, m/s^2: w' x r + w x (w x r)."""
+    rates = np.stack([flight.p, flight.q, flight.r], axis=1)
+    arm = np.array(flight.vehicle.accelerometer_position)
+    change = CubicSpline(flight.time, rates)(flight.time, 1)
+    return np.asarray(np.cross(change, arm) + np.cross(rates, np.cross(rates, arm)))
 
 
 def _normal_force(flight: Flight, state: Fit) -> FloatArray:
