@@ -178,17 +178,12 @@ class Eliminated:
     """The parameters that the states can follow entirely, (p,): what is left of them is rounding, and set to zero."""
     log_det: float  # see `log_determinant`
 
-    @property
-    def own(self) -> IntArray:
-        """Places of the segment's parameters among all, (p,)."""
-        return self.problem.own
-
     def whitened(self, sampled: slice) -> Whitened:
         """r + J dx + J_p dp at some of the samples."""
         found = (self.problem.direct() + self.problem.by_state.dot(self.x))[sampled]
         by_parameter = found[:, :, 1:]
         by_parameter[:, :, self.void] = 0.0
-        return Whitened(self.own, found[:, :, 0], by_parameter)
+        return Whitened(self.problem.own, found[:, :, 0], by_parameter)
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:

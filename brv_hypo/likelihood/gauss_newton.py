@@ -142,7 +142,7 @@ def information_factor(segments: Sequence[Eliminated], p: int) -> FloatArray:
         return segments[0].triangle
     rows = [np.zeros((len(segment.triangle), p + 1)) for segment in segments]
     for into, segment in zip(rows, segments, strict=True):
-        into[:, np.append(segment.own, p)] = segment.triangle
+        into[:, np.append(segment.problem.own, p)] = segment.triangle
     return upper_triangle(np.concatenate(rows))
 
 
@@ -174,7 +174,7 @@ def gauss_newton_step(
     x = []
     multiplier = 0.0
     for segment in segments:
-        weights = np.append(1.0, change[segment.own])
+        weights = np.append(1.0, change[segment.problem.own])
         x.append((segment.x @ weights).T * problem.size[:, None])
         multiplier = max(multiplier, float(np.abs(segment.multiplier @ weights).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))

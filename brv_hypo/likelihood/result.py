@@ -502,7 +502,7 @@ def mesh_shift(
         with np.errstate(all="ignore"):
             error = interval_errors(problem, grid, x, problem.parameters.as_mapping(iterate.theta))
         multiplier = segment.multiplier[1:, :, 1:]
-        gradient[segment.own] += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
+        gradient[segment.problem.own] += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
     block = covariance[np.ix_(known, known)]
     shift = np.full(p, np.nan)
     shift[known] = block @ gradient[known] / np.sqrt(np.diag(block))
