@@ -238,6 +238,10 @@ REPORTED_PER_CYCLE = 25.0  # samples; a mean over the interval reads 0.3 % too s
 REPORTED_MERIDIAN = 90.0  # percentile of the meridian's rate that is the fastest motion
 REPORTED_SLOPES = 32  # places along a flight at which the static slope is told
 STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be told so; convention
+# Of the change that a bend (alpha^2) makes of a slope from alpha = 0 to the greatest angle flown, the share below the
+# least angle flown, which no sample shows, beyond which a value at alpha = 0 is an extrapolation; convention.
+EXTRAPOLATED_SHARE = 0.05
+INFLATED, COLLINEAR = 10.0, 0.9  # variance inflation, correlation: Belsley, Kuh and Welsch, 1980, 3.2; convention
 REPORTED_DRAG = 0.1  # relative spread of axial force over dynamic pressure, below which they are said to be one
 
 # ---- Prediction ----

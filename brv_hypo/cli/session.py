@@ -438,6 +438,10 @@ def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., N
                         use_plugin_files(session.plugin or ())
                 # Nothing but the result may reach a standard output that belongs to JSON.
                 with redirect_stdout(sys.stderr) if session.json_only else nullcontext():
+                    if session.plugin:
+                        from brv_hypo.mechanisms import installed
+
+                        installed()  # refuses a file that cannot be used, whatever the command asks for
                     command(session, **given)
             finally:
                 for reason in left_out():

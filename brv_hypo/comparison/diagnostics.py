@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
+from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
 from brv_hypo.comparison.judgement import Judged, as_planted
 from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
@@ -28,7 +29,6 @@ from brv_hypo.subset.criteria import Criteria
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
 MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
-INFLATED, COLLINEAR = 10.0, 0.9  # convention: Belsley, Kuh and Welsch, Regression Diagnostics, 1980, 3.2
 
 
 def diagnostics(judged: Judged, comparison: Comparison) -> dict[str, Any]:
@@ -44,7 +44,7 @@ def diagnostics(judged: Judged, comparison: Comparison) -> dict[str, Any]:
     return {
         "ranking": tuple(row.model_copy(update=gains[row.mechanism]) for row in comparison.ranking),
         "record_errors": record_errors(own, judged.weight),
-        "collinear": collinear(fit.columns, fit.covariance),
+        **collinear(fit.columns, fit.covariance),
         "functions": {
             name: along_flights(own, fit.columns, frame, by, judged.weight) for name, by in functions.items()
         },
@@ -79,22 +79,17 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
     return tuple(sorted(found, key=lambda each: -abs(each.tolerances)))
 
 
-def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> tuple[str, ...]:
-    """Pairs of coefficients with a correlation above `COLLINEAR`, or one with a variance inflation above `INFLATED`."""
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    correlation = covariance / np.outer(sigma, sigma)
-    inflation = np.diag(np.linalg.pinv(correlation, hermitian=True))
-    others = correlation - np.diag(np.diag(correlation))
+def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:
+    """Fields of a result: pairs of coefficients that are nearly collinear, with their numbers, and what they form."""
     starts = [each.time_basis.start for each in columns]
     labels = [
         each.label + (f" at {at:.2f} s" if np.isfinite(at) else "") for each, at in zip(columns, starts, strict=True)
     ]
-    pairs = {
-        frozenset((j, k)): f"{labels[j]}, {labels[k]}: {others[j, k]:.3f} ({inflation[j]:.3g}, {inflation[k]:.3g})"
-        for j, k in enumerate(np.argmax(np.abs(others), axis=1).tolist())
-        if inflation[j] > INFLATED or abs(others[j, k]) > COLLINEAR
+    pairs = collinear_pairs(covariance).values()
+    return {
+        "collinear": tuple(f"{labels[j]}, {labels[k]}: {numbers}" for j, k, numbers in pairs),
+        "collinear_groups": collinear_groups(labels, covariance),
     }
-    return tuple(pairs.values())
 
 
 def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria) -> tuple[SizedModel, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import NetInterval, TermEstimate
-from brv_hypo.constants import SEARCH_SAME_THETA, SECOND_ORDER_VALUES
+from brv_hypo.constants import COLLINEAR, INFLATED, SEARCH_SAME_THETA, SECOND_ORDER_VALUES
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.mechanisms.contract import Derived
 from brv_hypo.model.common_time import at
@@ -23,6 +23,32 @@ def estimate(name: str, mechanism: str, value: float, sigma: float, units: str, 
     f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
     known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
     return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
+
+
+def collinear_pairs(covariance: FloatArray) -> dict[frozenset[int], tuple[int, int, str]]:
+    """Coefficients with a correlation above `COLLINEAR`, or a variance inflation above `INFLATED`: each with that which
+    it is most correlated with, and in words their correlation (variance inflations).
+    """
+    if not covariance.size:
+        return {}
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = covariance / np.outer(sigma, sigma)
+    inflation = np.diag(np.linalg.pinv(correlation, hermitian=True))
+    others = correlation - np.diag(np.diag(correlation))
+    return {
+        frozenset((j, k)): (j, k, f"{others[j, k]:.3f} ({inflation[j]:.3g}, {inflation[k]:.3g})")
+        for j, k in enumerate(np.argmax(np.abs(others), axis=1).tolist())
+        if inflation[j] > INFLATED or abs(others[j, k]) > COLLINEAR
+    }
+
+
+def collinear_groups(names: Sequence[str], covariance: FloatArray) -> tuple[tuple[str, ...], ...]:
+    """Names of coefficients that are nearly collinear with each other, those that pairs link together."""
+    groups: list[frozenset[int]] = []
+    for pair in collinear_pairs(covariance):
+        linked = [group for group in groups if group & pair]
+        groups = [*(group for group in groups if group not in linked), pair.union(*linked)]
+    return tuple(tuple(names[j] for j in sorted(group)) for group in groups)
 
 
 def intervals(fit: HypothesisFit) -> tuple[NetInterval, ...]:
@@ -58,9 +84,10 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
     ):
         column = fit.selected[members[0]]
         found.append(estimate(term, mechanism, value, sigma, _units(column), delay_s=column.delay, **where))
+    collinear = collinear_groups([each.name for each in found], covariance)
     derived = _derived(fit, list(groups), values, covariance)
     found += [estimate(d.name, name, d.value, d.std_error, d.units, **where) for name, d in derived]
-    return NetInterval(start_s=start, stop_s=stop, values=tuple(found))
+    return NetInterval(start_s=start, stop_s=stop, values=tuple(found), collinear_groups=collinear)
 
 
 def _first_like(columns: Sequence[Regressor], column: Regressor) -> Theta:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED
 from brv_hypo.flight.record import RecordFault
-from brv_hypo.inference.derivatives import Derivative
+from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
@@ -82,11 +82,15 @@ class MaximumLikelihood(NullIsNaN):
 
 
 class NetInterval(NullIsNaN):
-    """The net values of a hypothesis between two of its knots (s, of the reference flight)."""
+    """The net values of a hypothesis between two of its knots (s, of the reference flight).
+
+    `collinear_groups`: names of values that are nearly collinear with each other.
+    """
 
     start_s: float
     stop_s: float
     values: tuple[TermEstimate, ...]
+    collinear_groups: tuple[tuple[str, ...], ...] = ()
 
 
 class RankedHypothesis(NullIsNaN):
@@ -136,6 +140,8 @@ class FlightSummary(NullIsNaN):
     title: str = ""
     instruments: str = ""
     """The grade of the tolerances, and how many are stated."""
+    vehicle: dict[str, float] = Field(default_factory=dict)
+    """Mass, inertias, reference length and area, SI; `inertia` and `inertia_ratio` are relative tolerances."""
     notes: tuple[str, ...] = ()
 
 
@@ -366,7 +372,9 @@ class Comparison(HasCharts, Result):
     best_by_size: tuple[SizedModel, ...] = ()
     collinear: tuple[str, ...] = ()
     """Pairs of the leader's coefficients that are not to be read by themselves: correlation (variance inflations)."""
-    functions: dict[Literal["C_m0", "C_malpha", "C_mq"], tuple[Derivative, ...]] = Field(default_factory=dict)
+    collinear_groups: tuple[tuple[str, ...], ...] = ()
+    """Those that these pairs link together."""
+    functions: dict[Function, tuple[Derivative, ...]] = Field(default_factory=dict)
     """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)
 
@@ -391,6 +399,11 @@ class Comparison(HasCharts, Result):
                 parts = {"processes": found.processes, "noise": found.noise}
             rest = [f"{name} {_percent(part)} %" for name, part in parts.items()]
             lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
+        if (fits := self.verdict.adequacy) is not None:
+            within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"
+            stable = self.verdict.stability
+            repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
+            lines.append(f"{within}{repeated}.")
         poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
         lines.append(beyond_text(self.record_errors, poses))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:

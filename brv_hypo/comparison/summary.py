@@ -24,7 +24,7 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     Verdict,
 )
-from brv_hypo.flight.record import Flight, RecordTrial
+from brv_hypo.flight.record import VEHICLE_DIMENSIONS, Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
@@ -123,6 +123,10 @@ def flight_summary(flight: Flight, analysed: Flight | None = None) -> FlightSumm
         sample_rate_hz=flight.sample_rate,
         title=flight.title,
         instruments=flight.instruments.described,
+        vehicle={
+            **{name: getattr(flight.vehicle, name) for name in VEHICLE_DIMENSIONS if name != "accelerometer_position"},
+            **{name: getattr(flight.instruments, name)[0] for name in ("inertia", "inertia_ratio")},
+        },
         notes=(analysed or flight).notes,
     )
 

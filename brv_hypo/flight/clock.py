@@ -188,24 +188,37 @@ def _resampled(
     return grid, resampled, (note,)
 
 
-def transverse_frequency(q: FloatArray, r: FloatArray, step: float) -> float:
+def transverse_frequency(q: FloatArray, r: FloatArray, step: float, times_noise: float = 0.0) -> float:
     """Frequency of the strongest transverse motion, Hz, of `q` and `r` (n,) at `step` s; 0 where nothing varies.
 
-    That of the highest peak of a periodogram.
+    That of the highest peak of a periodogram, whose power is more than `times_noise` the median.
     """
     frequencies = [0.0]
     for rate in (q, r):
         if np.count_nonzero(np.isfinite(rate)) >= 4:
             whole = joined(rate)
             spectrum = np.abs(np.fft.rfft((whole - np.mean(whole)) * np.hanning(whole.size)))
-            frequencies.append(float(np.argmax(spectrum) / (whole.size * step)) if spectrum.max() > 0.0 else 0.0)
+            peak = spectrum.max() ** 2 > times_noise * np.median(spectrum**2)
+            frequencies.append(float(np.argmax(spectrum) / (whole.size * step)) if peak else 0.0)
     return max(frequencies)
 
 
+TIMES_NOISE = 20.0  # median power of a spectrum, beyond which a peak is no noise: chance gives 10 in 1000 lines
+TREND = 3  # degree of the polynomial through a rate that is no motion
+ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of one: no period repeats
+
+
+def less_trend(rate: FloatArray) -> FloatArray:
+    """A rate (n,) without gaps, less a polynomial of degree `TREND` in time."""
+    place = np.linspace(-1.0, 1.0, rate.size)
+    return np.asarray(rate - np.polyval(np.polyfit(place, rate, min(TREND, rate.size - 1)), place))
+
+
 def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Sequence[tuple[int, int]]) -> float:
-    """`transverse_frequency` over the longest of `segments`."""
+    """`transverse_frequency` over the longest of `segments`, less a trend; 0 where no motion is periodic."""
     start, stop = max(segments, key=lambda segment: segment[1] - segment[0])
-    return transverse_frequency(q[start:stop], r[start:stop], step)
+    frequency = transverse_frequency(less_trend(q[start:stop]), less_trend(r[start:stop]), step, TIMES_NOISE)
+    return frequency if frequency * (stop - start) * step > ONE_CYCLE else 0.0
 
 
 def stamped_steps(time: FloatArray, channels: Mapping[str, FloatArray]) -> tuple[tuple[int, float], ...]:

@@ -31,7 +31,7 @@ from brv_hypo import thresholds as limits
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.cleaning import despiked, mask_faults
-from brv_hypo.flight.clock import MAD_TO_SIGMA, joined, regularise
+from brv_hypo.flight.clock import MAD_TO_SIGMA, TIMES_NOISE, joined, less_trend, regularise
 from brv_hypo.flight.derived import HIGHEST_ALTITUDE, LOWEST_ALTITUDE, atmosphere
 from brv_hypo.flight.plausibility import GRAVITY
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, INERTIAL_CHANNELS, Channels, Record, RecordFault
@@ -76,8 +76,6 @@ ASCENT_FEWEST = 20  # samples with force and altitude
 # shorter than a cycle.
 DECIMATED_PER_CYCLE = 30.0
 DECIMATED_FEWEST = 500.0  # samples that a window keeps, if it has them
-DECIMATED_TREND = 3  # degree of the polynomial through a rate that is no motion
-DECIMATED_TIMES_NOISE = 20.0  # medians of the spectrum, below which a peak is noise
 DECIMATED_WORTH = 1.3  # times the rate asked for, below which a filter costs more than it saves
 DECIMATED_LEAST_GAIN = 2.0  # times the samples that the motion needs, below which a record is left as it is
 DECIMATED_PASS_END = 0.3  # of the new rate
@@ -474,13 +472,11 @@ def needed_rate(time: FloatArray, channels: Mapping[str, FloatArray]) -> float |
     """
     grid, uniform, _ = regularise(time, {name: channels[name] for name in ("q", "r")})
     before = (grid.size - 1) / float(grid[-1] - grid[0])
-    place = np.linspace(-1.0, 1.0, grid.size)
-    rates = [joined(uniform[name]) for name in ("q", "r")]
-    q, r = (rate - np.polyval(np.polyfit(place, rate, DECIMATED_TREND), place) for rate in rates)
+    q, r = (less_trend(joined(uniform[name])) for name in ("q", "r"))
     power = np.abs(np.fft.fft((q + 1j * r) * np.hanning(grid.size))) ** 2
     frequency = np.abs(np.fft.fftfreq(grid.size, 1.0 / before))
     # Vibration is faster than any oscillation, and may be stronger; noise is level.
-    kept = (frequency < VIBRATION) & (power > DECIMATED_TIMES_NOISE * np.median(power))
+    kept = (frequency < VIBRATION) & (power > TIMES_NOISE * np.median(power))
     if not np.any(kept & (power > 0.0)):
         return None
     motion_frequency = float(frequency[np.argmax(np.where(kept, power * frequency, 0.0))])

@@ -6,15 +6,16 @@ so are C_malpha and `static_change`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import REPORTED_SLOPES
+from brv_hypo.constants import COLLINEAR, EXTRAPOLATED_SHARE, REPORTED_SLOPES
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.json_result import NullIsNaN
 from brv_hypo.linearisation.frame import RateFrame
@@ -24,6 +25,8 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
+Function = Literal["C_m0", "C_malpha", "C_mq"]
+
 _RATE = 1.0  # of the transverse rate, rad/s: moments of it are linear
 _ANGLE = 1e-4  # of the angle of attack, rad: the moment of a power of it is linear over less than 1e-7 of itself
 
@@ -31,9 +34,12 @@ _ANGLE = 1e-4  # of the angle of attack, rad: the moment of a power of it is lin
 class Derivative(NullIsNaN):
     """C_m,in or a derivative of it (1/rad) along one flight; negative derivatives are stable.
 
-    At no angle of attack, and at that flown (`alpha_rad`, rms about the place); `mach` is NaN where it is not known.
+    At no angle of attack, and at that flown (`alpha_rad`, rms about the place; `alpha_ends_rad`, least and greatest
+    there); `mach` is NaN where it is not known.
     By alpha: of the model's static moment, standard errors those of the coefficients, of a model without lack of fit.
     By the transverse rate times d / 2V: of model and processes together, with the errors of both.
+    `collinear_with`: processes and coefficients whose estimates are correlated with that at the angle flown by more
+    than `COLLINEAR` at some place, and the correlation at each.
     """
 
     flight: int
@@ -44,23 +50,48 @@ class Derivative(NullIsNaN):
     at_zero_std_error: tuple[float, ...]
     at_flown: tuple[float, ...]
     at_flown_std_error: tuple[float, ...]
+    alpha_ends_rad: tuple[tuple[float, float], ...] = ()
+    collinear_with: dict[str, tuple[float, ...]] = Field(default_factory=dict)
+
+    @property
+    def extrapolated(self) -> tuple[bool, ...]:
+        """At which places no sample is near alpha = 0, so that the value there is what the model makes of others."""
+        known = (low**2 > EXTRAPOLATED_SHARE * high**2 for low, high in self.alpha_ends_rad)
+        return tuple(known) or (False,) * len(self.time_s)
+
+    @property
+    def collinear(self) -> tuple[bool, ...]:
+        """At which places the value is nearly collinear with something."""
+        places = zip(*self.collinear_with.values(), strict=True)
+        return tuple(max(each) > COLLINEAR for each in places) or (False,) * len(self.time_s)
 
 
-def along_flight(
-    motion: Motion, number: int, at: Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
-) -> Derivative:
-    """A function at places of a flight: `at` angles of attack (samples,) rad, its values and errors (places,)."""
+class Along(NamedTuple):
+    """A function at places of a flight: values, standard errors (places,), and correlation (places,) by name."""
+
+    values: FloatArray
+    sigmas: FloatArray
+    correlations: Mapping[str, FloatArray]
+
+
+def along_flight(motion: Motion, number: int, at: Callable[[FloatArray, IntArray], Along]) -> Derivative:
+    """A function at places of a flight; `at` gives it about angles of attack (samples,) rad."""
     stretches = np.array_split(np.arange(motion.time.size), REPORTED_SLOPES)
     places = np.array([stretch[stretch.size // 2] for stretch in stretches])
     flown = np.array([np.sqrt(np.mean(motion.alpha[stretch] ** 2)) for stretch in stretches])
     everywhere = np.repeat(flown, [stretch.size for stretch in stretches])
-    found = [tuple(part.tolist()) for alpha in (np.zeros_like(everywhere), everywhere) for part in at(alpha, places)]
+    at_zero, at_flown = at(np.zeros_like(everywhere), places), at(everywhere, places)
+    found = [tuple(part.tolist()) for each in (at_zero, at_flown) for part in (each.values, each.sigmas)]
     names = ("at_zero", "at_zero_std_error", "at_flown", "at_flown_std_error")
+    alphas = [motion.alpha[stretch] for stretch in stretches]
+    high = {name: each for name, each in at_flown.correlations.items() if np.any(each > COLLINEAR)}
     return Derivative(
         flight=number,
         time_s=tuple(motion.time[places].tolist()),
         mach=tuple(motion.mach[places].tolist()),
         alpha_rad=tuple(flown.tolist()),
+        alpha_ends_rad=tuple((float(each.min()), float(each.max())) for each in alphas),
+        collinear_with={name: tuple(each.tolist()) for name, each in high.items()},
         **dict(zip(names, found, strict=True)),
     )
 
@@ -121,8 +152,8 @@ def _along(
     weight: float,
     alpha: FloatArray,
     places: IntArray,
-) -> tuple[FloatArray, FloatArray]:
-    """The function about angles of attack (samples,) rad and its standard errors, at some places (places,)."""
+) -> Along:
+    """The function about angles of attack (samples,) rad, at some places (places,)."""
     less, more, unit, at_rest = by(motion, alpha)
     unit = np.broadcast_to(unit, alpha.shape)[places]
 
@@ -160,5 +191,6 @@ def _along(
         splines[groups[process.name]] = np.concatenate(
             [rise(a, b)[:, np.newaxis] * histories / scale for a, b in zip(slow, fast, strict=True)], axis=1
         )
-    found, sigma = own.along(flight, values, splines, allowed)
-    return found, sigma / np.sqrt(weight)
+    found, sigma, correlation = own.along(flight, values, splines, allowed)
+    names = [*(group.name for group in own.rows.groups), *(column.label for column in columns)]
+    return Along(found, sigma / np.sqrt(weight), dict(zip(names, correlation.T, strict=False)))

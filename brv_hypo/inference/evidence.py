@@ -161,12 +161,18 @@ class Evidence(_Integrated):
     @property
     def covariance(self) -> FloatArray:
         """That of `values`, everything else free."""
+        made = self._values_of_border
+        return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
+
+    @property
+    def _values_of_border(self) -> FloatArray:
+        """What makes `values` of the solution's border (values, border)."""
         known, rank = self.rows.coefficients.shape
         count, first = self.terms.spread.size, self.rows.shared.shape[1]
         made = np.zeros((known + count, self.solution.border.size))
         made[:known, :rank] = self.rows.coefficients
         made[known:, first:] = np.eye(count)
-        return np.asarray(self.noise**2 * made @ self.solution.covariance @ made.T)
+        return made
 
     @property
     def errors(self) -> FloatArray:
@@ -233,15 +239,17 @@ class Evidence(_Integrated):
 
     def along(
         self, flight: int, values: FloatArray, splines: Mapping[int, FloatArray], allowed: FloatArray | float = 0.0
-    ) -> tuple[FloatArray, FloatArray]:
-        """A linear function of what is fitted on a flight, and its standard errors (points,).
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A linear function of what is fitted on a flight, its standard errors (points,), and how far what it is not
+        made of is correlated with it (points, processes + coefficients): all coefficients of a process together
+        (multiple correlation), and each coefficient of the baseline and the terms.
 
         `values` (points, coefficients): what it has per coefficient of the baseline and the terms; `splines` (points,
         splines): of each process by its place, per spline coefficient in its units; `allowed` (points, tolerances): per
         tolerance of what all flights share.
         """
         block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
-        of_flight = self.processes[flight]
+        of_flight, made = self.processes[flight], self._values_of_border
         known, first = self.rows.coefficients.shape[0], self.rows.shared.shape[1]
         shared = np.zeros((values.shape[0], found.border.size))
         shared[:, :rank] = values[:, :known] @ self.rows.coefficients
@@ -250,11 +258,20 @@ class Evidence(_Integrated):
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():
             own[:, block.columns[k]] = _amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
-        both = shared - own @ of_flight.follows
+        follows, inverse = of_flight.follows, of_flight.inverse + np.tril(of_flight.inverse, -1).T
+        both = shared - own @ follows
         variance = np.sum((both @ found.covariance) * both, axis=1)
-        inverse = of_flight.inverse + np.tril(of_flight.inverse, -1).T
         variance += np.sum((own @ inverse) * own, axis=1)
-        return shared @ found.border + own @ of_flight.mode, self.noise * np.sqrt(variance)
+        across, squares = own @ inverse - both @ found.covariance @ follows.T, []  # with the processes' coefficients
+        for k, columns in enumerate(block.columns):
+            spread = inverse[columns, columns] + follows[columns] @ found.covariance @ follows[columns].T
+            explained = np.sum(across[:, columns] * np.linalg.solve(spread, across[:, columns].T).T, axis=1)
+            squares.append(np.where(np.any(splines.get(k, 0.0)), 0.0, explained))
+        alone = np.sum((made @ found.covariance) * made, axis=1)
+        with_values = np.where(np.any(values, axis=0), 0.0, both @ found.covariance @ made.T)
+        squares += list((with_values**2 / np.maximum(alone, 1e-300)).T)
+        correlation = np.sqrt(np.array(squares).T / np.maximum(variance, 1e-300)[:, np.newaxis])
+        return shared @ found.border + own @ of_flight.mode, self.noise * np.sqrt(variance), correlation
 
     @cached_property
     def held_out(self) -> FloatArray:

@@ -115,11 +115,10 @@ def fault(
 ) -> MechanismError:
     """The error to raise for a plugin: what was found, and where in its files that came from."""
     subject = f"'{name}' of {package}" if package else f"'{name}'"
-    return MechanismError(
-        f"{subject} breaks its contract{_place(call, error)}: {found}. Repair it or uninstall it; "
-        f"`brv-hypo mechanisms check {name}` tests it.",
-        name,
-    )
+    remedy = f"Repair it or uninstall it; `brv-hypo mechanisms check {name}` tests it."
+    if Path(package).suffix == ".py":
+        remedy = f"Repair it, or use {package} no more (--plugin)."
+    return MechanismError(f"{subject} breaks its contract{_place(call, error)}: {found}. {remedy}", name)
 
 
 def _place(call: Callable[..., Any] | None, error: BaseException | None) -> str:

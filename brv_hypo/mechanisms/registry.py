@@ -1,8 +1,8 @@
 """Finds mechanisms and record effects, by name.
 
 A plugin is a module (entry point or .py file) with the hooks of contract.py, or one mechanism in a .yaml file.
-Each is loaded and checked on its own: one that breaks the contract is left out with a reason that names its
-package, file and line, and changes nothing else.
+Each is loaded and checked on its own: an installed one that breaks the contract is left out with a reason that names
+its package, file and line, and changes nothing else; a file that was asked for and breaks it is refused.
 
 Nuisances, record effects and mechanisms with a tolerance, and processes are in every hypothesis: those of this
 distribution, and of others those that were asked for, by their file (`use_plugin_files`) or by name (`requested`).
@@ -132,7 +132,10 @@ class Installed:
 
 
 def use_plugin_files(paths: Sequence[str | Path]) -> None:
-    """Load these .py and .yaml files beside what is installed, instead of those of an earlier call."""
+    """Load these .py and .yaml files beside what is installed, instead of those of an earlier call.
+
+    They are read when mechanisms are first asked for; MechanismError then where one of them breaks the contract.
+    """
     global _files
     _files = tuple(str(Path(path).absolute()) for path in paths)
     _loaded.cache_clear()
@@ -166,14 +169,16 @@ def _loaded() -> tuple[Mapping[str, Installed], tuple[str, ...]]:
     left: list[str] = []
     for (_, package, name), (point, version) in sorted(points.items(), key=lambda each: each[0]):
         known_as(point.module, package)
-        _add(found, left, package, version, partial(items_of, name, package, point.load))
+        wrong = _add(found, package, version, partial(items_of, name, package, point.load))
+        left += [f"a plugin is left out: {problem}" for problem in wrong]
     for path in _files:
-        _add(found, left, path, "", partial(load_file, path))
+        if wrong := _add(found, path, "", partial(load_file, path)):
+            raise MechanismError(" ".join(wrong))
     return dict(sorted(found.items())), tuple(left)
 
 
-def _add(found: dict[str, Installed], left: list[str], package: str, version: str, load: Callable[[], Found]) -> None:
-    """Add what `load` gives; whatever is wrong with it is a line in `left` and touches nothing else."""
+def _add(found: dict[str, Installed], package: str, version: str, load: Callable[[], Found]) -> list[str]:
+    """Add what `load` gives, and return what is wrong with it, which touches nothing else."""
     try:
         items, problems = load()
     except MechanismError as error:
@@ -186,7 +191,7 @@ def _add(found: dict[str, Installed], left: list[str], package: str, version: st
             )
         else:
             found[item.name] = Installed(item if package == OWN else checked(item), package, version)
-    left += [f"a plugin is left out: {problem}" for problem in problems]
+    return problems
 
 
 def mechanisms(kind: str = "mechanism") -> tuple[Mechanism, ...]:

@@ -35,7 +35,7 @@ from brv_hypo.constants import (
     PREDICTED_LINEARISATIONS,
     TRACED_SMALLEST,
 )
-from brv_hypo.errors import UnanswerableError
+from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.uncertainty import ResidualMoments
@@ -262,6 +262,12 @@ def _with_refitted(
     for name in refit:
         item = None if name in known or name == INSTRUMENTS else find_installed(name)
         if isinstance(item, Mechanism):
+            if item.parameters():
+                raise UsageError(
+                    f"--refit {name}: the model has no {name}, and its {item.parameters()[0].name} is not known: it is "
+                    f"searched for by `compare --mechanisms {name}`, and by `trace`, whose model then has it. "
+                    f"Leave {name} out, or predict with such a model."
+                )
             motion = correct((flight,), model, config).reconstructions[0].motion
             more = tuple(term_column(item, term, (), TimeBasis("constant")) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)

@@ -162,6 +162,10 @@ _OWN_RECORD = (
 )
 _FIXED = " Record errors were fitted with the model and are fixed here: `--refit instruments` fits them again."
 _NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
+_WORSE_FITTED = (
+    " Fitted here it explains less of the moments, as it is fitted to rates and specific force by their noise"
+)
+_MAKES_UP = ", and its coefficients make up for errors of the record, which are fixed (`--refit {}` frees them)."
 
 
 def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
@@ -193,6 +197,8 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
+    if own < found.explained and _explains(own) != _explains(found.explained):
+        said += _WORSE_FITTED + (_MAKES_UP.format(remedy) if remedy else ".")
     if band.inside < PREDICTED_HOLDS:
         said += _FIXED if found.own_record else _NARROW
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:

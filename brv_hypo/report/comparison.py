@@ -12,8 +12,8 @@ from itertools import chain
 
 import numpy as np
 
-from brv_hypo.comparison.result import QUOTED, Comparison, FlightSummary, RankedHypothesis, Verdict
-from brv_hypo.io.text import hypothesis, number, probability, share
+from brv_hypo.comparison.result import QUOTED, Comparison, FlightSummary, RankedHypothesis
+from brv_hypo.io.text import hypothesis, probability, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
@@ -21,8 +21,8 @@ from brv_hypo.report.motion_charts import DAMPING, STATIC, Drawn, Setting, deriv
 
 WARNINGS_AT_FIRST = 4  # warnings that the terminal shows; all of them with -v and on the page
 STATIC_JUDGED = (
-    "Of the leader's terms and the processes of stiffness together. At alpha = 0 it is extrapolated by a process's "
-    "bend; trace, whose model has a bend and no processes, may differ there: quote the slope at the angle flown."
+    "Of the leader's terms and the processes of stiffness together. Quote it at the angle flown: where no sample is "
+    "near alpha = 0 (dotted), a process's bend extrapolates it, and trace, whose model has no processes, may differ."
 )
 FUNCTIONS = {
     "C_m0": ("static-offset", "Static moment", "C<sub>m,in</sub>"),
@@ -42,7 +42,8 @@ ALONE = (
 JUDGED = "Models as they are judged: each with its own estimated processes and errors of the record."
 EVIDENCE = (
     "pred. error: mean square error of moments on blocks held out of the fit, no processes; ln evidence: ln of the "
-    "record's probability density, processes included. Both over the baseline only's."
+    "record's probability density, processes included. Both over the baseline only's. A + beside terms: the search "
+    "came to `max_terms` of them; what is split or added beside processes comes on top."
 )
 
 
@@ -84,7 +85,10 @@ def _sizes(comparison: Comparison) -> Chart:
         heights = [max(row.cp, 1.0) for row in some]
         labels = ["\n".join(hypothesis(row.mechanism) for row in some), *[""] * (len(some) - 1)]
         layers.append(Line([count] * len(some), heights, "first", "hypotheses", dots=True, large=True, labels=labels))
-    read = "Mallows' criterion. Far above the line, terms are missing. Best of a size: on the grid of knots and delays."
+    read = (
+        "Mallows' criterion. Far above the line, terms are missing. Best of a size: exact search on the grid of knots "
+        "and delays. Hypotheses: as judged, with terms that were split or added beside processes."
+    )
     panels, ends = [Panel("C<sub>p</sub>", layers, log=True)], (p[0] - 1.0, p[-1] + 1.0)  # room for labels
     return Chart("cp", "C_p over size", "coefficients p", panels, caption=read, range=ends, counted=True)
 
@@ -220,7 +224,7 @@ def comparison_document(comparison: Comparison) -> Document:
         ),
         beside=[*tables.estimate_blocks(comparison), *tables.process_blocks(comparison)],
         blocks=(
-            Section("Data quality", _quality(comparison)),
+            Section("Data quality", [*_quality(comparison), *tables.vehicle_blocks(comparison.flights)]),
             Section("Notes", [_notes(comparison)], folded=True),
             Section("Air data and motion", first["motion"], folded=True),
             Section("Moments, measured and modelled", first["moments"]),
@@ -234,8 +238,9 @@ def comparison_document(comparison: Comparison) -> Document:
                 "Coefficients",
                 [
                     *functions(0),
-                    *tables.function_tables(comparison),
-                    Texts(comparison.collinear, tables.COLLINEAR, shown="verbose"),
+                    *tables.function_blocks(comparison.functions),
+                    Texts(tables.collinear_names(comparison.collinear_groups), bullets=False, shown="verbose"),
+                    Texts(comparison.collinear, tables.PAIRS, shown="page"),
                 ],
             ),
             *others,
@@ -272,24 +277,15 @@ def _compared(comparison: Comparison) -> list[Block]:
         why = "Withheld: no hypothesis that was compared is adequate."
     no_limits = (why,) if withheld else ()
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
+    known = [f"{name}: at most {share(value)} of the moment's rms" for name, value in shares.items() if value == value]
     title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
     return [
         _evidence(comparison),
         _probability(comparison),
         Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read),
-        Texts((*no_limits, *_doubts(comparison.verdict, shares)), "Limits and doubts", shown="verbose"),
+        Texts((*no_limits, *known), "Limits", shown="verbose"),
         Texts(comparison.disagreements, "Disagreements"),
     ]
-
-
-def _doubts(verdict: Verdict, limits: Mapping[str, float]) -> list[str]:
-    """How large each mechanism may be at most, how well the leader fits, and how often it leads in repetitions."""
-    said = [f"{name}: at most {share(value)} of the moment's rms" for name, value in limits.items() if value == value]
-    if verdict.adequacy is not None:
-        said.append(f"adequacy: residual {number(verdict.adequacy.ratio, 2)} times what noise and tolerances explain")
-    if verdict.stability is not None:
-        said.append(f"stability: the same answer in {share(verdict.stability)} of the repetitions")
-    return said
 
 
 def _of_record(comparison: Comparison) -> list[Block]:
@@ -311,10 +307,13 @@ def _of_record(comparison: Comparison) -> list[Block]:
 def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]:
     """Coefficients over time, net values, terms, derived quantities and likelihood fit of one hypothesis."""
     name, fit, place = hypothesis(row.mechanism), row.ml, (comparison.reference_flight or 1) - 1
+    groups = comparison.collinear_groups if row is comparison.ranking[0] else ()
     blocks: list[Block] = [
         _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
         tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
-        tables.term_table(f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots),
+        tables.term_table(
+            f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots, collinear=groups
+        ),
         Texts(tables.knot_texts(row.knots), shown="verbose"),
         Texts(tables.derived_texts(row.derived), shown="verbose"),
     ]

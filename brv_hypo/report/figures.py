@@ -173,4 +173,4 @@ def _caption(chart: Chart) -> str:
 
 def _plain(title: str) -> str:
     """A title as matplotlib writes it: subscripts as mathematics."""
-    return re.sub(r"(\w)<sub>(.*?)</sub>", r"$\1_{\2}$", title)
+    return re.sub(r"(\w)<sub>(.*?)</sub>", r"$\1_{\2}$", title).replace("<br>", "\n")

@@ -79,12 +79,12 @@ def _usable(inspection: Inspection) -> str:
     intervals = ", ".join(f"{start:.2f}–{stop:.2f}" for start, stop in inspection.segments)
     low, high = inspection.dynamic_pressure_range
     text = f"usable: {intervals} s, dynamic pressure {number(low)} to {number(high)} Pa"
-    if inspection.transverse_frequency > 0.0:
-        text += (
-            f"; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
-            f"{number(inspection.samples_per_cycle)} samples a cycle"
-        )
-    return text
+    if not inspection.transverse_frequency > 0.0:
+        return f"{text}; no periodic transverse motion is found"
+    return (
+        f"{text}; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
+        f"{number(inspection.samples_per_cycle)} samples a cycle"
+    )
 
 
 def _units(channel: ChannelQuality) -> str:

@@ -16,14 +16,21 @@ from brv_hypo.study import Outcome
 from brv_hypo.study.statistics import SIGMAS, Calibration, ConfusionRow, Share, StudySummary
 
 MOST_MISTAKES = 12  # mistakes that the terminal lists; -v, the page and the CSV file hold them all
+_CONFUSION = "Rows: what was planted; columns: what ranks first. right: it ranks first; won: the verdict names it too."
+_LIMITS = "Effects that are named in 50 and 90 % of flights, in % of the moment's rms while they last."
+_COVERAGE = (
+    "Of flights in which the planted mechanism ranks first: how often 2 sigma hold the planted value, rms of their "
+    "errors in sigma without the farthest tenth, median absolute error in the unit."
+)
 
 
 # ---- Tables ----
 
 
 def counted(value: Share) -> str:
-    """A share with its counts."""
-    return f"{value.count} of {value.total}" + (f" ({ranged(value)})" if value.total else "")
+    """A share with its counts and its 95 % interval, as a sentence has them."""
+    interval = f" (95 %: {100 * value.low:.0f} to {100 * value.high:.0f} %)" if value.value is not None else ""
+    return f"{value.count} of {value.total} flights{interval}"
 
 
 def ranged(value: Share) -> str:
@@ -68,7 +75,10 @@ def calibration_blocks(calibration: Calibration) -> list[Block]:
 
 
 def detection_table(summary: StudySummary) -> Table:
-    """One row for each planted mechanism and vehicle: the effects flown, and those won in 50 % and 90 %."""
+    """One row for each planted mechanism and vehicle, and for all of several vehicles: the effects flown, and those
+    won in 50 % and 90 %.
+    """
+    several = len({limit.vehicle for limit in summary.detection} - {None}) > 1
     rows = [
         {
             "planted": limit.planted,
@@ -81,6 +91,7 @@ def detection_table(summary: StudySummary) -> Table:
             "status": limit.status,
         }
         for limit in summary.detection
+        if limit.vehicle is not None or several
     ]
     return Table(rows, "Detection limits", ("planted", "vehicle", "status"))
 
@@ -193,19 +204,22 @@ def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Docume
         subtitle=(f"{summary.title}, seed {summary.seed}: {flown}",),
         conclusion_title="Study",
         conclusion=(
-            f"What was planted ranks first in {counted(summary.right_visible)} flights with an effect of at least "
-            f"{least} of the moment, or with none; false alarms in {counted(summary.false_alarms)} flights with none."
+            f"What was planted ranks first in {counted(summary.right_visible)} that have an effect of at least "
+            f"{least} of the moment, or none; false alarms in {counted(summary.false_alarms)} that have none."
         ),
         decided=not summary.failures,
         blocks=[
             confusion_table(visible, summary.confusion_visible),
+            Texts((_CONFUSION,) if summary.confusion_visible else (), bullets=False, shown="page"),
             *(confusion_table(f"Ranked first, {name}", part, "verbose") for name, part in by_vehicle.items()),
             confusion_table("Ranked first, all flights", summary.confusion if small else (), "page"),
             *calibration_blocks(summary.calibration_visible),
             effect_chart([o for o in outcomes if o.status == "compared" and o.effect > 0.0]),
             calibration_chart(summary.calibration_visible),
             detection_table(summary),
+            Texts((_LIMITS,) if summary.detection else (), bullets=False, shown="page"),
             coverage_table(summary),
+            Texts((_COVERAGE,) if summary.coverage else (), bullets=False, shown="page"),
             fault_table(summary),
             mistake_table(summary),
             Texts([f"{f.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),

@@ -87,7 +87,7 @@ def _values(panel: Panel, kind: type[Line] | type[Band]) -> FloatArray:
 
 # ---- Motion and moments over time, angle of attack and frequency ----
 
-IN_PLANE, OUT_OF_PLANE = "in plane, C<sub>m,in</sub>", "out of plane, C<sub>n,side</sub>"
+IN_PLANE, OUT_OF_PLANE = "in plane<br>C<sub>m,in</sub>", "out of plane<br>C<sub>n,side</sub>"  # a panel is no longer
 BODY = ("pitch, C<sub>m</sub>", "yaw, C<sub>n</sub>")
 TIME = "time, s"
 _GYROS = "Band: white noise of the gyros; the verdict uses the noise that the record shows, which may be larger."
@@ -370,10 +370,11 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
         np.array(values)[order]
         for values in (slope.at_flown, slope.at_flown_std_error, slope.at_zero, slope.at_zero_std_error)
     )
-    layers = [
-        *estimate(x[order], flown, flown_sigma, "second", "at the angle flown"),
-        *estimate(x[order], zero, zero_sigma, "first", "at alpha = 0"),
-    ]
+    layers: list[Layer] = [*estimate(x[order], flown, flown_sigma, "second", "at the angle flown")]
+    if np.any(beyond := np.array(slope.extrapolated)[order]):
+        layers.append(Line(x[order], zero, "first", "extrapolated to alpha = 0", dashed=True))
+    if not np.all(beyond):
+        layers += estimate(x[order], np.where(beyond, np.nan, zero), zero_sigma, "first", "at alpha = 0")
     panel = Panel(axis, layers)
     edges = _values(panel, Band)
     panels = [panel if _of_bulk(edges) == (edges.min(), edges.max()) else replace(panel, range=_of_bulk(edges))]

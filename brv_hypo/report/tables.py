@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from brv_hypo.comparison.result import (
     DerivedEstimate,
     FlightSummary,
     Knot,
+    NetInterval,
     ProcessEstimate,
     RankedHypothesis,
     RecordError,
@@ -20,6 +21,9 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     beyond_tolerances,
 )
+from brv_hypo.flight.record import VEHICLE_DIMENSIONS
+from brv_hypo.flight.units import SI
+from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
@@ -31,12 +35,22 @@ _LONG = re.compile(r"\d+\.\d{5,}")  # a number at more digits than a reader need
 ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of them with -v and on the page
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
+_OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
 _PROCESSES = (
-    "A process is a smooth change that nobody has modelled, in every hypothesis. size: rms over the flight; relative: "
-    "over an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
+    "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the coefficients of its "
+    "splines in time, as the moment coefficient C_m that they make, or the instrument's or air's error; relative: over "
+    "an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
 )
 
-COLLINEAR = "Not to be read by themselves: correlation (variance inflations)"
+_VEHICLE = (
+    "As the record has it. All moment coefficients are proportional to iyy over reference area and length: where one "
+    "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
+)
+COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
+ONLY_TOGETHER = "The data give what these make together, which the functions show, and none of them by itself."
+ONLY_AS_ESTIMATED = "That value and its error hold only for sizes of processes as estimated: no evidence by itself."
+PAIRS = "Collinear pairs: correlation (variance inflations)"
+MOST_COLLINEAR = 6  # names of a group in its sentence
 NAME_AND_FAMILY = (
     "`compare` names the mechanism that its baseline lacks. `trace` divides, by family, what is left of a model whose "
     "static slope follows the Mach number, and which may include that mechanism's moment: both may be right."
@@ -82,9 +96,9 @@ def process_blocks(comparison: Comparison) -> list[Block]:
         {
             "process": each.name,
             "family": each.family,
-            "size": known_to(each.size, each.std_error),
+            "rms size": known_to(each.size, each.std_error),
             "sigma": number(each.std_error, 2),
-            "unit": each.units,
+            "unit": "C_m" if each.family in _OF_MOMENTS else each.units,
             "relative": f"{number(each.size / each.tolerance, 2)} ×",
             "of moment": share(each.share_of_moment),
         }
@@ -93,7 +107,20 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
     named = comparison.verdict.winner not in (None, "none")
-    return [table, Texts((NAME_AND_FAMILY,) if named else (), bullets=False)]
+    said = [*_one_drift(comparison), *((NAME_AND_FAMILY,) if named else ())]
+    return [table, Texts(said, bullets=False)]
+
+
+def _one_drift(comparison: Comparison) -> list[str]:
+    """Processes of instruments or air, of one family and unit, of which one is shown: one drift may be either."""
+    said = []
+    for each in shown_processes(comparison):
+        kin = [p.name for p in comparison.verdict.processes if (p.family, p.units) == (each.family, each.units)]
+        if each.family not in _OF_MOMENTS and len(kin) > 1:
+            said.append(
+                f"{' and '.join(sorted(kin))} may be one drift ({each.family}): the data may give it to either."
+            )
+    return list(dict.fromkeys(said))
 
 
 def process_texts(comparison: Comparison) -> list[Texts]:
@@ -122,11 +149,18 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     leader = comparison.ranking[:1]
     net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
-    table = term_table(heading, net, "always", most=ROWS_AT_FIRST)
+    groups: dict[tuple[str, ...], list[NetInterval]] = {}
+    for each in (each for row in leader for each in row.intervals):
+        for group in each.collinear_groups:
+            groups.setdefault(group, []).append(each)
+    begins = [[f"{name} at {at.start_s:.2f} s" for name in group] for group, some in groups.items() for at in some]
+    table = term_table(heading, net, "always", most=ROWS_AT_FIRST, collinear=begins)
+    said = collinear_names(groups) if any(COLLINEAR_MARK in row["value"] for row in table.rows) else []
     known = [e for row in leader for e in row.derived if e.region_s is None]
     derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
     shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
-    return [table, Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)]
+    texts = Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)
+    return [table, Texts(said, bullets=False), texts]
 
 
 def size_table(comparison: Comparison) -> Table:
@@ -155,22 +189,61 @@ def error_table(errors: Sequence[RecordError]) -> Table:
     return Table(rows, heading, ("error", "unit"), range(len(beyond_tolerances(errors))), shown="verbose")
 
 
-def function_tables(comparison: Comparison) -> list[Table]:
+def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[Block]:
     """C_m,in and its derivatives at places along each flight, each with its standard error: at the angle of attack
-    flown there, and at none.
+    flown there, with what they are nearly collinear with; and at none.
     """
-    tables = []
-    for heading, at in (("At the angle of attack flown", "at_flown"), ("At alpha = 0", "at_zero")):
-        rows = []
-        for found in zip(*comparison.functions.values(), strict=True):
-            whole, place = found[0], {"flight": str(found[0].flight + 1)} if len(comparison.flights) > 1 else {}
-            for k in np.unique(np.linspace(0, len(whole.time_s) - 1, FUNCTION_ROWS).round().astype(int)).tolist():
-                pairs = [(getattr(each, at)[k], getattr(each, f"{at}_std_error")[k]) for each in found]
-                values = (f"{known_to(value, sigma)} ± {number(sigma, 2)}" for value, sigma in pairs)
-                place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
-                rows.append(place | dict(zip(map(str, comparison.functions), values, strict=True)))
-        tables.append(Table(rows, heading, shown="verbose"))
-    return tables
+    flown, zero = [], []
+    several = any(len(each) > 1 for each in functions.values())
+    for found in zip(*functions.values(), strict=True):
+        whole = found[0]
+        for k in np.unique(np.linspace(0, len(whole.time_s) - 1, FUNCTION_ROWS).round().astype(int)).tolist():
+            ends = [f"{np.degrees(end):.1f}" for pair in whole.alpha_ends_rad[k : k + 1] for end in pair]
+            place = {"flight": str(whole.flight + 1)} if several else {}
+            place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
+            place |= {"alpha, deg": "–".join(ends)} if ends else {}
+            known = list(zip(functions, found, strict=True))
+            flown.append(place | {name: _at_flown(each, k) for name, each in known})
+            zero.append(place | {name: _at_zero(each, k) for name, each in known})
+    said = [text for name, known in functions.items() for text in collinear_texts(name, known)]
+    return [
+        Table(flown, "At the angle of attack flown", shown="verbose"),
+        Texts((*said, ONLY_AS_ESTIMATED) if said else (), bullets=False, shown="verbose"),
+        Table(zero, "At alpha = 0; in parentheses: extrapolated, no sample is near", shown="verbose"),
+    ]
+
+
+def _at_flown(found: Derivative, k: int) -> str:
+    value, sigma = found.at_flown[k], found.at_flown_std_error[k]
+    return f"{known_to(value, sigma)} ± {number(sigma, 2)}{COLLINEAR_MARK if found.collinear[k] else ''}"
+
+
+def _at_zero(found: Derivative, k: int) -> str:
+    value, sigma = found.at_zero[k], found.at_zero_std_error[k]
+    text = known_to(value, sigma)
+    return f"({text})" if found.extrapolated[k] else f"{text} ± {number(sigma, 2)}"
+
+
+def collinear_texts(name: str, functions: Sequence[Derivative]) -> list[str]:
+    """With what a function is nearly collinear and where, on each flight; nothing where with nothing."""
+    said = []
+    for found in functions:
+        if (places := np.flatnonzero(found.collinear)).size:
+            first, last = found.time_s[places[0]], found.time_s[places[-1]]
+            flight = f" of flight {found.flight + 1}" if len(functions) > 1 else ""
+            others = [f"{other} (correlation up to {max(each):.2f})" for other, each in found.collinear_with.items()]
+            where = f"between {first:.0f} and {last:.0f} s"
+            said.append(f"{COLLINEAR_MARK} {name}{flight} is nearly collinear with {', '.join(others)} {where}.")
+    return said
+
+
+def collinear_names(groups: Iterable[Sequence[str]]) -> list[str]:
+    """A sentence for each group of coefficients that are nearly collinear."""
+    said = []
+    for group in groups:
+        more = f" and {len(group) - MOST_COLLINEAR} more" if len(group) > MOST_COLLINEAR else ""
+        said.append(f"{COLLINEAR_MARK} {', '.join(group[:MOST_COLLINEAR])}{more} are nearly collinear.")
+    return [*said, ONLY_TOGETHER] if said else []
 
 
 def term_table(
@@ -179,19 +252,24 @@ def term_table(
     shown: Shown = "verbose",
     knots: Sequence[Knot] = (),
     most: int | None = None,
+    collinear: Iterable[Sequence[str]] = (),
 ) -> Table:
-    """One row for each coefficient; `knots` give the ends of its region by Mach number; no column without a value."""
+    """One row for each coefficient; `knots` give the ends of its region by Mach number; no column without a value.
+
+    Those in a group of `collinear` ones, named with the times that they begin at, are marked.
+    """
     machs = {knot.time_s: knot.mach for knot in knots}
     digits = decimals(list(machs.values()))
-    rows = []
+    rows, marked = [], {name for group in collinear for name in group}
     for term in terms:
+        begins = term.name + (f" at {term.region_s[0]:.2f} s" if term.region_s else "")
         ends = [machs[end] for end in term.region_s or () if end in machs]
         rows.append(
             {
                 "term": _LONG.sub(lambda found: f"{float(found[0]):.4g}", term.name),
                 "plane": _PLANES.get(term.channel, term.channel),
                 "unit": term.units,
-                "value": known_to(term.value, term.std_error),
+                "value": known_to(term.value, term.std_error) + (COLLINEAR_MARK if begins in marked else ""),
                 "sigma": number(term.std_error, 2),
                 "F": f_ratio(term.f_ratio),
                 "region, s": interval(term.region_s),
@@ -237,6 +315,22 @@ def flight_line(flight: FlightSummary) -> str:
     span = interval((flight.start_s, flight.stop_s))
     line = f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
     return line + (f", instruments {flight.instruments}" if flight.instruments else "")
+
+
+def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
+    """Mass properties and reference quantities of each flight, with their tolerances, and what depends on them."""
+    tolerances, rows = {"ixx": "inertia_ratio", "iyy": "inertia"}, []
+    for k, flight in enumerate(flights, start=1):
+        for name, dimension in VEHICLE_DIMENSIONS.items():
+            if (value := flight.vehicle.get(name)) is not None:
+                size = flight.vehicle.get(tolerances.get(name, ""))
+                row = {"quantity": name.replace("_", " "), "value": number(value, 4), "unit": SI[dimension]}
+                row["tolerance"] = NOT_A_NUMBER if size is None else share(size)
+                rows.append(({"flight": str(k)} if len(flights) > 1 else {}) | row)
+    return [
+        Table(rows, "Vehicle", ("quantity", "unit"), shown="page"),
+        Texts((_VEHICLE,) if rows else (), bullets=False, shown="page"),
+    ]
 
 
 def flight_texts(comparison: Comparison) -> list[str]:

@@ -8,21 +8,22 @@ from __future__ import annotations
 import numpy as np
 
 from brv_hypo.comparison.result import beyond_text
+from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
-from brv_hypo.report.tables import COLLINEAR, CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
 
-EXTRAPOLATED = "No sample is there: it is extrapolated from the angles flown."
 STATIC_TRACED = (
-    "Of the model, which has no processes; its errors allow for no lack of fit. At alpha = 0 it is extrapolated by the "
-    "model's bend; compare, which leaves the bend to a process, may differ there: quote the slope at the angle flown."
+    "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
+    "sample is near alpha = 0 (dotted), the model's bend extrapolates it, and compare, which leaves the bend to a "
+    "process, may differ."
 )
 
 
@@ -67,13 +68,13 @@ def families_chart(step: Step) -> Chart:
 
 
 def families_text(step: Step) -> str:
-    """The families that hold some of a step's residual, and how the largest process of the first of them goes."""
+    """The families that hold some of a step's residual, with their intervals and the largest process of each."""
     known = [each for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY]
-    if not known:
-        return ""
-    shares = [f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))})" for each in known]
-    history = known[0].history
-    return " ".join((f"By family: {', '.join(shares)}.", *([] if history is None else [f"{_history_text(history)}."])))
+    return ", ".join(
+        f"{each.family} {share(each.share)} ({' to '.join(map(share, each.interval_95))}"
+        f"{'' if each.history is None else f', mostly {each.history.process}'})"
+        for each in known
+    )
 
 
 def _history_text(history: ProcessHistory) -> str:
@@ -106,13 +107,14 @@ def trace_document(result: Trace) -> Document:
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
     trouble = "" if result.ml is None else result.ml.trouble
+    collinear = tables.collinear_texts("C_mq", result.damping)
     conclusion = (
         "" if sound else CONTRADICTED,
-        f"Found: {found}." if found else "No effect was found.",
+        _found_text(result),
         f"Hints, no findings: {', '.join(result.hints)}." if result.hints else "",
-        families_text(result.steps[0]),
-        f"{result.static_stability} {EXTRAPOLATED}" if result.static_stability else "",
+        result.static_stability,
         result.dynamic_stability,
+        " ".join((*collinear, tables.ONLY_AS_ESTIMATED)) if collinear else "",
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors),
@@ -127,11 +129,13 @@ def trace_document(result: Trace) -> Document:
         account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
     )
     drawn, known = _charts(result), result.record_errors
+    functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
     final = () if result.final_residual is None else (residual_text(result.final_residual),)
     model: list[Block] = [
-        term_table("Model, fitted to the whole record", result.model.terms),
-        Texts(result.collinear, COLLINEAR, shown="verbose"),
+        term_table("Model, fitted to the whole record", result.model.terms, collinear=result.collinear_groups),
+        Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
+        Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
     if (fit := result.ml) is not None:
         ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
@@ -139,8 +143,9 @@ def trace_document(result: Trace) -> Document:
     warnings = (*fault_texts(result.record), *result.caveats)
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
-        Section("Data quality", [Texts(warnings, "Warnings", warning=True)]),
+        Section("Data quality", [Texts(warnings, "Warnings", warning=True), *tables.vehicle_blocks(result.flights)]),
         *(Section(name, some, name.startswith("Air")) for name, some in drawn.items()),
+        Section("Coefficients along the flight", tables.function_blocks(functions), folded=True),
         Section("Errors of instruments and vehicle", [charts.errors_chart(known), error_table(known)]),
         Section("Steps", steps),
         Section("Model", model, folded=True),
@@ -152,12 +157,21 @@ def trace_document(result: Trace) -> Document:
         conclusion="\n".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
         blocks=sections,
-        ahead=(errors,),
         beside=(
+            errors,
             families_chart(result.steps[0]),
             Texts(related, bullets=False, shown="page" if result.findings else "always"),
         ),
     )
+
+
+def _found_text(result: Trace) -> str:
+    """What was found, and which families hold the residual of the first model, in one sentence."""
+    families, found = families_text(result.steps[0]), ", ".join(result.findings)
+    if not found:
+        explained = f"; families of processes explain the residual: {families}" if families else ""
+        return f"No effect with a name was found{explained}."
+    return f"Found: {found}" + (f"; by family, the first model's residual: {families}." if families else ".")
 
 
 def residual_text(residual: Residual) -> str:
@@ -183,7 +197,11 @@ def _step(step: Step) -> list[Block]:
         }
         for row in step.candidates
     ]
-    sentences = list(filter(None, (families_text(step), outcome_text(step))))
+    largest = next((each.history for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY), None)
+    families = families_text(step)
+    sentences = [f"By family: {families}."] if families else []
+    sentences += [f"{_history_text(largest)}."] if largest is not None else []
+    sentences.append(outcome_text(step))
     if step.removed:
         sentences.append(f"removed, as the model no longer needs it: {', '.join(step.removed)}")
     marked = [i for i, row in enumerate(step.candidates) if row.effect == step.added]

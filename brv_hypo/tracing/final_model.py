@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from scipy import stats
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
@@ -30,7 +30,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import identify
-from brv_hypo.inference.derivatives import Derivative, along_flight, along_flights, damping
+from brv_hypo.inference.derivatives import Along, Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
 from brv_hypo.inference.uncertainty import Regressed, ResidualMoments
@@ -82,7 +82,7 @@ def gathered(
         account=account,
         model=ModelSummary(terms=(*estimates(found, data), *_record_terms(whole)), definition=definition),
         record_errors=record_errors(beside),
-        collinear=collinear(found.columns, found.covariance),
+        **collinear(found.columns, found.covariance),
         static_slopes=slopes,
         static_stability=stability_in_words(slopes),
         damping=damped,
@@ -138,34 +138,63 @@ def pair(values: ComplexArray) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def stability_in_words(slopes: Sequence[Derivative], moment: str = "static moment", doubt: bool = True) -> str:
-    """Where a flight's moment at zero alpha is unstable, or, with `doubt`, not significantly stable; else empty."""
+    """Where a flight's moment is unstable, or, with `doubt`, not significantly stable; else empty.
+
+    At zero alpha where samples are near it, elsewhere at the angle flown.
+    """
     several = len(slopes) > 1
     found = (_of_one(s, f"{moment} of flight {s.flight + 1}" if several else moment, doubt) for s in slopes)
     return " ".join(filter(None, found))
 
 
 def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
-    values, errors = np.array(slope.at_zero), np.array(slope.at_zero_std_error)
-    doubtful = np.flatnonzero(values + (STABLE_SIGMAS if doubt else -STABLE_SIGMAS) * errors >= 0.0)
-    if doubtful.size == 0:
-        return ""
-    runs = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)
-    worst = int(doubtful[np.argmax((values / np.maximum(errors, 1e-300))[doubtful])])
-    unstable = values[worst] > STABLE_SIGMAS * errors[worst]
-    said = "is unstable" if unstable else "is not significantly stable"
-    return (
-        f"At alpha = 0 the {moment} {said} {' and '.join(_when(slope, run) for run in runs)}: "
-        f"{number(values[worst], 2)} ± {number(errors[worst], 1)} per rad at {slope.time_s[worst]:.0f} s, and "
-        f"{number(slope.at_flown[worst], 2)} ± {number(slope.at_flown_std_error[worst], 1)} at the "
-        f"{np.degrees(slope.alpha_rad[worst]):.2g} deg flown there."
-    )
+    zero = np.array(slope.at_zero), np.array(slope.at_zero_std_error)
+    flown = np.array(slope.at_flown), np.array(slope.at_flown_std_error)
+    margin, beyond = STABLE_SIGMAS if doubt else -STABLE_SIGMAS, np.array(slope.extrapolated)
+    alpha = np.degrees(slope.alpha_rad)
+    near, far = (values + margin * errors >= 0.0 for values, errors in (zero, flown))
+    sentences = []
+    if np.any(at_flown := far & beyond):
+        worst = _worst(flown, at_flown)
+        sentences.append(
+            f"At the angle flown the {moment} {_said(flown, worst)} {_when(slope, at_flown)}: {_sized(flown, worst)} "
+            f"per rad at {slope.time_s[worst]:.0f} s and {alpha[worst]:.2g} deg."
+        )
+    if np.any(measured := near & ~beyond):
+        worst = _worst(zero, measured)
+        sentences.append(
+            f"At alpha = 0 the {moment} {_said(zero, worst)} {_when(slope, measured)}: {_sized(zero, worst)} per rad "
+            f"at {slope.time_s[worst]:.0f} s, and {_sized(flown, worst)} at the {alpha[worst]:.2g} deg flown there."
+        )
+    return " ".join(sentences)
 
 
-def _when(slope: Derivative, run: IntArray) -> str:
-    """Times and, where they are known, Mach numbers of neighbouring places."""
-    first, last = int(run[0]), int(run[-1])
-    mach = f" (Mach {slope.mach[first]:.3g} to {slope.mach[last]:.3g})" if np.isfinite(slope.mach[first]) else ""
-    return f"from {slope.time_s[first]:.4g} to {slope.time_s[last]:.4g} s{mach}"
+Estimated = tuple[FloatArray, FloatArray]  # values and standard errors (places,)
+
+
+def _worst(known: Estimated, chosen: BoolArray) -> int:
+    """The place among those chosen that is unstable by most standard errors."""
+    return int(np.argmax(np.where(chosen, known[0] / np.maximum(known[1], 1e-300), -np.inf)))
+
+
+def _said(known: Estimated, place: int) -> str:
+    return "is unstable" if known[0][place] > STABLE_SIGMAS * known[1][place] else "is not significantly stable"
+
+
+def _sized(known: Estimated, place: int) -> str:
+    return f"{number(known[0][place], 2)} ± {number(known[1][place], 1)}"
+
+
+def _when(slope: Derivative, chosen: BoolArray) -> str:
+    """Times and, where they are known, Mach numbers of the places chosen, neighbours as one interval."""
+    places, said = np.flatnonzero(chosen), []
+    for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
+        ends = dict.fromkeys((int(run[0]), int(run[-1])))
+        times = " to ".join(f"{slope.time_s[k]:.4g}" for k in ends)
+        mach = " to ".join(f"{slope.mach[k]:.3g}" for k in ends)
+        known = f" (Mach {mach})" if np.isfinite(slope.mach[run[0]]) else ""
+        said.append(f"{'at' if len(ends) == 1 else 'from'} {times} s{known}")
+    return " and ".join(said)
 
 
 def unexplained(residual: Residual) -> str | None:
@@ -337,10 +366,10 @@ def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArr
 def static_slopes(data: Corrected, found: Coefficients) -> tuple[Derivative, ...]:
     """Of each flight, what its wind-fixed terms make of dC_m,in/d alpha, at no angle of attack and at that flown."""
 
-    def at(number: int, motion: Motion, alpha: FloatArray, places: IntArray) -> tuple[FloatArray, FloatArray]:
+    def at(number: int, motion: Motion, alpha: FloatArray, places: IntArray) -> Along:
         slopes = slopes_at(data, motion, found.columns, number, alpha)[places]
         variance = np.einsum("nj,jk,nk->n", slopes, found.covariance, slopes)
-        return slopes @ found.values, np.sqrt(np.maximum(variance, 0.0))
+        return Along(slopes @ found.values, np.sqrt(np.maximum(variance, 0.0)), {})
 
     motions = enumerate(each.motion for each in data.reconstructions)
     return tuple(along_flight(motion, number, partial(at, number, motion)) for number, motion in motions)

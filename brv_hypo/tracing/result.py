@@ -251,6 +251,7 @@ class Trace(HasCharts, Result):
     model: ModelSummary
     record_errors: tuple[RecordError, ...] = Field(default=(), description="of the model, the largest first")
     collinear: tuple[str, ...] = Field(default=(), description="pairs of coefficients, as those of a comparison")
+    collinear_groups: tuple[tuple[str, ...], ...] = ()
     static_slopes: tuple[Derivative, ...] = ()
     static_stability: str = Field(default="", description="where the static moment is not significantly stable")
     damping: tuple[Derivative, ...] = Field(default=(), description="C_mq along each flight, processes included")

@@ -26,8 +26,13 @@ STREAMS = [
     *("mkdir gone; cd gone; rmdir ../gone; {}", "chmod 555 .; {}"),
 ]
 LINES = [*(f"env {variables} {{}}" for variables in VARIABLES), *STREAMS]
-QUICKLY = {STREAMS[1], "env PYTHONIOENCODING=ascii {}"}
-THOROUGH = {*STREAMS[::2], *LINES[::9], "env PYTHONWARNINGS=error {}"}  # the slow tests have all others: each takes 3 s
+QUICKLY = {"env PYTHONIOENCODING=ascii {}"}
+THOROUGH = {
+    STREAMS[1],
+    *STREAMS[::2],
+    *LINES[::9],
+    "env PYTHONWARNINGS=error {}",
+}  # the slow tests have all others: each takes 3 s
 
 
 def _when(line: str) -> pytest.MarkDecorator | tuple[()]:

@@ -26,9 +26,9 @@ NAMES = ("load_flight", "reconstruct", "compare", "simulate")
 SETTINGS = {"compare": CompareConfig, "trace": TraceConfig, "reconstruct": ReconstructionConfig}
 SETTINGS |= {"predict": TraceConfig, "simulate": SimulationConfig, "run_study": StudyConfig}
 EXAMPLES = ("brv_hypo.progress", "brv_hypo.flight.format", "brv_hypo.simulation.simulator")
-EXAMPLES += ("brv_hypo.comparison.compare",)
 EXAMPLES += ("brv_hypo.model.reconstruction", "brv_hypo.results", "brv_hypo.flight.record")
 EXAMPLES += ("brv_hypo.subset.best", "brv_hypo.likelihood.fit")
+THOROUGH_EXAMPLES = ("brv_hypo.comparison.compare",)
 SLOW_EXAMPLES = ("brv_hypo.tracing.trace", "brv_hypo.prediction.predict", "brv_hypo.study.run")
 QUICK = {"mechanisms": ["lag"], "maximum_likelihood": "none", "knot_count": 2, "refine": False}
 
@@ -85,7 +85,12 @@ def test_keywords_go_over_the_settings(flight_file):
 
 
 @pytest.mark.parametrize(
-    "module", [*EXAMPLES, *(pytest.param(module, marks=pytest.mark.slow) for module in SLOW_EXAMPLES)]
+    "module",
+    [
+        *EXAMPLES,
+        *(pytest.param(module, marks=pytest.mark.thorough) for module in THOROUGH_EXAMPLES),
+        *(pytest.param(module, marks=pytest.mark.slow) for module in SLOW_EXAMPLES),
+    ],
 )
 def test_examples_of_docstrings_run(module, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

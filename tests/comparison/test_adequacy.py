@@ -17,6 +17,7 @@ def found_outside() -> dict[str, Alternative]:
     return {each.fit.name: each for each in outside(judged_cone("bodyfixed"), {"bodyfixed": (find("bodyfixed"),)})}
 
 
+@pytest.mark.thorough
 def test_moments_of_other_shapes_and_one_that_turns_are_tried() -> None:
     found = found_outside()
     assert set(found) == {"unlisted_moment", "turning_moment"}

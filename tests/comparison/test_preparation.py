@@ -16,7 +16,8 @@ from tests.chains import judged_cone
 from tests.flights import flown
 
 
-@pytest.mark.parametrize("where", [pytest.param("require_answerable", marks=pytest.mark.thorough), "reconstruct"])
+@pytest.mark.thorough
+@pytest.mark.parametrize("where", ["require_answerable", "reconstruct"])
 def test_a_record_that_has_no_motion_without_its_errors_or_under_its_noise_is_compared_as_it_is(
     monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:

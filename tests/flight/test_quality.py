@@ -9,6 +9,7 @@ import pytest
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import inspect_flight, white_noise
+from brv_hypo.flight.clock import strongest_frequency
 from tests.flight.records import flight, motion, write_raw
 
 
@@ -37,6 +38,15 @@ def test_gaps_do_not_disturb_the_noise() -> None:
     values = np.random.default_rng(4).standard_normal(4000)
     values[::50] = np.nan
     assert white_noise(values).sigma == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_trend_is_no_periodic_motion() -> None:
+    """A trend in noise has none; beneath one a motion of 2 Hz is found."""
+    time = np.arange(0.0, 10.0, 0.02)
+    trend = 0.1 * (time - 3.0) ** 2 + 1e-3 * np.random.default_rng(1).standard_normal(500)
+    cycle = 1e-2 * np.sin(4.0 * np.pi * time)
+    assert strongest_frequency(trend, -trend, 0.02, ((0, 500),)) == 0.0
+    assert strongest_frequency(trend + cycle, trend, 0.02, ((0, 500),)) == pytest.approx(2.0, abs=0.1)
 
 
 def test_a_record_is_described_as_it_was_recorded(tmp_path: Path) -> None:

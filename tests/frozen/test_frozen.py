@@ -16,6 +16,7 @@ LONG = {
     *((name, "compare") for name in ("demo", "capsule_bodyfixed", "opportunity_late", "launch12_early")),
     ("launch12_early", "reconstruct"),
     ("cone_magnus", "trace"),
+    ("cone_magnus_sister", "predict"),
     *((name, command) for name in ("rocket_lag", "table_5") for command in ("inspect", "reconstruct", "compare")),
 }
 """Results that take longer than others of their kind that are checked: these are, with the thorough tests."""

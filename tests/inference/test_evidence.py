@@ -153,12 +153,15 @@ def test_processes_and_their_errors_are_those_of_the_normal_equations(sizes: Siz
 
 @ONE_AND_TWO
 def test_a_function_along_a_flight_is_that_of_the_normal_equations(sizes: Sizes) -> None:
-    """Of coefficients, terms and processes at once, their common errors included."""
+    """Of coefficients, terms and processes at once, their common errors included; and how far what it is not made of,
+    the first process and the first coefficient, is correlated with it.
+    """
     own, flight = found(sizes, 4), sizes.flights - 1
     whole, rng, points = dense(own), np.random.default_rng(8), 7
     mean, covariance = whole.posterior()
     values = rng.normal(size=(points, sizes.baseline + sizes.terms + sizes.shifts))
-    splines = {k: rng.normal(size=(points, count)) for k, count in enumerate(sizes.splines)}
+    values[:, 0] = 0.0
+    splines = {k: rng.normal(size=(points, count)) for k, count in enumerate(sizes.splines) if k}
     flat, known = whole.flat.shape[1], sizes.baseline
     first = flat + sizes.allowed + sizes.terms + sizes.shifts + flight * sum(sizes.splines)
     makes = np.zeros((points, mean.size))
@@ -167,9 +170,17 @@ def test_a_function_along_a_flight_is_that_of_the_normal_equations(sizes: Sizes)
     for k, each in splines.items():
         place = own.rows.blocks[flight].columns[k]
         makes[:, first + place.start : first + place.stop] = own.rows.groups[k].size * each
-    value, error = own.along(flight, values, splines)
+    value, error, correlation = own.along(flight, values, splines)
     assert value == pytest.approx(makes @ mean, rel=1e-7, abs=1e-9)
     assert error == pytest.approx(np.sqrt(np.sum((makes @ covariance) * makes, axis=1)), rel=1e-7)
+    place, coefficient = own.rows.blocks[flight].columns[0], np.zeros((1, mean.size))
+    coefficient[:, taken_out(own.rows).shape[1] : flat] = own.rows.coefficients[0]
+    process = np.eye(mean.size)[first + place.start : first + place.stop]
+    found_of = np.zeros((points, correlation.shape[1]))
+    for column, other in ((0, process), (len(sizes.splines), coefficient)):
+        across, spread = makes @ covariance @ other.T, other @ covariance @ other.T
+        found_of[:, column] = np.sqrt(np.sum(across * np.linalg.solve(spread, across.T).T, axis=1)) / error
+    assert correlation == pytest.approx(found_of, rel=1e-6, abs=1e-9)
 
 
 @ONE_AND_TWO

@@ -61,7 +61,7 @@ def test_stretches_lie_between_long_gaps_only() -> None:
     assert [piece.t.size for piece in pieces_of([segment, gappy], between)] == [200, 60, 80]
 
 
-@pytest.mark.parametrize("process_noise", [None, [0.01, 0.01]])
+@pytest.mark.parametrize("process_noise", [None, pytest.param([0.01, 0.01], marks=pytest.mark.thorough)])
 def test_an_output_without_samples_is_told(process_noise: list[float] | None) -> None:
     problem = short_period()
     record = problem.simulate(200, seed=0)

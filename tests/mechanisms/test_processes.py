@@ -397,15 +397,13 @@ def test_shapes_that_are_not_finite_are_said():
         checked(_NotAlways()).shapes(whole)
 
 
-def test_one_that_breaks_its_contract_is_left_out_and_the_other_used(tmp_path):
+def test_a_file_of_which_one_breaks_its_contract_is_refused(tmp_path):
     path = written(tmp_path, splines=3)
     use_plugin_files([path])
-    assert "four_lobes" not in installed()
-    assert "speed_drift" in installed()
-    (reason,) = registry.left_out()
-    assert "'four_lobes' of" in reason
-    assert f"{path}, line" in reason
-    assert "`splines` is 3, expected 1, a constant, or at least 4" in reason
+    with pytest.raises(MechanismError, match="`splines` is 3, expected 1, a constant, or at least 4") as refusal:
+        installed()
+    assert "'four_lobes' of" in str(refusal.value)
+    assert f"{path}, line" in str(refusal.value)
 
 
 @pytest.mark.parametrize("name", sorted(NAMES | {"flow", "turbulence"}))

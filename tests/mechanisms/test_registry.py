@@ -51,7 +51,7 @@ def test_a_file_of_plugins_among_names_says_where_it_belongs():
 
 def test_options_are_checked():
     assert find("sticking", {"form": "complete"}).form == "complete"
-    with pytest.raises(UsageError, match="bad options for mechanism 'sticking': 'form': .* It has: form, delays"):
+    with pytest.raises(UsageError, match=r"bad options for mechanism 'sticking': 'form': .* It has: form, delays"):
         find("sticking", {"form": "square"})
     with pytest.raises(UsageError, match="bad options for mechanism 'damping'"):
         find("damping", {"colour": "red"})
@@ -124,6 +124,12 @@ def test_a_plugin_that_cannot_be_imported_is_named_and_left_out(tmp_path, listin
     assert "Traceback" not in done.stderr
     if "--json" in arguments:
         assert "no_such_module" in json.loads(done.stdout)["warnings"][0]
+
+
+def test_an_unknown_name_that_was_left_out_is_explained(tmp_path, listing_here):
+    plugin(tmp_path, "broken_plugin", "import no_such_module")
+    with pytest.raises(UsageError, match=r"unknown mechanism 'broken_plugin'.*no_such_module"):
+        find("broken_plugin")
 
 
 def test_of_two_plugins_of_one_name_ours_is_kept_and_both_are_named(tmp_path, listing_here):

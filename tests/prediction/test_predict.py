@@ -15,6 +15,7 @@ from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.model import SavedModel
 from brv_hypo.prediction import Prediction, predict
+from brv_hypo.prediction.result import reason
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY
@@ -127,6 +128,14 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
     assert found.flown == 1.0
 
 
+def test_a_fit_that_explains_less_than_the_frozen_model_is_explained(predicted: Prediction) -> None:
+    """It is fitted to rates and specific force; with errors of the record that are fixed."""
+    said = [reason(predicted, own, 0.0, 0.0, "instruments") for own in (0.5 * predicted.explained, predicted.explained)]
+    assert "Fitted here it explains less of the moments, as it is fitted to rates and specific force" in said[0]
+    assert "(`--refit instruments` frees them)" in said[0]
+    assert "explains less" not in said[1]
+
+
 def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
     assert held.refitted == ()
     values = {(term.mechanism, term.name): term for term in traced.model.terms}
@@ -164,6 +173,8 @@ def test_a_file_of_a_trace_is_a_model(traced: Trace, sister: Flight, predicted: 
 
 
 def test_an_unknown_name_is_refused(traced: Trace, sister: Flight) -> None:
+    with pytest.raises(UsageError, match=r"the model has no lag, and its delay is not known.*compare --mechanisms lag"):
+        predict(sister, traced.model.definition, ("lag",))
     with pytest.raises(UsageError, match="did you mean trim"):
         predict(sister, traced.model.definition, ("trm",))
 

@@ -33,7 +33,7 @@ from brv_hypo.report.document import (
 )
 from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import page, plotly_chart
-from brv_hypo.report.motion_charts import Setting, attitude_chart, process_chart
+from brv_hypo.report.motion_charts import STATIC, Setting, attitude_chart, derivative_chart, process_chart
 from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.report.write import RESOLUTION, draw_into
@@ -218,12 +218,22 @@ def test_coefficients_are_the_net_values_between_knots(planted, planted_charts) 
     assert known
 
 
-def test_a_band_is_two_standard_deviations_to_either_side(planted, planted_charts) -> None:
+def test_a_band_is_two_standard_deviations_to_either_side(planted) -> None:
+    """At the angle flown, and at alpha = 0 where samples are near it; elsewhere a dotted line without a band."""
     (known,) = planted.functions["C_malpha"]
-    _, _, band, line = planted_charts["static-slope"].panels[0].layers
-    np.testing.assert_allclose(line.y, known.at_zero)
-    np.testing.assert_allclose(band.high - line.y, 2.0 * np.array(known.at_zero_std_error))
-    np.testing.assert_allclose(line.y - band.low, 2.0 * np.array(known.at_zero_std_error))
+    near = [(0.0 if k % 2 else high, high) for k, (_, high) in enumerate(known.alpha_ends_rad)]
+    known = known.model_copy(update={"alpha_ends_rad": tuple(near)})
+    flown_band, flown, dotted, zero_band, zero = derivative_chart(known, 1, *STATIC).panels[0].layers
+    measured = np.isfinite(zero.y)
+    assert measured.tolist() == [not each for each in known.extrapolated]
+    assert dotted.dashed
+    np.testing.assert_allclose(dotted.y, known.at_zero)
+    for band, line, sigmas in (
+        (flown_band, flown, known.at_flown_std_error),
+        (zero_band, zero, np.where(measured, known.at_zero_std_error, np.nan)),
+    ):
+        np.testing.assert_allclose(band.high - line.y, 2.0 * np.array(sigmas))
+        np.testing.assert_allclose(line.y - band.low, 2.0 * np.array(sigmas))
 
 
 def test_a_meridian_is_wrapped_with_a_break_where_it_passes_the_end() -> None:

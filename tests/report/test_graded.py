@@ -33,6 +33,10 @@ from tests.chains import compared_nominal
 
 NAN = float("nan")
 EXPLAINED = Explained(share=0.87, unexplained=0.13, interval_95=(0.81, 0.92))
+ADEQUACY_AND_STABILITY = (
+    "The leader's residual is 0.9 times what noise and tolerances explain; "
+    "100 % of the repetitions give the same answer."
+)
 SENTENCE = "Of the residual of the baseline: damping 87 % (81 to 92 %), processes and noise 13 %."
 MOMENT = 0.0412
 
@@ -110,6 +114,13 @@ class TestTerminal:
         assert line_of(shown, "turbulence") == ["turbulence", "air", "1.43", "0.21", "m/s", "14", "×", "1.6", "%"]
         assert line_of(shown, "static_change")[-4:] == ["5.1", "×", "4.9", "%"]
 
+    def test_a_process_of_one_s_own_is_named_beside_one_that_drifts_alike(self) -> None:
+        """A drift of the gyros may be taken for theirs in general."""
+        own = process("gyro_warming", "gyros", 1e-6, "rad/s", 1e-5, 8.7e-5)
+        said = " ".join(printed(graded(processes=(*PROCESSES, own))).split())
+        assert "gyro_drift and gyro_warming may be one drift (gyros): the data may give it to either." in said
+        assert "may be one drift" not in printed(graded())
+
     def test_that_no_process_is_large_is_said(self) -> None:
         shown = printed(graded(processes=PROCESSES[-1:]))
         assert f"Of at most 0.1 % of the static moment: {PROCESSES[-1].name}." in shown
@@ -165,15 +176,20 @@ class TestPython:
         named = graded("none", Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0)))
         empty = named.model_copy(update={"ranking": named.ranking[::-1]})
         assert empty.headline().endswith("named baseline only")
-        assert empty.conclusion() == "One sentence."
+        assert empty.conclusion() == f"One sentence.\n{ADEQUACY_AND_STABILITY}"
 
     def test_a_leader_that_is_not_named_explains_its_share_all_the_same(self) -> None:
         assert "explains" not in graded(None).headline()
-        assert graded(None).conclusion() == f"One sentence.\n{SENTENCE}"
+        assert graded(None).conclusion() == f"One sentence.\n{SENTENCE}\n{ADEQUACY_AND_STABILITY}"
 
     def test_processes_and_noise_are_told_apart_where_they_are_known(self) -> None:
         known = EXPLAINED.model_copy(update={"processes": 0.13 - 3e-5, "noise": 3e-5})
-        assert graded(explained=known).conclusion().endswith("(81 to 92 %), processes 13 %, noise <0.01 %.")
+        assert (
+            graded(explained=known)
+            .conclusion()
+            .splitlines()[1]
+            .endswith("(81 to 92 %), processes 13 %, noise <0.01 %.")
+        )
 
     def test_errors_beyond_tolerances_are_part_of_the_answer(self) -> None:
         """A trim of 14 tolerances is, what is within its tolerance is not; also where nothing is adequate."""
@@ -185,7 +201,7 @@ class TestPython:
         update = {"record_errors": errors, "warnings": (beyond_text(errors),)}
         named = graded().model_copy(update=update)
         said = "Errors beyond the tolerances of the record (--instruments): trim C_m0 -0.001 (14.3 times)."
-        assert named.conclusion() == f"One sentence.\n{SENTENCE}\n{said}"
+        assert named.conclusion() == f"One sentence.\n{SENTENCE}\n{ADEQUACY_AND_STABILITY}\n{said}"
         assert " ".join(printed(named).split()).count("Errors beyond the tolerances") == 1
         inadequate = graded(None).model_copy(update=update)
         assert "(--instruments), which may be what the hypotheses lack: trim C_m0" in inadequate.conclusion()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from brv_hypo.report.document import Document
+from brv_hypo.report.document import Document, Table, Texts, flat
 from brv_hypo.report.figures import chart_figure
 from brv_hypo.report.html import page
 from brv_hypo.report.many_flights import MOST_MISTAKES, study_document
@@ -54,3 +54,11 @@ def test_errors_of_a_share_end_within_0_and_1(document) -> None:
     below, above = dots.error
     assert np.all(np.asarray(dots.y) + above <= 1.0 + 1e-12)
     assert np.all(np.asarray(dots.y) - below >= -1e-12)
+
+
+def test_a_study_of_one_vehicle_has_one_row_for_each_mechanism_and_its_columns_are_explained(document) -> None:
+    tables = {block.heading: block for block in flat(document.blocks) if isinstance(block, Table)}
+    assert [row["vehicle"] for row in tables["Detection limits"].rows] == ["cone"]
+    words = " ".join(text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts)
+    assert "won: the verdict names it too" in words
+    assert "false alarms in 0 of 6 flights (95 %: 0 to 46 %) that have none" in document.conclusion

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import io
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
+from brv_hypo.comparison.intervals import collinear_groups, estimate
+from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.report.document import Document, Table, Texts
-from brv_hypo.report.tables import ranking_table, term_table
+from brv_hypo.report.tables import collinear_names, function_blocks, ranking_table, term_table, vehicle_blocks
 from brv_hypo.report.terminal import Fitted, terminal_view
 from brv_hypo.report.trace import outcome_text
 from brv_hypo.tracing.result import Errors, Step
@@ -109,3 +112,40 @@ def test_a_step_says_why_it_added_nothing(named_in, refused, words) -> None:
     errors = Errors(fit=1e-8, held_out=2e-8)
     step = Step.model_construct(added=None, named_in=named_in, refused=refused, error_before=errors, error_after=errors)
     assert outcome_text(step).startswith(words)
+
+
+def test_coefficients_that_are_nearly_collinear_are_marked_and_named() -> None:
+    covariance = np.array([[1.0, 0.95, 0.0], [0.95, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    groups = collinear_groups(["C_m0 at 2.00 s", "C_malpha at 2.00 s", "C_mq"], covariance)
+    assert groups == (("C_m0 at 2.00 s", "C_malpha at 2.00 s"),)
+    terms = [estimate(name, "lag", 1.0, 0.1, "1", channel="both") for name in ("C_m0", "C_malpha", "C_mq")]
+    terms[:2] = [term.model_copy(update={"region_s": (2.0, 3.0)}) for term in terms[:2]]
+    marked = [row["value"].endswith("*") for row in term_table("", terms, collinear=groups).rows]
+    assert marked == [True, True, False]
+    assert collinear_names(groups)[0] == "* C_m0 at 2.00 s, C_malpha at 2.00 s are nearly collinear."
+
+
+def test_a_function_is_marked_where_it_is_collinear_and_in_parentheses_where_it_is_extrapolated() -> None:
+    known = Derivative(
+        flight=0,
+        time_s=(1.0, 2.0),
+        mach=(3.0, 2.0),
+        alpha_rad=(0.05, 0.05),
+        at_zero=(-0.1, -0.2),
+        at_zero_std_error=(0.01, 0.01),
+        at_flown=(-0.3, -0.4),
+        at_flown_std_error=(0.01, 0.01),
+        alpha_ends_rad=((0.0, 0.05), (0.04, 0.05)),
+        collinear_with={"two_lobes": (0.5, 0.95)},
+    )
+    flown, said, zero = function_blocks({"C_mq": [known]})
+    assert [row["C_mq"] for row in flown.rows] == ["-0.300 ± 0.01", "-0.400 ± 0.01*"]
+    assert [row["C_mq"] for row in zero.rows] == ["-0.100 ± 0.01", "(-0.200)"]
+    assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) between 2 and 2 s."
+
+
+def test_the_vehicle_is_listed_with_what_is_known_of_it() -> None:
+    table, said = vehicle_blocks(compared_nominal().flights)
+    assert [row["quantity"] for row in table.rows] == ["mass", "ixx", "iyy", "reference length", "reference area"]
+    assert table.rows[2]["tolerance"] != "–"
+    assert "placeholder" in said.texts[0]

@@ -10,9 +10,11 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.trace import trace_document
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
+from brv_hypo.tracing.result import Family, ProcessHistory
 from tests.chains import traced_trim
 from tests.flights import nominal
 from tests.shared_data import shared_file
@@ -136,3 +138,20 @@ def test_a_record_that_contradicts_itself_is_traced_and_told(monkeypatch: pytest
     wrong = trace(replace(flight, q=-flight.q)).record
     assert not wrong.sound
     assert any("q" in fault.channel for fault in wrong.faults)
+
+
+def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
+    """No "No effect was found" before shares of the residual; steps before the answer."""
+    traced = traced_trim()
+    own = dict.fromkeys(("time_s", "mach", "alpha_rad", "values", "std_errors"), (1.0,))
+    history = ProcessHistory(process="own_drift", title="a drift of one's own", units="1", **own)
+    family = Family(family="body", share=0.83, interval_95=(0.7, 0.9), history=history)
+    first = traced.steps[0].model_copy(update={"decomposition": (family,)})
+    shares = "body 83 % (70 % to 90 %, mostly own_drift)."
+    for findings, said in (
+        ((), f"No effect with a name was found; families of processes explain the residual: {shares}"),
+        (("trim",), f"Found: trim; by family, the first model's residual: {shares}"),
+    ):
+        document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
+        assert document.conclusion.splitlines()[0] == said
+    assert document.ahead == ()

@@ -35,7 +35,7 @@ def test_the_slope_is_that_of_the_vehicle(seed: int) -> None:
         np.testing.assert_allclose(value, expected, rtol=0.05)
 
 
-def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0) -> Derivative:
+def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0, **known: object) -> Derivative:
     count = len(at_zero)
     return Derivative(
         flight=flight,
@@ -46,6 +46,7 @@ def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0) -> Derivat
         at_zero_std_error=(0.01,) * count,
         at_flown=(-0.1,) * count,
         at_flown_std_error=(0.02,) * count,
+        **known,
     )
 
 
@@ -62,5 +63,17 @@ def test_where_it_is_unstable_is_told_with_its_size() -> None:
 def test_where_it_is_not_told_to_be_stable_is_told_flight_by_flight() -> None:
     said = stability_in_words([sloped([-0.1, -0.1]), sloped([-0.01, -0.1, -0.019], flight=1, mach=float("nan"))])
     assert said.startswith("At alpha = 0 the static moment of flight 2 is not significantly stable")
-    assert "from 0 to 0 s and from 20 to 20 s: " in said
+    assert "at 0 s and at 20 s: " in said
     assert "Mach" not in said
+
+
+def test_no_value_at_alpha_zero_is_stated_where_no_sample_is_near_it() -> None:
+    """A slope that is unstable there by extrapolation alone; and one that is unstable at the angle flown."""
+    ends = ((0.001, 0.05), (0.04, 0.05), (0.04, 0.05))
+    slope = sloped([-0.1, 0.03, 0.03], alpha_ends_rad=ends)
+    assert slope.extrapolated == (False, True, True)
+    assert stability_in_words([slope]) == ""
+    unstable = slope.model_copy(update={"at_flown": (-0.1, -0.1, 0.05)})
+    said = stability_in_words([unstable])
+    assert said.startswith("At the angle flown the static moment is unstable at 20 s (Mach 18): 0.05 ± 0.02 per rad")
+    assert "alpha = 0" not in said
