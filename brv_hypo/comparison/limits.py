@@ -189,12 +189,12 @@ def _shapes(
         )
         for name, units in names
     ]
-    rows, moments = evidences[0].rows.of_moments(frame, parts), frame.moments(parts)
-    products, count, terms = evidences[0].with_columns(rows), edges.size - 1, len(names)
+    moments, count, terms = frame.moments(parts), edges.size - 1, len(names)
+    products = evidences[0].with_moments(evidences[0].rows.rates_of_moments(frame, parts))
     ends, every = _every_region(count, widths)
     part = float(np.min(np.diff(edges)))
     # Squares of the parts: of rounding the size is enough.
-    before = every**2 @ np.sum(rows**2, axis=0).reshape(count, terms)
+    before = every**2 @ np.diag(products.across)[-len(parts) :].reshape(count, terms)
     gram_of_parts = np.real(np.conj(moments).T @ moments) / moments.shape[0]
 
     def over_regions(of_parts: FloatArray, inside: FloatArray) -> FloatArray:

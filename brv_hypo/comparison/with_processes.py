@@ -176,11 +176,12 @@ def _best_width(fit: HypothesisFit, own: Evidence, jump: TimeBasis) -> tuple[Tim
     if not ramps:
         return jump, 0.0
     tried = [fit.selected[k].at(fit.selected[k].theta, ramp) for ramp in ramps for k in mine]
-    rows = own.rows.of_moments(frame, tried).reshape(-1, len(ramps), len(mine)) @ values / (2.0 * halves)
-    more = rows - (own.rows.of_moments(frame, [fit.selected[k] for k in mine]) @ values)[:, np.newaxis]
-    information, right = own.projected(own.with_columns(more))
-    known = np.diag(information)
-    gains = 0.5 * np.divide(right**2, known, out=np.zeros_like(known), where=known > SPENT * np.sum(more**2, axis=0))
+    rates = own.rows.rates_of_moments(frame, tried).reshape(-1, len(ramps), len(mine)) @ values / (2.0 * halves)
+    sharp = own.rows.rates_of_moments(frame, [fit.selected[k] for k in mine]) @ values
+    products = own.with_moments(rates - sharp[:, np.newaxis])
+    information, right = own.projected(products)
+    known, before = np.diag(information), np.diag(products.across)[-len(ramps) :]
+    gains = 0.5 * np.divide(right**2, known, out=np.zeros_like(known), where=known > SPENT * before)
     best = int(np.argmax(gains))
     return ramps[best], float(gains[best])
 

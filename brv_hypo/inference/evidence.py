@@ -42,35 +42,64 @@ _LARGEST_STEP = 3.0  # of all logarithms together
 
 
 class _Solution(NamedTuple):
-    """b and c with their covariance under noise of 1, and each flight's standardised a."""
+    """b and c with their covariance under noise of 1."""
 
     level: float
     """Half of the log determinants."""
     misfit: float
     border: FloatArray
     covariance: FloatArray
-    modes: tuple[FloatArray, ...]
-    inverses: tuple[FloatArray, ...]
-    """M^-1 of each flight."""
-    follows: tuple[FloatArray, ...]
-    """By how much its a falls as b and c rise (columns, border)."""
 
-    @property
-    def variances(self) -> tuple[FloatArray, ...]:
-        """Those of each flight's a, under noise of 1."""
-        both = zip(self.inverses, self.follows, strict=True)
-        return tuple(np.diag(inverse) + np.sum((own @ self.covariance) * own, axis=1) for inverse, own in both)
+
+class _OfProcesses(NamedTuple):
+    """Of one flight the standardised a at its mode, with its variances under noise of 1."""
+
+    mode: FloatArray
+    inverse: FloatArray
+    """M^-1, zero above its diagonal."""
+    follows: FloatArray
+    """By how much a falls as b and c rise (columns, border)."""
+    variances: FloatArray
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """A hypothesis at its most probable amplitudes; `level` is its log evidence, but for a constant of the rows."""
+class _Integrated:
+    """All that is integrated out at some amplitudes; what is of processes only where it is asked for."""
 
     rows: Rows
     terms: Terms
     products: Products
     at: FloatArray
     """Logarithms of the noise, of every process's amplitude, and of the mechanism's."""
+
+    @cached_property
+    def _parts(self) -> dict[int, _Eliminated]:
+        return _eliminated(self.products, self.rows, self.at)
+
+    @cached_property
+    def solution(self) -> _Solution:
+        """b and c, at their mode."""
+        return _solved(self.products, self._parts, self.rows, self.terms, self.at)
+
+    @cached_property
+    def processes(self) -> tuple[_OfProcesses, ...]:
+        """a of each flight: large, and wanted of few."""
+        return tuple(self._of(each) for each in self._parts.values())
+
+    def _of(self, part: _Eliminated) -> _OfProcesses:
+        both = np.column_stack([part.made, part.own])
+        both = solve_triangular(part.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
+        # In the place of the factor, of which nothing else is wanted.
+        inverse = dpotri(part.factor, lower=1, overwrite_c=1)[0] if part.factor.size else part.factor
+        follows = both[:, :-1]
+        variances = np.diag(inverse) + np.sum((follows @ self.solution.covariance) * follows, axis=1)
+        return _OfProcesses(both[:, -1] - follows @ self.solution.border, inverse, follows, variances)
+
+
+@dataclass(frozen=True)
+class Evidence(_Integrated):
+    """A hypothesis at its most probable amplitudes; `level` is its log evidence, but for a constant of the rows."""
+
     level: float
 
     @property
@@ -100,9 +129,9 @@ class Evidence:
     def _of_processes(self) -> FloatArray:
         """What all processes make of the rows (n,), at their mode."""
         out = np.zeros(self.rows.y.size)
-        for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
-            scale = np.repeat(_amplitudes(self.rows, self.at), [own.stop - own.start for own in block.columns])
-            out[block.rows] = block.z @ (scale * mode)
+        for block, own in zip(self.rows.blocks, self.processes, strict=True):
+            scale = np.repeat(_amplitudes(self.rows, self.at), [each.stop - each.start for each in block.columns])
+            out[block.rows] = block.z @ (scale * own.mode)
         return out
 
     @property
@@ -114,18 +143,13 @@ class Evidence:
         chosen = np.flatnonzero(self.terms.scaled)
         made = self.terms.x[:, chosen] @ self.solution.border[self.rows.shared.shape[1] + chosen]
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
-        freedom = sum(float(np.sum(1.0 - variances)) for variances in self.solution.variances)
+        freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
 
     @property
     def amplitudes(self) -> FloatArray:
         """Of every process (groups,), in its units."""
         return self.noise * _amplitudes(self.rows, self.at)
-
-    @cached_property
-    def solution(self) -> _Solution:
-        """What is integrated out, at its mode."""
-        return _solution(self.products, self.rows, self.terms, self.at)
 
     @property
     def values(self) -> FloatArray:
@@ -200,17 +224,17 @@ class Evidence:
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""
         out, amplitude = np.zeros(self.rows.y.size), _amplitudes(self.rows, self.at)[process]
-        for block, mode in zip(self.rows.blocks, self.solution.modes, strict=True):
-            own = block.columns[process]
-            out[block.rows] = block.raw[:, own] @ (amplitude * mode[own])
+        for block, own in zip(self.rows.blocks, self.processes, strict=True):
+            columns = block.columns[process]
+            out[block.rows] = block.raw[:, columns] @ (amplitude * own.mode[columns])
         return out
 
     def spline_coefficients(self, process: int) -> tuple[FloatArray, FloatArray]:
         """The coefficients of a process, of all flights after one another, and their standard errors, in its units."""
         unit = _amplitudes(self.rows, self.at)[process] * self.rows.groups[process].size
-        each = zip(self.rows.blocks, self.solution.modes, self.solution.variances, strict=True)
-        found = [(mode[b.columns[process]], spread[b.columns[process]]) for b, mode, spread in each]
-        modes, variances = (np.concatenate(part) for part in zip(*found, strict=True))
+        each = [(own, b.columns[process]) for b, own in zip(self.rows.blocks, self.processes, strict=True)]
+        modes = np.concatenate([own.mode[columns] for own, columns in each])
+        variances = np.concatenate([own.variances[columns] for own, columns in each])
         return unit * modes, self.noise * unit * np.sqrt(np.maximum(variances, 0.0))
 
     def along(
@@ -225,6 +249,7 @@ class Evidence:
         tolerance of what all flights share.
         """
         block, found, rank = self.rows.blocks[flight], self.solution, self.rows.coefficients.shape[1]
+        of_flight, made = self.processes[flight], self._values_of_border
         known, first = self.rows.coefficients.shape[0], self.rows.shared.shape[1]
         shared = np.zeros((values.shape[0], found.border.size))
         shared[:, :rank] = values[:, :known] @ self.rows.coefficients
@@ -233,10 +258,10 @@ class Evidence:
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():
             own[:, block.columns[k]] = _amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
-        both = shared - own @ found.follows[flight]
+        follows, inverse = of_flight.follows, of_flight.inverse + np.tril(of_flight.inverse, -1).T
+        both = shared - own @ follows
         variance = np.sum((both @ found.covariance) * both, axis=1)
-        variance += np.sum((own @ found.inverses[flight]) * own, axis=1)
-        inverse, follows, made = found.inverses[flight], found.follows[flight], self._values_of_border
+        variance += np.sum((own @ inverse) * own, axis=1)
         across, squares = own @ inverse - both @ found.covariance @ follows.T, []  # with the processes' coefficients
         for k, columns in enumerate(block.columns):
             spread = inverse[columns, columns] + follows[columns] @ found.covariance @ follows[columns].T
@@ -246,7 +271,7 @@ class Evidence:
         with_values = np.where(np.any(values, axis=0), 0.0, both @ found.covariance @ made.T)
         squares += list((with_values**2 / np.maximum(alone, 1e-300)).T)
         correlation = np.sqrt(np.array(squares).T / np.maximum(variance, 1e-300)[:, np.newaxis])
-        return shared @ found.border + own @ found.modes[flight], self.noise * np.sqrt(variance), correlation
+        return shared @ found.border + own @ of_flight.mode, self.noise * np.sqrt(variance), correlation
 
     @cached_property
     def held_out(self) -> FloatArray:
@@ -268,9 +293,11 @@ class Evidence:
         """Of all rows."""
         return _factored(self.products, self.rows, self.at)
 
-    def with_columns(self, x: FloatArray) -> Products:
-        """The scalar products with further columns (n, k) after the terms: of all evidences of these terms the same."""
-        return self.rows.products.beside(self.rows, np.concatenate([self.terms.x, x], axis=1))
+    def with_moments(self, rates: FloatArray) -> Products:
+        """The scalar products with moments by their rates (rate rows, k) after the terms: of all evidences of these
+        terms the same.
+        """
+        return self.products.beside_moments(self.rows, self.terms.x, rates)
 
     def projected(self, products: Products) -> tuple[FloatArray, FloatArray]:
         """X'PX and X'Py of the columns X after the terms, where P is the inverse covariance with all else integrated
@@ -295,8 +322,8 @@ def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evid
     options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}
     begun = np.append(ordinary, centre[ordinary.size :])
     own = (surface.slope, surface.curvature)
-    best = minimize(surface.cost, begun, jac=own[0], hess=own[1], method="trust-exact", options=options).x
-    return surface.evidence(best - np.linalg.solve(surface.curvature(best), surface.slope(best)))
+    best: Any = minimize(surface.cost, begun, jac=own[0], hess=own[1], method="trust-exact", options=options)
+    return surface.evidence(best.x - np.linalg.solve(best.hess, best.jac))
 
 
 def with_amplitudes(rows: Rows, terms: Terms, at: FloatArray) -> Evidence:
@@ -322,39 +349,38 @@ class _Surface:
         return centre, width
 
     @cached_property
-    def _last(self) -> dict[bytes, _Solution]:
+    def _last(self) -> dict[bytes, _Integrated]:
         return {}
 
-    def found(self, at: FloatArray) -> _Solution:
+    def found(self, at: FloatArray) -> _Integrated:
         """What is integrated out there."""
         key = at.tobytes()
         if key not in self._last:
             self._last.clear()
-            self._last[key] = _solution(self.products, self.rows, self.terms, at)
+            self._last[key] = _Integrated(self.rows, self.terms, self.products, at)
         return self._last[key]
 
     def evidence(self, at: FloatArray) -> Evidence:
         """That at these amplitudes."""
         own = Evidence(self.rows, self.terms, self.products, at, self.terms.prior - self.cost(at))
-        vars(own)["solution"] = self.found(at)  # what the property would find
+        vars(own)["solution"] = self.found(at).solution  # what the property would find
         return own
 
     def cost(self, at: FloatArray) -> float:
         """Minus log p, but for a constant."""
         centre, width = self.prior
         off = 0.5 * float(np.sum(((at - centre) / width) ** 2) + np.sum((_beyond(at) / _WALL) ** 2))
-        return _value(self.products, self.rows, self.found(at), at) + off
+        return _value(self.products, self.rows, self.found(at).solution, at) + off
 
     def slope(self, at: FloatArray) -> FloatArray:
         """First derivatives."""
         centre, width = self.prior
-        own = _slope(self.products, self.rows, self.terms, at, self.found(at))
-        return np.asarray(own + (at - centre) / width**2 + _beyond(at) / _WALL**2)
+        return np.asarray(_slope(self.found(at)) + (at - centre) / width**2 + _beyond(at) / _WALL**2)
 
     def curvature(self, at: FloatArray) -> FloatArray:
         """Second derivatives."""
         prior = self.prior[1] ** -2.0 + (_beyond(at) > 0.0) / _WALL**2
-        return np.asarray(_curvature(self.rows, self.terms, at, self.found(at)) + np.diag(prior))
+        return np.asarray(_curvature(self.found(at)) + np.diag(prior))
 
 
 def _beyond(at: FloatArray) -> FloatArray:
@@ -395,7 +421,8 @@ def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Fact
     amplitudes, factors = _amplitudes(rows, at), {}
     for number, known in products.flights.items():
         scale = np.repeat(amplitudes, [own.stop - own.start for own in rows.blocks[number].columns])
-        matrix = scale[:, np.newaxis] * known.own * scale
+        matrix = known.own * scale
+        matrix *= scale[:, np.newaxis]
         matrix[np.diag_indices_from(matrix)] += 1.0
         factors[number] = scale, _factor(matrix)
     return factors
@@ -446,14 +473,9 @@ def _reduced(products: Products, parts: Mapping[int, _Eliminated]) -> tuple[Floa
 
 
 def _solved(
-    products: Products,
-    parts: Mapping[int, _Eliminated],
-    rows: Rows,
-    terms: Terms,
-    at: FloatArray,
-    with_modes: bool = False,
+    products: Products, parts: Mapping[int, _Eliminated], rows: Rows, terms: Terms, at: FloatArray
 ) -> _Solution:
-    """What is integrated out; modes and variances of processes only where they are wanted."""
+    """b and c with all processes eliminated."""
     spread = _spreads(rows, terms, at)
     inner, right = _reduced(products, parts)
     inner = inner + np.diag(spread**-2.0)
@@ -462,21 +484,8 @@ def _solved(
     level = sum(each.level for each in parts.values())
     level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))
     covariance = cho_solve((outer, True), np.eye(border.size), check_finite=False)
-    modes, inverses, falls = [], [], []
-    for each in parts.values() if with_modes else ():
-        both = np.column_stack([each.made, each.own])
-        both = solve_triangular(each.factor, both, lower=True, trans="T", check_finite=False, overwrite_b=True)
-        inverse = dpotri(each.factor, lower=1)[0] if each.factor.size else each.factor
-        inverses.append(inverse + np.tril(inverse, -1).T)
-        falls.append(both[:, :-1])
-        modes.append(both[:, -1] - both[:, :-1] @ border)
     rest = products.square - sum(each.misfit for each in parts.values()) - float(right @ border)
-    return _Solution(level, rest, border, covariance, tuple(modes), tuple(inverses), tuple(falls))
-
-
-def _solution(products: Products, rows: Rows, terms: Terms, at: FloatArray) -> _Solution:
-    """What is integrated out, with modes and variances of processes."""
-    return _solved(products, _eliminated(products, rows, at), rows, terms, at, with_modes=True)
+    return _Solution(level, rest, border, covariance)
 
 
 def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> float:
@@ -485,14 +494,15 @@ def _value(products: Products, rows: Rows, found: _Solution, at: FloatArray) -> 
     return float(found.level + freedom * at[0] + 0.5 * found.misfit * np.exp(-2.0 * at[0]))
 
 
-def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> FloatArray:
+def _slope(there: _Integrated) -> FloatArray:
     """Derivative of `_value` by the logarithms (noise, amplitudes of processes, of the mechanism)."""
+    rows, terms, at, found = there.rows, there.terms, there.at, there.solution
     slope, per_noise = np.zeros(at.size), np.exp(-2.0 * at[0])
-    for block, mode, variance in zip(rows.blocks, found.modes, found.variances, strict=True):
-        each = 1.0 - per_noise * mode**2 - variance
+    for block, of_flight in zip(rows.blocks, there.processes, strict=True):
+        each = 1.0 - per_noise * of_flight.mode**2 - of_flight.variances
         for k, own in enumerate(block.columns, start=1):
             slope[k] += float(np.sum(each[own]))
-    slope[0] = products.rows - int(np.sum(np.isinf(rows.spread))) - found.misfit * per_noise
+    slope[0] = there.products.rows - int(np.sum(np.isinf(rows.spread))) - found.misfit * per_noise
     if np.any(terms.scaled):
         chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
         precision = _spreads(rows, terms, at)[chosen] ** -2.0
@@ -501,13 +511,14 @@ def _slope(products: Products, rows: Rows, terms: Terms, at: FloatArray, found: 
     return slope
 
 
-def _curvature(rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> FloatArray:
+def _curvature(there: _Integrated) -> FloatArray:
     """Second derivatives of `_value`.
 
     With Q = 1 - C of the standardised unknowns u = [a c] of covariance C and mode m, d Q_ij / d log S_k takes Q_ik Q_kj
     and d m_i / d log S_k takes Q_ik m_k. Processes of different flights have what they share alone in common, so that
     of two flights sums over their columns suffice.
     """
+    rows, terms, at, found = there.rows, there.terms, there.at, there.solution
     per_noise, mechanism = np.exp(-2.0 * at[0]), bool(np.any(terms.scaled))
     squares, traces, pairs = np.zeros(at.size - 1), np.zeros(at.size - 1), np.zeros((at.size - 1, at.size - 1))
     chosen = np.concatenate([np.zeros(rows.spread.size, dtype=bool), terms.scaled])
@@ -517,18 +528,24 @@ def _curvature(rows: Rows, terms: Terms, at: FloatArray, found: _Solution) -> Fl
     def gather(mode: FloatArray, makes: FloatArray, inverse: FloatArray, groups: Sequence[slice], first: int) -> None:
         """What unknowns of one flight, or of all, have among themselves; `makes` of each by what all share."""
         places, starts = np.arange(first, first + len(groups)), [own.start for own in groups]
-        through = makes @ found.covariance @ makes.T
-        q = np.eye(mode.size) - inverse - through
-        both = 4.0 * per_noise * mode[:, np.newaxis] * (q + through) * mode - 2.0 * (q**2 - through**2)
-        pairs[np.ix_(places, places)] += np.add.reduceat(np.add.reduceat(both, starts, axis=0), starts, axis=1)
+        through, diagonal = makes @ found.covariance, np.diag_indices_from(inverse)
+        rest = -inverse  # Q beside what all share, below the diagonal and on it
+        rest[diagonal] += 1.0
+        both = np.column_stack([4.0 * through, 4.0 * per_noise * mode]) @ np.column_stack([makes, mode]).T
+        both -= rest
+        both -= rest
+        both *= rest
+        both[diagonal] *= 0.5
+        half = np.add.reduceat(np.add.reduceat(both, starts, axis=1), starts, axis=0)
+        pairs[np.ix_(places, places)] += half + half.T
         squares[places] += np.add.reduceat(per_noise * mode**2, starts)
-        traces[places] += np.add.reduceat(np.diag(q), starts)
+        traces[places] += np.add.reduceat(np.diag(rest) - np.sum(through * makes, axis=1), starts)
         for place, own in zip(places, groups, strict=True):
             sums[place] += makes[own].T @ mode[own]
             grams[place] += makes[own].T @ makes[own]
 
-    for block, mode, inverse, follows in zip(rows.blocks, found.modes, found.inverses, found.follows, strict=True):
-        gather(mode, -follows, inverse, block.columns, 0)
+    for block, own in zip(rows.blocks, there.processes, strict=True):
+        gather(own.mode, -own.follows, own.inverse, block.columns, 0)
     if mechanism:
         makes = np.diag(precision)[chosen]
         mode = makes @ found.border

@@ -78,6 +78,11 @@ class Block:
         return np.asarray(rows - self.own @ (self.own.T @ rows))
 
     @cached_property
+    def errors_in_z(self) -> FloatArray:
+        """Scalar products of Z with the directions of errors (columns, rank)."""
+        return np.asarray(self.z.T @ self.errors)
+
+    @cached_property
     def _directions(self) -> tuple[FloatArray, FloatArray]:
         """Those of both kinds (m, rank), orthonormal, and how much of each whitening takes away (rank, 1)."""
         share = np.concatenate([np.ones(self.own.shape[1]), 1.0 - self.shrunk])
@@ -136,8 +141,33 @@ class Products(NamedTuple):
             across += columns.T @ _of(rows.shared, those)
             right += columns.T @ rows.y[those]
             own += columns.T @ columns
-            border = np.concatenate([known.with_border, _of(block.z, known.chosen).T @ columns], axis=1)
-            flights[number] = known._replace(with_border=border)
+            flights[number] = _of(block.z, known.chosen).T @ columns
+        return self._with(across, own, right, flights)
+
+    def beside_moments(self, rows: Rows, x: FloatArray, rates: FloatArray) -> Products:
+        """Of all rows and the columns x (n, j) of a hypothesis, with further moments as the rates that they make
+        (rate rows, k): Z and what is whitened already take the whitening of those upon themselves.
+        """
+        white = np.column_stack([rows.shared, x, rows.y])
+        across, own, flights = np.zeros((rates.shape[1], white.shape[1])), np.zeros((rates.shape[1],) * 2), {}
+        for number, block in enumerate(rows.blocks):
+            half, those = block.rows.size // 2, block.rows
+            part, beside = _of(rates, those[:half]), _of(white, those)
+            free, inside = block.own[:half].T @ part, block.errors[:half].T @ part
+            removed = (1.0 - block.shrunk)[:, np.newaxis] * inside
+            own += part.T @ part - free.T @ free - (inside + block.shrunk[:, np.newaxis] * inside).T @ removed
+            across += part.T @ beside[:half] - removed.T @ (block.errors.T @ beside)
+            flights[number] = block.z[:half].T @ part - block.errors_in_z @ removed
+        return self._with(across[:, :-1], own, across[:, -1], flights)
+
+    def _with(
+        self, across: FloatArray, own: FloatArray, right: FloatArray, of_flights: Mapping[int, FloatArray]
+    ) -> Products:
+        """With further columns, by their products with those that it has, themselves, y and Z of each flight."""
+        flights = {
+            number: known._replace(with_border=np.concatenate([known.with_border, of_flights[number]], axis=1))
+            for number, known in self.flights.items()
+        }
         whole = np.block([[self.across, across.T], [across, own]])
         return Products(self.rows, self.square, whole, np.append(self.right, right), flights)
 
@@ -233,6 +263,10 @@ class Rows:
     def of_moments(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
         """Columns of moments as rows (n, columns)."""
         return self.whitened(self.problem.raw_design(frame, columns)[: self.y.size])
+
+    def rates_of_moments(self, frame: RateFrame, columns: Sequence[Regressor]) -> FloatArray:
+        """The rates that moments make (rate rows, columns), before errors within tolerances are noise."""
+        return np.where(self.counted[: self.problem.rows.rates, np.newaxis], self.problem.own_rows(frame, columns), 0.0)
 
     def terms(self, fit: HypothesisFit | None) -> Terms:
         """X of a fitted hypothesis, with the static moment of its own fit; no columns of the baseline only."""

@@ -22,7 +22,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.elimination import BlockRows, Coupling
 from brv_hypo.likelihood.segment import Grid, SampledParameter, Stencil
@@ -292,7 +292,9 @@ class Model:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """One segment about states x and parameters theta, p of them."""
+    """One segment about states x and those p parameters that act in it: `own` (p,), places among all."""
+
+    own: IntArray
 
     defect: FloatArray  # defects, (n - 1, n_states)
     defect_by_state: BlockRows  # their derivatives by the states
@@ -315,13 +317,16 @@ def evaluate_segment(
 def linearise_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> Linearisation:
-    """Defects, outputs and their derivatives by states and by the named parameters."""
-    there = _There(model, grid, x, theta)
-    slope = there.jacobian(model.dynamics, there.everywhere, names)
-    output = there.jacobian(model.outputs, there.at_samples, names)
+    """Defects, outputs and their derivatives by states and by those of the named parameters that act there."""
+    there, scale = _There(model, grid, x, theta), model.scale or {}
+    own = [k for k, name in enumerate(names) if name not in grid.ignores]
+    acting = tuple(names[k] for k in own)
+    slope = jacobian(model.dynamics, there.everywhere, theta, acting, model.method, scale)
+    output = jacobian(model.outputs, there.at_samples, theta, acting, model.method, scale)
     by_state, by_parameter = _defect_derivatives(grid, slope, there.back)
     late = [(there.back[name].part(slice(grid.n)), block) for name, block in output.by_delayed.items()]
     return Linearisation(
+        own=np.array(own, dtype=np.int64),
         defect=there.defect(*(slope.value[:, where] for where in grid.intervals)),
         defect_by_state=by_state,
         defect_by_parameter=by_parameter,
@@ -386,18 +391,6 @@ class _There:
             rates[name] = Delayed(stencil.apply(self.x, rate=True), stencil.apply(u, rate=True))
         time_varying = tuple(varying.part(where) for varying in self.grid.time_varying)
         return Points(at, self.grid.u[:, where], self.grid.t[where], delayed, rates, time_varying)
-
-    def jacobian(self, function: Function, points: Points, names: tuple[str, ...]) -> Jacobian:
-        """Derivatives by the named parameters, zero by those that the segment ignores."""
-        selected = np.array([name not in self.grid.ignores for name in names], dtype=np.bool_)
-        own = tuple(name for name in names if name not in self.grid.ignores)
-        model = self.model
-        found = jacobian(function, points, self.theta, own, model.method, model.scale or {})
-        if selected.all():
-            return found
-        by_parameter = np.zeros((*found.by_parameter.shape[:2], selected.size))
-        by_parameter[:, :, selected] = found.by_parameter
-        return found._replace(by_parameter=by_parameter)
 
 
 def start_points(model: Model, grid: Grid, theta: Mapping[str, float]) -> Points:

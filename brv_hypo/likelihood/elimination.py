@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.likelihood.statistics import Whitened
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
@@ -121,8 +122,9 @@ class BlockRows:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """The quadratic problem of one segment: n samples, p parameters."""
+    """The quadratic problem of one segment: n samples, p parameters that act in it."""
 
+    own: IntArray  # places of those parameters among all, (p,)
     residual: FloatArray  # r, (n, n_outputs), whitened
     by_state: BlockRows  # J
     by_parameter: FloatArray  # J_p, (n, n_outputs, p)
@@ -165,7 +167,7 @@ _FOLLOWED = 1e-7
 
 @dataclass(frozen=True)
 class Eliminated:
-    """One segment with its states as affine functions of the parameter step dp: everything by 1 and dp."""
+    """One segment with its states as affine functions of the step dp of its own parameters: all by 1 and dp."""
 
     problem: Quadratic
     x: FloatArray  # change of the states, (n, n_states, 1 + p)
@@ -176,11 +178,12 @@ class Eliminated:
     """The parameters that the states can follow entirely, (p,): what is left of them is rounding, and set to zero."""
     log_det: float  # see `log_determinant`
 
-    def residuals(self) -> FloatArray:
-        """r + J dx + J_p dp, (n, n_outputs, 1 + p): the constant part and the derivative by dp."""
-        found = self.problem.direct() + self.problem.by_state.dot(self.x)
-        found[:, :, 1:][:, :, self.void] = 0.0
-        return found
+    def whitened(self, sampled: slice) -> Whitened:
+        """r + J dx + J_p dp at some of the samples."""
+        found = (self.problem.direct() + self.problem.by_state.dot(self.x))[sampled]
+        by_parameter = found[:, :, 1:]
+        by_parameter[:, :, self.void] = 0.0
+        return Whitened(self.problem.own, found[:, :, 0], by_parameter)
 
 
 def eliminate(problem: Quadratic) -> Eliminated | None:

@@ -78,12 +78,13 @@ def _determinant_gradients(
     gradients = np.zeros((len(variances), len(names)))
     for i, name in enumerate(names):
         step = _THETA_STEP * max(abs(iterate.theta[i]), (problem.model.scale or {}).get(name, 1.0))
-        direction = np.eye(1, 1 + len(names), 1 + i)[0]
-        follow = [0.0 if s.void[i] else (s.x @ direction).T * problem.size[:, None] for s in segments]
+        direction = np.eye(1, len(names), i)[0]
+        turned = [np.append(0.0, np.where(s.void, 0.0, direction[s.problem.own])) for s in segments]
+        follow = [(s.x @ along).T * problem.size[:, None] for s, along in zip(segments, turned, strict=True)]
         up, down = (
             replace(
                 iterate,
-                theta=iterate.theta + move * direction[1:],
+                theta=iterate.theta + move * direction,
                 x=tuple(x + move * along for x, along in zip(iterate.x, follow, strict=True)),
             )
             for move in (step, -step)
@@ -356,7 +357,7 @@ def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[
     parameters = problem.parameters
     inside = (iterate.theta > parameters.lower) & (iterate.theta < parameters.upper)
     p = inside.size
-    data = information_factor(segments)[:p, :p]
+    data = information_factor(segments, p)[:p, :p]
     rows = np.concatenate([data, np.diag(1.0 / parameters.prior_std)])
     size = np.linalg.norm(rows, axis=0)
     free = np.flatnonzero(inside & (size > 0.0))
@@ -385,7 +386,8 @@ def with_unknown_variances(
     gradients = _determinant_gradients(here.problem, here.iterate, segments, variances)
     for row, solved in zip(gradients, here.at(variances), strict=True):
         # Of the objective, the states following: nan where these are not determined.
-        triangle = np.full((1, row.size + 1), np.nan) if solved is None else information_factor(solved.segments)
+        factor = np.full((1, row.size + 1), np.nan)
+        triangle = factor if solved is None else information_factor(solved.segments, row.size)
         row += triangle[:, :-1].T @ triangle[:, -1]
     if not np.all(np.isfinite(gradients)):
         return covariance

@@ -24,7 +24,7 @@ from brv_hypo.likelihood.statistics import whitening
 
 
 _RANK_TOLERANCE = 1e-10
-"""Singular values of the column-scaled sensitivities below this fraction of the largest are left at rest."""
+"""Directions of the column-scaled sensitivities of less than this fraction of the largest are left at rest."""
 _STIFF = 1e6
 """Derivative of a state by the one a step earlier, in their sizes, from which the slow motion is lost beside the fast.
 """
@@ -133,14 +133,17 @@ def sensitivities(
     return tuple(found)
 
 
-def information_factor(segments: Sequence[Eliminated]) -> FloatArray:
-    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1).
+def information_factor(segments: Sequence[Eliminated], p: int) -> FloatArray:
+    """Upper triangle of [J_p r] over all segments, (p + 1, p + 1), of all p parameters.
 
     Its first p columns factor the information matrix.
     """
     if len(segments) == 1:
         return segments[0].triangle
-    return upper_triangle(np.concatenate([segment.triangle for segment in segments]))
+    rows = [np.zeros((len(segment.triangle), p + 1)) for segment in segments]
+    for into, segment in zip(rows, segments, strict=True):
+        into[:, np.append(segment.problem.own, p)] = segment.triangle
+    return upper_triangle(np.concatenate(rows))
 
 
 def gauss_newton_step(
@@ -156,7 +159,7 @@ def gauss_newton_step(
     """
     parameters = problem.parameters
     p = len(parameters.names)
-    data = information_factor(segments)
+    data = information_factor(segments, p)
     informed = np.isfinite(parameters.prior_std)
     prior = np.zeros((p, p + 1))
     weight = np.where(informed, 1.0 / parameters.prior_std, 0.0)
@@ -171,7 +174,7 @@ def gauss_newton_step(
     x = []
     multiplier = 0.0
     for segment in segments:
-        weights = np.append(1.0, change)
+        weights = np.append(1.0, change[segment.problem.own])
         x.append((segment.x @ weights).T * problem.size[:, None])
         multiplier = max(multiplier, float(np.abs(segment.multiplier @ weights).max()))
     length = float(np.linalg.norm(system[:, :p] @ change) / np.sqrt(p))
@@ -225,6 +228,7 @@ def quadratic_of(
     whitener = whitening(covariance, grid.measured)
     by_parameter = linear.defect_by_parameter / size[:, None]
     return Quadratic(
+        own=linear.own,
         residual=_whitened(whitener, grid, linear.output),
         by_state=linear.output_by_state.turned(whitener, size),
         by_parameter=whitener @ linear.output_by_parameter,
@@ -257,21 +261,28 @@ def _bounded_least_squares(system: FloatArray, problem: Problem, theta: FloatArr
 
     Columns are scaled and near-null directions left at rest.
     """
+    from scipy.linalg import lstsq  # here, for a cheap import of the package
+
     p = theta.size
     norm = np.linalg.norm(system[:, :p], axis=0)
     norm[norm == 0] = 1.0
     matrix, right = system[:, :p] / norm, -system[:, p]
-    left, singular, rotation = np.linalg.svd(matrix, full_matrices=False)
-    kept = singular > _RANK_TOLERANCE * singular.max(initial=0.0)
-    change = (rotation[kept].T @ ((left[:, kept].T @ right) / singular[kept])) / norm
+    change = lstsq(matrix, right, _RANK_TOLERANCE, lapack_driver="gelsy")[0] / norm
     lower = np.maximum(problem.parameters.lower - theta, -problem.reach)
     upper = np.minimum(problem.parameters.upper - theta, problem.reach)
     if np.all(change >= lower) and np.all(change <= upper):
         return np.asarray(change)
     from scipy.optimize import lsq_linear
 
-    bounds = np.minimum(lower, 0.0) * norm, np.maximum(upper, 0.0) * norm
-    return np.asarray(lsq_linear(matrix, right, bounds, method="bvls").x / norm)
+    # Few are bounded: the others follow them, so that every step within the bounds is of those few alone.
+    held = np.isfinite(lower) | np.isfinite(upper)
+    both = np.column_stack([right, matrix[:, held]])
+    follow = lstsq(matrix[:, ~held], both, _RANK_TOLERANCE, lapack_driver="gelsy")[0]
+    rest = both - matrix[:, ~held] @ follow
+    bounds = (np.minimum(lower, 0.0) * norm)[held], (np.maximum(upper, 0.0) * norm)[held]
+    change[held] = lsq_linear(rest[:, 1:], rest[:, 0], bounds, method="bvls").x
+    change[~held] = follow @ np.append(1.0, -change[held])
+    return np.asarray(change / norm)
 
 
 _HALVINGS = 12

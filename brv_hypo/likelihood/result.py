@@ -26,6 +26,7 @@ from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.statistics import (
     Identifiability,
     Linearised,
+    Whitened,
     Whiteness,
     coloured_covariance,
     covariance_from_information,
@@ -308,9 +309,9 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
     segments, loose = _sensitivities(outcome)
-    rows = () if np.any(problem.process_noise) else tuple(segment.residuals()[sampled] for segment in segments)
+    rows = () if np.any(problem.process_noise) else tuple(segment.whitened(sampled) for segment in segments)
     if segments:
-        triangle = information_factor(segments)[:p, :p]
+        triangle = information_factor(segments, p)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     if loose:
         white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
@@ -351,9 +352,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=Linearised(tuple(each[:, :, 1:] for each in rows), triangle, 1.0 / parameters.prior_std**2, estimated)
-        if rows
-        else None,
+        linear=Linearised(rows, triangle, 1.0 / parameters.prior_std**2, estimated) if rows else None,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=options.mesh_steps,
         remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),
@@ -362,7 +361,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
 
 def _covariances(
     problem: Problem,
-    rows: Sequence[FloatArray],
+    rows: Sequence[Whitened],
     triangle: FloatArray,
     samples: int,
     estimated: IntArray,
@@ -381,10 +380,7 @@ def _covariances(
     if not rows or not known.size:
         return white, white
     block = np.ix_(known, known)
-    prior = 1.0 / parameters.prior_std[known] ** 2
-    sensitivity = [s[:, :, 1 + known] for s in rows]
-    left = [s[:, :, 0] for s in rows]
-    corrected = coloured_covariance(raw[block], prior, sensitivity, left)
+    corrected = coloured_covariance(np.nan_to_num(raw), 1.0 / parameters.prior_std**2, rows)[block]
     if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
@@ -418,7 +414,7 @@ def _undisturbed(
     p = covariance.shape[0]
     both = [
         np.sqrt(np.diag(covariance_from_information(each, problem.parameters.prior_std, estimated)))
-        for each in (triangle, information_factor(loose)[:p, :p])
+        for each in (triangle, information_factor(loose, p)[:p, :p])
     ]
     lost = ~(np.abs(both[1] / both[0] - 1.0) < _SAME_ERROR)
     found = covariance.copy()
@@ -506,7 +502,7 @@ def mesh_shift(
         with np.errstate(all="ignore"):
             error = interval_errors(problem, grid, x, problem.parameters.as_mapping(iterate.theta))
         multiplier = segment.multiplier[1:, :, 1:]
-        gradient += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
+        gradient[segment.problem.own] += np.einsum("km,kmp->p", error.T / problem.size, multiplier)
     block = covariance[np.ix_(known, known)]
     shift = np.full(p, np.nan)
     shift[known] = block @ gradient[known] / np.sqrt(np.diag(block))

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -196,7 +196,7 @@ def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, est
     system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, estimated]
     covariance = np.full((p, p), np.nan)
     norm = np.linalg.norm(system, axis=0)
-    _, singular, rotation = np.linalg.svd(system / np.where(norm > 0, norm, 1.0), full_matrices=False)
+    _, singular, rotation = np.linalg.svd(np.linalg.qr(system / np.where(norm > 0, norm, 1.0), mode="r"))
     kept = singular > _NULL * singular.max(initial=0.0)
     lost = 1.0 - np.sum(rotation[kept] ** 2, axis=0)
     determined = np.flatnonzero((norm > 0) & (lost < _TOUCHED))
@@ -210,7 +210,7 @@ def identifiability(triangle: FloatArray, prior_std: FloatArray, names: Sequence
     """Near-null directions of the column-scaled sensitivities, by the names of their parameters."""
     system = np.concatenate([triangle, np.diag(1.0 / prior_std)])
     norm = np.linalg.norm(system, axis=0)
-    _, singular, rotation = np.linalg.svd(system / np.where(norm > 0, norm, 1.0))
+    _, singular, rotation = np.linalg.svd(np.linalg.qr(system / np.where(norm > 0, norm, 1.0), mode="r"))
     relative = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
     directions = []
     for value, direction in sorted(zip(relative, rotation, strict=True), key=lambda pair: float(pair[0])):
@@ -253,23 +253,32 @@ _LEAST_POLYNOMIAL = 1e-6
 _LARGEST_REFLECTION = 0.999  # keeps an autoregression stable where gaps make its autocorrelations inconsistent
 
 
-def coloured_covariance(
-    white: FloatArray, prior_information: FloatArray, sensitivity: Sequence[FloatArray], residual: Sequence[FloatArray]
-) -> FloatArray:
+class Whitened(NamedTuple):
+    """One segment's residuals (n, n_outputs), whitened, zero in gaps, and their derivatives, the states following, by
+    its own parameters (n, n_outputs, own): `own` (own,) are the places of those among all p.
+    """
+
+    own: IntArray
+    residual: FloatArray
+    by_parameter: FloatArray
+
+
+def coloured_covariance(white: FloatArray, prior_information: FloatArray, segments: Sequence[Whitened]) -> FloatArray:
     """The corrected covariance, (p, p).
 
     Args:
-        white: D, (p, p), not inflated for degrees of freedom.
+        white: D, (p, p), not inflated for degrees of freedom; 0 of what is not estimated.
         prior_information: inverse variances of the priors, (p,), 0 where there is none.
-        sensitivity: by segment, whitened, the states following, (n, n_outputs, p).
-        residual: by segment, whitened, zero in gaps, (n, n_outputs).
+        segments: what is left of the measurements.
     """
+    residual = [segment.residual for segment in segments]
     correlation = autocorrelation(residual)
     samples = sum(len(v) for v in residual)
     models = [autoregression(correlation[:, a, a], samples) for a in range(correlation.shape[1])]
     middle = np.diag(prior_information)
-    for s in sensitivity:
-        middle = middle + _weighted_products(s, models, correlation[0])
+    for segment in segments:
+        own = np.ix_(segment.own, segment.own)
+        middle[own] += _weighted_products(segment.by_parameter, models, correlation[0])
     return np.asarray(white @ middle @ white)
 
 
@@ -343,19 +352,20 @@ def _gain(coefficients: FloatArray, length: int) -> FloatArray:
 class Linearised:
     """The fit's linear model at its solution, for `FitResult.change_by`."""
 
-    by_parameter: tuple[FloatArray, ...]
-    """Derivatives of the whitened residuals, the states following, by segment: (n, n_outputs, p)."""
+    segments: tuple[Whitened, ...]
     triangle: FloatArray  # factor of the information matrix, priors left out, (p, p)
     precision: FloatArray  # inverse variance of the priors, (p,)
     estimated: IntArray  # the parameters that are free and not at a bound
 
     def change_by(self, gained: Sequence[FloatArray]) -> FloatArray:
         """Change of the parameters (p,) where the whitened residual gains so much, (n, n_outputs) a segment."""
-        pull = sum(np.einsum("nap,na->p", s, gain) for s, gain in zip(self.by_parameter, gained, strict=True))
+        pull = np.zeros(self.precision.size)
+        for segment, gain in zip(self.segments, gained, strict=True):
+            pull[segment.own] += np.einsum("nap,na->p", segment.by_parameter, gain)
         normal = self.triangle.T @ self.triangle + np.diag(self.precision)
         size = np.sqrt(np.maximum(np.diag(normal)[self.estimated], 1e-300))
         free = np.ix_(self.estimated, self.estimated)
         scaled = np.linalg.pinv(normal[free] / np.outer(size, size), rcond=1e-12, hermitian=True)
         change = np.zeros(self.precision.size)
-        change[self.estimated] = -(scaled @ (np.asarray(pull)[self.estimated] / size)) / size
+        change[self.estimated] = -(scaled @ (pull[self.estimated] / size)) / size
         return change

@@ -70,7 +70,7 @@ def cost_of(rows: Rows, terms: Terms, patch: pytest.MonkeyPatch) -> Cost:
 
     def stays(cost: Any, start: FloatArray, *, jac: Any, hess: Any, **options: Any) -> SimpleNamespace:
         asked.append(Cost(cost, jac, hess))
-        return SimpleNamespace(x=start, fun=cost(start))
+        return SimpleNamespace(x=start, jac=jac(start), hess=hess(start))
 
     with patch.context() as context:
         context.setattr(evidence, "minimize", stays)
@@ -244,13 +244,40 @@ def test_a_stretch_held_out_has_its_predictive_density(sizes: Sizes) -> None:
         assert density == pytest.approx(expected + 0.5 * np.sum(here) * np.log(2.0 * np.pi), rel=1e-7)
 
 
+def rates_of(rows: Rows, seed: int, count: int) -> FloatArray:
+    """Random columns (n, count) that are zero on the second half of each flight's rows, where moments show nothing."""
+    rates = np.random.default_rng(seed).standard_normal((rows.y.size, count))
+    for block in rows.blocks:
+        rates[block.rows[block.rows.size // 2 :]] = 0.0
+    return rates
+
+
+@settings(max_examples=10)
+@given(sizes=SIZES, seed=st.integers(0, 1000), count=st.integers(1, 4))
+def test_products_of_moments_are_those_of_their_whitened_columns(sizes: Sizes, seed: int, count: int) -> None:
+    """Errors within tolerances among the noise."""
+    rows, terms = small(sizes, seed)
+    rng, blocks = np.random.default_rng(20_000 + seed), []
+    for block in rows.blocks:
+        errors = np.linalg.qr(block.less(rng.standard_normal((block.rows.size, 3))))[0]
+        blocks.append(replace(block, errors=errors, shrunk=rng.uniform(0.1, 0.9, 3)))
+    rows = replace(rows, blocks=tuple(blocks))
+    rates = rates_of(rows, seed, count)
+    found = rows.products.beside(rows, terms.x).beside_moments(rows, terms.x, rates)
+    expected = rows.products.beside(rows, np.concatenate([terms.x, rows.whitened(rates)], axis=1))
+    assert found.across == pytest.approx(expected.across, rel=1e-9, abs=1e-9)
+    assert found.right == pytest.approx(expected.right, rel=1e-9, abs=1e-9)
+    for own, other in zip(found.flights.values(), expected.flights.values(), strict=True):
+        assert own.with_border == pytest.approx(other.with_border, rel=1e-9, abs=1e-9)
+
+
 @settings(max_examples=10)
 @given(sizes=SIZES, seed=st.integers(0, 1000), count=st.integers(1, 4))
 def test_products_of_further_columns_are_projected(sizes: Sizes, seed: int, count: int) -> None:
     own = found(sizes, seed)
-    rows = own.rows
-    x = rows.whitened(np.random.default_rng(10_000 + seed).standard_normal((rows.y.size, count)))
-    information, right = own.projected(own.with_columns(x))
+    rows, rates = own.rows, rates_of(own.rows, 10_000 + seed, count)
+    x = rows.whitened(rates)
+    information, right = own.projected(own.with_moments(rates))
     p = dense(own).projector
     scale = float(np.max(np.abs(x.T @ p @ x)))
     assert information == pytest.approx(x.T @ p @ x, rel=1e-7, abs=1e-7 * scale)
@@ -260,8 +287,8 @@ def test_products_of_further_columns_are_projected(sizes: Sizes, seed: int, coun
 def test_the_information_of_a_column_is_what_its_flat_coefficient_has() -> None:
     """One more column of the baseline: its generalised least squares."""
     own = found(Sizes(), 8)
-    x = np.random.default_rng(8).standard_normal((own.rows.y.size, 1))
-    information, right = own.projected(own.with_columns(x))
+    x = rates_of(own.rows, 8, 1)
+    information, right = own.projected(own.with_moments(x))
     wider = replace(
         own.rows, shared=np.concatenate([own.rows.shared, x], axis=1), spread=np.append(own.rows.spread, np.inf)
     )

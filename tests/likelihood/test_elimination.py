@@ -33,6 +33,7 @@ def random_problem(seed: int, n: int, n_states: int, variance: float) -> Quadrat
     spread = np.full((n, n_states), variance)
     spread[0] = np.inf
     return Quadratic(
+        own=np.arange(p),
         residual=rng.standard_normal((n, n_outputs)),
         by_state=BlockRows(30 * rng.standard_normal((n, 1, n_outputs, n_states))),
         by_parameter=rng.standard_normal((n, n_outputs, p)),
@@ -107,6 +108,7 @@ def test_it_stays_accurate_where_the_motion_grows_or_decays_beyond_the_range_of_
     variance = np.zeros((n, 1))
     variance[0] = np.inf
     problem = Quadratic(
+        own=np.arange(0),
         residual=-truth,
         by_state=BlockRows(np.ones((n, 1, 1, 1))),
         by_parameter=np.zeros((n, 1, 0)),

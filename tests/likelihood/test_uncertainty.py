@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from brv_hypo.likelihood.statistics import coloured_covariance, covariance_from_information, identifiability, whiteness
+from brv_hypo.likelihood.statistics import (
+    Whitened,
+    coloured_covariance,
+    covariance_from_information,
+    identifiability,
+    whiteness,
+)
 from tests.studies.likelihood.problems import markov_noise
 
 
@@ -15,9 +21,9 @@ def test_the_correction_of_a_mean_is_the_known_inflation(correlation: float) -> 
     """The variance of the mean of first-order Markov noise is (1 + r) / (1 - r) times that of white noise."""
     n = 20_000
     noise = markov_noise(np.random.default_rng(0), (20, n), correlation)
-    sensitivity = [np.ones((n, 1, 1))] * 20
+    segments = [Whitened(np.zeros(1, dtype=int), row[:, None], np.ones((n, 1, 1))) for row in noise]
     white = np.array([[1.0 / (20 * n)]])
-    got = coloured_covariance(white, np.zeros(1), sensitivity, [row[:, None] for row in noise])[0, 0] / white[0, 0]
+    got = coloured_covariance(white, np.zeros(1), segments)[0, 0] / white[0, 0]
     assert got == pytest.approx((1 + correlation) / (1 - correlation), rel=0.08)
 
 
