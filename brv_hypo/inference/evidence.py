@@ -479,7 +479,7 @@ def _solved(
     spread = _spreads(rows, terms, at)
     inner, right = _reduced(products, parts)
     inner = inner + np.diag(spread**-2.0)
-    outer = cholesky(inner, lower=True, check_finite=False)
+    outer = _factor(inner)
     border = cho_solve((outer, True), right, check_finite=False)
     level = sum(each.level for each in parts.values())
     level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))

@@ -391,3 +391,12 @@ def test_a_process_that_is_absent_is_estimated_small_and_one_that_is_there_is_no
     assert present == pytest.approx(np.sqrt(np.mean(history**2)), rel=0.3)
     assert absent < 0.15 * present
     assert own.noise == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_matrix_whose_smallest_eigenvalues_are_lost_in_rounding_has_a_factor(seed: int) -> None:
+    rows = np.random.default_rng(seed).standard_normal((40, 3))
+    matrix = 1e18 * rows @ rows.T + np.eye(40)
+    matrix -= 1e3 * np.eye(40)  # as rounding may leave it
+    factor = evidence._factor(matrix)
+    np.testing.assert_allclose(factor @ factor.T, matrix, rtol=0.0, atol=1e-12 * matrix.max())
