@@ -424,18 +424,18 @@ def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Fact
         matrix = known.own * scale
         matrix *= scale[:, np.newaxis]
         matrix[np.diag_indices_from(matrix)] += 1.0
-        factors[number] = scale, _factor(matrix)
+        factors[number] = scale, _factor(matrix, float(np.max(np.diag(matrix), initial=1.0)))
     return factors
 
 
-def _factor(matrix: FloatArray) -> FloatArray:
-    """Its lower factor, where its smallest eigenvalues are lost in rounding (a record without noise) of one with these
-    at what rounding leaves of the largest.
+def _factor(matrix: FloatArray, largest: float) -> FloatArray:
+    """Its lower factor; of one whose smallest eigenvalues are lost in rounding (a record without noise), with these at
+    what rounding leaves of the `largest` that it was made of.
     """
     try:
         return np.asarray(cholesky(matrix, lower=True, check_finite=False))
     except LinAlgError:
-        rounding = matrix.shape[0] * np.finfo(float).eps * float(np.max(np.diag(matrix)))
+        rounding = matrix.shape[0] * np.finfo(float).eps * largest
         return np.asarray(cholesky(matrix + rounding * np.eye(matrix.shape[0]), lower=True, check_finite=False))
 
 
@@ -479,7 +479,7 @@ def _solved(
     spread = _spreads(rows, terms, at)
     inner, right = _reduced(products, parts)
     inner = inner + np.diag(spread**-2.0)
-    outer = _factor(inner)
+    outer = _factor(inner, float(np.max(np.diag(products.across))))
     border = cho_solve((outer, True), right, check_finite=False)
     level = sum(each.level for each in parts.values())
     level += float(np.sum(np.log(np.diag(outer)))) + float(np.sum(np.log(spread[np.isfinite(spread)])))

@@ -77,20 +77,22 @@ def white_noise_level(channel: FloatArray, segments: tuple[tuple[int, int], ...]
 def transverse_noise_level(y: FloatArray, z: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
     """Standard deviation of the white noise of either of two channels (n,) that body axes y and z share alike.
 
-    Of the two as one vector: whichever way the axes are rolled, it is the same.
+    Of the two as one vector: whichever way the axes are rolled, it is the same. No instrument reads finer than single
+    precision, whatever a simulation wrote.
     """
     vector = y + 1j * z
     sigma = sigma_of_differences([vector[a:b] for a, b in segments])
-    return float(np.fmax(sigma, np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0)))
+    finest = float(np.finfo(np.float32).eps * np.max(np.abs(vector)))
+    return max(float(np.fmax(sigma, np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0))), finest)
 
 
 def _quantisation(channel: FloatArray) -> float:
-    """Standard deviation of rounding to the channel's smallest step, or to single precision."""
+    """Standard deviation of rounding to the channel's smallest step, or to double precision."""
     steps = np.abs(np.diff(channel))
     steps = steps[steps > 0.0]
     still = steps.size < NOISE_STILL * max(channel.size - 1, 1)
     smallest = float(steps.min()) if steps.size and still else 0.0
-    return max(smallest / math.sqrt(12.0), 6e-8 * float(np.max(np.abs(channel), initial=1.0)))
+    return max(smallest / math.sqrt(12.0), 1e-12 * float(np.max(np.abs(channel), initial=1.0)))
 
 
 # ---- The first derivative: the local polynomial of the least mean-square error ----
