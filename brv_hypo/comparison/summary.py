@@ -81,7 +81,7 @@ def summarise(
 ) -> Comparison:
     """Rank the fits, and gather all that the result holds.
 
-    The baseline is told as the likeliest has it: without what moved the vehicle, its terms and the errors of the record
+    The baseline is as beside the likeliest: without what moved the vehicle, its terms and the errors of the record
     make up for that.
     """
     null = next(i for i, fit in enumerate(fits) if not fit.mechanisms)

@@ -47,7 +47,7 @@ AIR = ("altitude", "velocity", "dynamic_pressure", "density", "mach")  # what a 
 ABOVE_GROUND = 30.0  # m: an altitude that begins within this counts from the ground
 FAR = 60.0  # s: clocks that begin further apart have another zero
 SLOWEST_FAST = 100.0  # Hz: beyond, a log is offered decimation
-_NOWHERE = "nowhere said"  # in a doubt of units
+_NOT_STATED = "not stated"  # in a doubt of units
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,12 @@ def _named(column: str, dimension: Dimension, table: ForeignTable) -> MapEntry:
     """A column that its name gives to a channel or property, in the units of the table or its name, or SI."""
     units = stated_units(column, table.read, dimension)
     if units is None:
-        return MapEntry(column, SI[dimension], "by name", (_nowhere_said(column, SI[dimension]),))
+        return MapEntry(column, SI[dimension], "by name", (_not_stated(column, SI[dimension]),))
     return MapEntry(column, units, "by name, units in the name")
 
 
-def _nowhere_said(column: str, units: str) -> str:
-    return f"units of {column} are {_NOWHERE}: {units} is a guess"
+def _not_stated(column: str, units: str) -> str:
+    return f"units of {column} are {_NOT_STATED}: {units} is a guess"
 
 
 def _find_time(table: ForeignTable) -> None:
@@ -131,7 +131,7 @@ def _find_time(table: ForeignTable) -> None:
         table.entries["time"] = entry
     fitting = rules.time_units(table.values("time"))
     if fitting and (entry.units not in fitting or "units in the name" not in entry.why):
-        doubts = [each for each in entry.unsure if _NOWHERE not in each]
+        doubts = [each for each in entry.unsure if _NOT_STATED not in each]
         if len(fitting) > 1:
             doubts.append(f"time in {' or '.join(fitting)}: each makes a rate that recorders have")
         why = f"in {fitting[0]} its rate is one that recorders have"
@@ -231,7 +231,7 @@ def _axes_of_gyros(table: ForeignTable) -> bool:
     """Units, axes and signs of the gyros by the forces that follow from them; whether the record tells them."""
     if not {*GYROS, *ACCELEROMETERS} <= set(table.entries) or table.tilt is None:
         return False
-    time, doubtful = table.in_si("time"), any(_NOWHERE in doubt for doubt in table.entries["p"].unsure)
+    time, doubtful = table.in_si("time"), any(_NOT_STATED in doubt for doubt in table.entries["p"].unsure)
     rates = np.stack([table.entries[name].scale * table.values(name) for name in GYROS])
     if table.rest_s is not None:
         rates = rates - rates[:, time <= table.rest_s[1]].mean(axis=1, keepdims=True)
@@ -267,13 +267,13 @@ def _units_of_gyros(table: ForeignTable) -> None:
                 doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
                 table.change("p", "sign against the magnetometer", doubt)
             return
-    if not known_by_forces and any(_NOWHERE in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
+    if not known_by_forces and any(_NOT_STATED in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
         most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
         units = "deg/s" if most > rules.FASTEST_RADIANS else "rad/s"
         for name in GYROS:
             entry = table.entries[name]
-            said = _nowhere_said(entry.column, units)
-            doubts = tuple(said if _NOWHERE in each else each for each in entry.unsure)
+            said = _not_stated(entry.column, units)
+            doubts = tuple(said if _NOT_STATED in each else each for each in entry.unsure)
             table.change(name, f"{units} by range (up to {most:.3g})", units=units, unsure=doubts)
 
 

@@ -52,7 +52,7 @@ ONLY_AS_ESTIMATED = "That value and its error hold only for sizes of processes a
 PAIRS = "Collinear pairs: correlation (variance inflations)"
 MOST_COLLINEAR = 6  # names of a group in its sentence
 NAME_AND_FAMILY = (
-    "`compare` names the mechanism that its baseline lacks. `trace` divides, by family, what is left of a model whose "
+    "`compare` names the mechanism that its baseline lacks. `trace` divides, by family, the residual of a model whose "
     "static slope follows the Mach number, and which may include that mechanism's moment: both may be right."
 )
 IN_DOUBT = "Record in doubt"  # the title of a conclusion on a record that contradicts itself

@@ -326,7 +326,7 @@ def test_import_guesses_a_map_and_says_what_it_is_unsure_of(brv_hypo, tmp_path):
     done = brv_hypo("import", "--guess", "log.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "no column was found for q" in done.stdout
-    assert "units of p are nowhere said" in done.stdout
+    assert "units of p are not stated" in done.stdout
     assert "# UNSURE" in (tmp_path / "log.map.yaml").read_text()
     again = brv_hypo("import", "--guess", "log.csv", cwd=tmp_path)
     assert (again.returncode, "--force" in again.stderr) == (2, True)
