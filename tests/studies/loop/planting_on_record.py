@@ -53,7 +53,7 @@ def with_moment(
     )
     before, after = (_as_read(record, state) for record in (true, turned))
     return replace(
-        flight, **{name: getattr(flight, name) + getattr(after, name) - getattr(before, name) for name in _SENSED}
+        flight, **{name: getattr(flight, name) + (getattr(after, name) - getattr(before, name)) for name in _SENSED}
     )
 
 
