@@ -82,8 +82,9 @@ def transverse_noise_level(y: FloatArray, z: FloatArray, segments: tuple[tuple[i
     """
     vector = y + 1j * z
     sigma = sigma_of_differences([vector[a:b] for a, b in segments])
-    finest = float(np.finfo(np.float32).eps * np.max(np.abs(vector)))
-    return max(float(np.fmax(sigma, np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0))), finest)
+    steps = np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0)
+    finest = np.finfo(np.float32).eps * np.max(np.abs(vector))
+    return float(np.fmax.reduce([sigma, steps, finest]))
 
 
 def _quantisation(channel: FloatArray) -> float:

@@ -22,6 +22,7 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import Regressor
+from brv_hypo.motion.inertial import arm_acceleration
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing.fit import Fit
 
@@ -73,11 +74,10 @@ def _as_read(true: Flight, state: Fit) -> Flight:
 
 
 def _lever(flight: Flight) -> FloatArray:
-    """Specific force (n, 3) at the accelerometers beyond that at the centre of mass, m/s^2: w' x r + w x (w x r)."""
-    rates = np.stack([flight.p, flight.q, flight.r], axis=1)
-    arm = np.array(flight.vehicle.accelerometer_position)
-    change = CubicSpline(flight.time, rates)(flight.time, 1)
-    return np.asarray(np.cross(change, arm) + np.cross(rates, np.cross(rates, arm)))
+    """Specific force (n, 3) at the accelerometers beyond that at the centre of mass, m/s^2."""
+    rate = flight.q + 1j * flight.r
+    p_change, change = (CubicSpline(flight.time, each)(flight.time, 1) for each in (flight.p, rate))
+    return arm_acceleration(flight.p, p_change, rate, change, np.array(flight.vehicle.accelerometer_position))
 
 
 def _normal_force(flight: Flight, state: Fit) -> FloatArray:
