@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -413,14 +413,9 @@ class RecordErrors:
         return out
 
 
-@dataclass(frozen=True)
-class _Shapes:
-    """The shapes of a course at any times."""
-
-    spline: PPoly
-
-    def __call__(self, time: FloatArray) -> FloatArray:
-        return np.asarray(self.spline(time).T, dtype=float)
+def _shapes(spline: PPoly, time: FloatArray) -> FloatArray:
+    """The shapes of a course (weights, n) at any times (n,) s."""
+    return np.asarray(spline(time).T, dtype=float)
 
 
 def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[TimeVaryingParameter]:
@@ -431,7 +426,7 @@ def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[Tim
         first, last = last, last + len(each.weights)
         if each.weights:
             own = PPoly.construct_fast(together.c[:, :, first:last], together.x)
-            yield TimeVaryingParameter(each.name, each.weights, _Shapes(own))
+            yield TimeVaryingParameter(each.name, each.weights, partial(_shapes, own))
 
 
 def record_errors(
