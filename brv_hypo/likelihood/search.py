@@ -5,7 +5,7 @@ A merit function weighs the fit against violated dynamics. `search` is the entra
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -33,6 +33,7 @@ from brv_hypo.likelihood.gauss_newton import (
     line_search,
     linearised,
     moved,
+    moved_to,
     objective,
     sensitivities,
 )
@@ -190,7 +191,8 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         try:
             segments, unseen = noise.segments, None
             if not segments:
-                segments, unseen = _sensitivities(problem, iterate, derivatives.here(linearised, problem, iterate))
+                near = derivatives.here(linearised, problem, iterate)
+                segments, unseen = _sensitivities(problem, iterate, moved_to(problem, iterate, near))
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         noisy = bool(np.any(problem.process_noise))
@@ -283,13 +285,13 @@ _Derivatives = _Nearby[tuple[Linearisation, ...]]
 
 
 def _sensitivities(
-    problem: Problem, iterate: Iterate, held: tuple[Linearisation, ...]
+    problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]
 ) -> tuple[tuple[Eliminated, ...], SingularStatesError | None]:
     """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
     try:
-        return sensitivities(problem, iterate, held=held), None
+        return sensitivities(problem, iterate, linear), None
     except SingularStatesError as error:
-        return sensitivities(problem, iterate, anchored=True, held=held), error
+        return sensitivities(problem, iterate, linear, anchored=True), error
 
 
 def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:
@@ -299,17 +301,17 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
     """
     for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
-            held = linearised(problem, iterate)
-            found = scored(problem, iterate, _wanted(problem, options, estimate_noise), _NEAR_NOISE, held)
-            problem, iterate = found.problem, found.iterate
+            linear = linearised(problem, iterate)
             try:
-                segments = found.segments or sensitivities(problem, iterate, held=held)
+                wanted = _wanted(problem, options, estimate_noise)
+                found, lengths, _ = scored(problem, iterate, wanted, _NEAR_NOISE, linear)
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
-            step = gauss_newton_step(problem, iterate, segments, frozen=True)
-            iterate = moved(problem, iterate, step, 1.0)
+            problem = found.problem
+            step = gauss_newton_step(problem, found.iterate, found.segments, frozen=True)
+            iterate = moved(problem, found.iterate, step, 1.0)
             unforeseen = abs(objective(problem, iterate)[0] - step.cost - step.decrease)
-            if found.last < _NEAR_NOISE and unforeseen < _LINEAR:
+            if lengths[-1] < _NEAR_NOISE and unforeseen < _LINEAR:
                 break
     return problem, iterate
 
@@ -344,8 +346,12 @@ class _Noise:
         if not wanted.count:
             return problem, iterate, True
         enough = max(_FEW, _FRACTION * length)
-        held = derivatives.here(linearised, problem, iterate)
-        found = scored(problem, iterate, wanted, enough, held, self._information)
+        near = derivatives.here(linearised, problem, iterate)
+        try:
+            found, lengths, information = scored(problem, iterate, wanted, enough, near, self._information)
+        except SingularStatesError:
+            self.segments, self._information = (), None
+            return problem, iterate, True
         self.segments = found.segments
-        self._information = found.information if found.first < _NEAR_NOISE else None
-        return found.problem, found.iterate, found.first < _CONVERGED_MOVE
+        self._information = information if lengths[0] < _NEAR_NOISE else None
+        return found.problem, found.iterate, lengths[0] < _CONVERGED_MOVE
