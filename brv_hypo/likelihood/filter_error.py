@@ -53,9 +53,7 @@ _THETA_STEP = 1e-4
 
 
 def determinant(problem: Problem, iterate: Iterate) -> float:
-    """What integrating the states out adds to the objective; 0 for output error."""
-    if not np.any(problem.process_noise):
-        return 0.0
+    """What integrating the states out adds to the objective."""
     return float(_determinants(problem, iterate, [(problem.process_noise, iterate.covariance)])[0])
 
 

@@ -30,7 +30,6 @@ from brv_hypo.likelihood.statistics import (
     Whiteness,
     coloured_covariance,
     covariance_from_information,
-    estimate_covariance,
     identifiability,
     inflation,
     negative_log_likelihood,
@@ -80,10 +79,8 @@ class FitResult(Tabular):
     """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
     left out, as in the report.
     """
-    innovation_covariance: FloatArray
-    """B of Eq. 3.11, (n_outputs, n_outputs)."""
     noise_covariance: FloatArray
-    """Covariance of the measurement noise; B itself in output error."""
+    """Covariance of the measurement noise, (n_outputs, n_outputs); in output error B of Eq. 3.11."""
     process_noise: FloatArray
     """Standard deviation that drives each state, (n_states,), per root second; zeros in output error."""
     noise_std_error: FloatArray
@@ -338,7 +335,6 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         covariance=white,
         covariance_coloured=coloured,
         log_likelihood=-nllf,
-        innovation_covariance=estimate_covariance(together, observed, options.noise, iterate.covariance, options.floor),
         noise_covariance=iterate.covariance,
         process_noise=problem.process_noise,
         noise_std_error=noise.measurement,

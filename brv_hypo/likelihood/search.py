@@ -130,16 +130,11 @@ Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises th
 class Iteration:
     """One step of the search."""
 
-    iteration: int
-    """Number of the step, from 1."""
-    cost: float
-    """NLLF after it."""
-    violation: float
-    """Mean violation of the dynamics, in sizes of the states."""
-    step_length: float
-    """Length of the step, in standard errors (root mean square)."""
-    fraction: float
-    """Fraction of the step that was taken."""
+    iteration: int  # number of the step, from 1
+    cost: float  # NLLF after it
+    violation: float  # mean violation of the dynamics, in sizes of the states
+    step_length: float  # length of the step, in standard errors (root mean square)
+    fraction: float  # fraction of the step that was taken
 
 
 @dataclass(frozen=True)

@@ -85,19 +85,14 @@ def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int, most: int)
     t: int = min(most - size, m)
     while t > 0:
         allowance = limits[size + t] - bound
-        if allowance >= 0.0 and _above(rise, m, allowance) <= t:
-            return t
+        if allowance >= 0.0:
+            above = 0
+            for i in range(m):
+                above += 1 if rise[i] > allowance else 0
+            if above <= t:
+                return t
         t -= 1
     return 0
-
-
-@compiled_part
-def _above(rise: Any, m: int, allowance: float) -> int:
-    """How many columns have a rise above the allowance."""
-    count = 0
-    for i in range(m):
-        count += 1 if rise[i] > allowance else 0
-    return count
 
 
 @compiled_part
@@ -117,14 +112,6 @@ def record(w: Work, size: int, a: Any, b: Any) -> None:
 
 
 @compiled_part
-def record_singles(w: Work, d: Any, c: Any, ids: Any, m: int, size: int, needed: float) -> None:
-    """Record every column that gains what is needed."""
-    for i in range(m):
-        if c[i] * c[i] >= needed * d[i]:
-            record(w, size, ids[i], NONE)
-
-
-@compiled_part
 def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Record every column of a node, and every pair, whose gain reaches what its size needs, without a division.
 
@@ -132,9 +119,11 @@ def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
     """
     S, d, c, ids, size, rss = w.A[level], w.scratch[1], w.x[level], w.ids[level], w.base + level, w.rss[level]
+    needed = rss - limits[size + 1]
     for i in range(m):
         d[i] = S[i, i]
-    record_singles(w, d, c, ids, m, size, rss - limits[size + 1])
+        if c[i] * c[i] >= needed * d[i]:
+            record(w, size, ids[i], NONE)
     if not pairs:
         return
     needed = rss - limits[size + 2]
