@@ -24,7 +24,6 @@ LEVEL, NODES, HITS = 0, 1, 2
 SCORED = 3
 # An argument as numpy scalar: numba would compile a function anew for every literal.
 NONE: Any = np.int64(-1)
-ZERO: Any = np.int64(0)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -300,12 +299,12 @@ def score_triples(w: Work, level: int, m: int, limits: Any) -> bool:
             e[i] = c[i] - q[i] * shift
         w.chosen[size] = ids[x]
         needed = w.rss[level] - shift * shift - limits[size + 3]
-        two = _next_second(S, d, q, e, place, m, x, second, ZERO, seconds, needed, w.slack)
-        while two < seconds:
-            if w.state[HITS] > room:
-                return False
-            _record_seconds(w, S, d, q, e, ids, m, size + 1, second[two], needed)
-            two = _next_second(S, d, q, e, place, m, x, second, two + 1, seconds, needed, w.slack)
+        for two in range(seconds):
+            y = second[two]
+            if y != x and _completes(S, d, q, e, place, m, y, needed, w.slack):
+                if w.state[HITS] > room:
+                    return False
+                _record_seconds(w, S, d, q, e, ids, m, size + 1, y, needed)
     return True
 
 
@@ -339,28 +338,20 @@ def _all(columns: Any, m: int) -> None:
 
 
 @compiled_part
-def _next_second(
-    S: Any, d: Any, q: Any, e: Any, place: Any, m: int, x: int, second: Any, start: Any, seconds: int, needed: float,
-    slack: float,
-) -> int:  # fmt: skip
-    """The first place, from ``start`` on, of a column that, after x, makes a pair that gains what is needed.
+def _completes(S: Any, d: Any, q: Any, e: Any, place: Any, m: int, y: int, needed: float, slack: float) -> bool:
+    """Whether column y, after x, makes a pair that gains what is needed.
 
     The normal matrix after x is S - q q', its diagonal d, its right-hand side e (see ``score``). That a column makes no
     pair with itself is a comparison of places: to set it EXCLUDED for as long would make the vector it is in wait.
     """
-    relaxed = needed - abs(needed) * slack
-    for two in range(start, seconds):
-        y = second[two]
-        own, double, shift = d[y], 2.0 * e[y], q[y]
-        a = e[y] * e[y] - relaxed * own
-        enough = 0
-        for i in range(padded(m)):
-            v = S[y, i] - shift * q[i]
-            gain = d[i] * a + e[i] * e[i] * own + v * (needed * v - double * e[i])
-            enough += 1 if (gain >= 0.0) & (place[i] != y) else 0
-        if enough > 0 and y != x:
-            return two
-    return seconds
+    own, double, shift = d[y], 2.0 * e[y], q[y]
+    a = e[y] * e[y] - (needed - abs(needed) * slack) * own
+    enough = 0
+    for i in range(padded(m)):
+        v = S[y, i] - shift * q[i]
+        gain = d[i] * a + e[i] * e[i] * own + v * (needed * v - double * e[i])
+        enough += 1 if (gain >= 0.0) & (place[i] != y) else 0
+    return enough > 0
 
 
 @compiled_part
