@@ -216,10 +216,10 @@ class Score:
         return float(np.max(np.abs(move) * np.sqrt(np.maximum(np.diag(self.information), 0.0)), initial=0.0))
 
 
-def directions_of(problem: Problem, shape: Shape, estimate_noise: bool, estimate_process_noise: bool) -> Directions:
-    """The variances to be estimated."""
+def directions_of(problem: Problem, shape: Shape | None, estimate_process_noise: bool) -> Directions:
+    """The variances to be estimated; those of the measurement noise are known where it has no shape."""
     driven = np.flatnonzero(problem.process_noise).tolist() if estimate_process_noise else []
-    outputs = problem.grids[0].y.shape[0] if estimate_noise else 0
+    outputs = problem.grids[0].y.shape[0] if shape else 0
     entries = [(a, b) for a in range(outputs) for b in range(a, outputs if shape == "full" else a + 1)]
     return Directions(tuple(driven), tuple(sorted(entries, key=lambda e: e[0] != e[1])))
 

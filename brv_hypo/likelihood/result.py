@@ -312,7 +312,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     if loose:
         white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
-    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+    wanted = directions_of(problem, options.noise, options.estimate_process_noise)
     shift = mesh_shift(problem, iterate, segments, white)
     if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
         noise = NoiseErrors.unknown(problem, iterate, white)  # those on a finer mesh will count
@@ -371,13 +371,13 @@ def _covariances(
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     # The likelihood of states that noise drives makes up for it itself (`filter_error`).
-    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
+    white = raw * (samples / max(samples - unknowns, 1) if options.noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
     block = np.ix_(known, known)
     corrected = coloured_covariance(np.nan_to_num(raw), 1.0 / parameters.prior_std**2, rows)[block]
-    if options.estimate_noise:
+    if options.noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
@@ -432,7 +432,7 @@ def _never_measured(y: FloatArray) -> tuple[str, ...]:
 
 def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
     """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
-    if not options.estimate_noise:
+    if options.noise is None:
         return ()
     left, size = (
         np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)

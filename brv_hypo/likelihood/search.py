@@ -16,14 +16,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
 from brv_hypo.likelihood.elimination import Eliminated
-from brv_hypo.likelihood.filter_error import (
-    Directions,
-    determinant,
-    determinant_gradient,
-    directions_of,
-    disturbance_cost,
-    scored,
-)
+from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
     Iterate,
@@ -143,8 +136,7 @@ class Options:
 
     max_iterations: int  # limit of Gauss-Newton steps
     tolerance: float  # step, as a fraction of the standard errors, at which the search ends
-    noise: Shape  # shape of the measurement noise's covariance
-    estimate_noise: bool  # whether that is estimated
+    noise: Shape | None  # shape of the measurement noise's covariance, which is estimated; None where it is known
     estimate_process_noise: bool  # whether the process noise is, too
     report: Report = silent  # called after each iteration
     mesh_steps: int = 1  # steps of the dynamics between samples
@@ -294,11 +286,11 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 
     Process noise alone at first: beside one that is far too large, measurement noise seems to be none.
     """
-    for estimate_noise in (False, options.estimate_noise):
+    for shape in (None, options.noise):
         for _ in range(_NOISE_STEPS):
             linear = linearised(problem, iterate)
             try:
-                wanted = _wanted(problem, options, estimate_noise)
+                wanted = directions_of(problem, shape, options.estimate_process_noise)
                 found, lengths, _ = scored(problem, iterate, wanted, _NEAR_NOISE, linear)
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
@@ -309,10 +301,6 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
             if lengths[-1] < _NEAR_NOISE and unforeseen < _LINEAR:
                 break
     return problem, iterate
-
-
-def _wanted(problem: Problem, options: Options, estimate_noise: bool) -> Directions:
-    return directions_of(problem, options.noise, estimate_noise, options.estimate_process_noise)
 
 
 class _Noise:
@@ -330,14 +318,14 @@ class _Noise:
         """Both with new variances, after a step of this length, and whether these have settled."""
         options = self._options
         if not np.any(problem.process_noise):
-            if not options.estimate_noise:
+            if options.noise is None:
                 return problem, iterate, True
             difference = np.concatenate(residuals(problem, iterate), axis=1)
             old = iterate.covariance
             new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
             change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
             return problem, replace(iterate, covariance=new), change < _CONVERGED_CHANGE
-        wanted = _wanted(problem, options, options.estimate_noise)
+        wanted = directions_of(problem, options.noise, options.estimate_process_noise)
         if not wanted.count:
             return problem, iterate, True
         enough = max(_FEW, _FRACTION * length)
