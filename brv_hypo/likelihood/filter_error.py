@@ -85,7 +85,7 @@ def _determinant_gradients(
     names = problem.parameters.names
     gradients = np.zeros((len(variances), len(names)))
     for i, name in enumerate(names):
-        step = _THETA_STEP * max(abs(iterate.theta[i]), (problem.model.scale or {}).get(name, 1.0))
+        step = _THETA_STEP * max(abs(iterate.theta[i]), problem.model.scale.get(name, 1.0))
         direction = np.eye(1, len(names), i)[0]
         turned = [np.append(0.0, np.where(s.void, 0.0, direction[s.problem.own])) for s in segments]
         follow = [(s.x @ along).T * problem.size[:, None] for s, along in zip(segments, turned, strict=True)]
