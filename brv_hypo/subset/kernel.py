@@ -313,28 +313,22 @@ def _sets_to_score(w: Work, level: int, m: int, allowance: float) -> tuple[int, 
     """How many columns of ``sets[1]`` triples begin with, and of ``sets[2]`` they go on with."""
     H = w.B[level] if w.owns[level] else w.B[level - 1]
     p, L, picks, first, second = w.packing, w.factor, w.sets[0], w.sets[1], w.sets[2]
+    for i in range(m):
+        first[i] = i
+        second[i] = i
     free_all(H, w.beta[level], p, m)
     firsts, total = grow(H, p, L, picks, m, m, allowance, 1)
     if total <= allowance:
-        _all(first, m)
-        _all(second, m)
         return m, m
     for k in range(firsts):
         first[k] = picks[k]
     take(p, first, firsts)
     seconds, total = grow(H, p, L, picks, m, m - firsts, allowance, 1)
     if total <= allowance:
-        _all(second, m)
         return firsts, m
     for k in range(seconds):
         second[k] = picks[k]
     return firsts, seconds
-
-
-@compiled_part
-def _all(columns: Any, m: int) -> None:
-    for i in range(m):
-        columns[i] = i
 
 
 @compiled_part
