@@ -30,6 +30,7 @@ from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, nod
 from brv_hypo.identification.parameters import READ, Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
+from brv_hypo.likelihood.segment import sampled
 from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
@@ -424,9 +425,8 @@ def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
     """What the nodes measure less what errors of the instruments add by their histories, (4, nodes)."""
     read = [of_flight(name, record.context.flight) for name in READ]
     time = record.segment.t
-    errors = {
-        varying.name: varying.at(time, found.theta) for varying in record.segment.time_varying if varying.name in read
-    }
+    histories = tuple(varying for varying in record.segment.time_varying if varying.name in read)
+    errors = {each.name: each.at(found.theta) for each in sampled(histories, time, 0)}
     return np.asarray(record.segment.y - [errors.get(name, np.zeros_like(time)) for name in read])
 
 

@@ -83,16 +83,13 @@ class BlockRows:
         from scipy.sparse import coo_array  # here, for a cheap import of the package
 
         m, n_states = self.blocks.shape[2:]
-        values, down, along = [np.zeros(0)], [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        entries = []
         for row, sample, blocks in self._entries():
             at = (row * m)[:, None, None] + np.arange(m)[:, None]
             column = (sample * n_states)[:, None, None] + np.arange(n_states)
-            at, column = np.broadcast_arrays(at, column)
-            values.append(blocks.ravel())
-            down.append(at.ravel())
-            along.append(column.ravel())
-        entries = (np.concatenate(values), (np.concatenate(down), np.concatenate(along)))
-        return coo_array(entries, shape=(self.blocks.shape[0] * m, n * n_states)).tocsr()
+            entries.append([each.ravel() for each in np.broadcast_arrays(blocks, at, column)])
+        values, down, along = (np.concatenate(each) for each in zip(*entries, strict=True))
+        return coo_array((values, (down, along)), shape=(self.blocks.shape[0] * m, n * n_states)).tocsr()
 
     def _entries(self) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
         """Rows, samples, and the blocks that stand there."""

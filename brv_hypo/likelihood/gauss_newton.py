@@ -71,14 +71,13 @@ class Step:
 
 
 class SingularStatesError(ArithmeticError):
-    """The states of a segment cannot be determined from its outputs; `segment` says which, `stiff` whether the
-    dynamics are so fast for the mesh that rounding alone may be why.
+    """The states of a segment cannot be determined from its outputs; `stiff` says whether the dynamics are so fast for
+    the mesh that rounding alone may be why.
     """
 
     def __init__(self, segment: int, stiff: bool = False) -> None:
         what = "lost in rounding, its dynamics being stiff" if stiff else "not determined by its outputs"
         super().__init__(f"the states of segment {segment} are {what}")
-        self.segment = segment
         self.stiff = stiff
 
 
