@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from brv_hypo.cli import options
 from brv_hypo.cli.session import Session, as_json, in_session
@@ -26,7 +27,7 @@ COMPARED, TRACED = 12.0, 40.0
 
 Mechanisms = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--mechanisms",
         metavar="NAME,NAME",
         autocompletion=options.hypotheses,
@@ -67,14 +68,12 @@ def report_comparison(session: Session, comparison: Comparison, settings: Compar
     """To the terminal, and to JSON, HTML and picture files where they were asked for."""
     from brv_hypo.report.comparison import comparison_document
 
-    document = comparison_document(comparison)
-    session.present(document)
-    session.write_json(comparison)
+    records = [flight.path for flight in comparison.flights]
+    session.deliver(comparison_document(comparison), comparison, settings, records)
     if session.quiet or session.json_only:
         for warning in comparison.warnings:
             if "is left out" in warning:
                 session.warn(warning)
-    session.write_report(document, settings, [flight.path for flight in comparison.flights])
     if comparison.verdict.outcome == "record fault":
         raise typer.Exit(UnanswerableError.exit_code)
 
@@ -98,25 +97,21 @@ def trace(
     flights: options.FlightFiles,
     model: Annotated[
         Path | None,
-        typer.Option(
-            "--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."
-        ),
+        Option("--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."),
     ] = None,
     aero: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
         ),
     ] = None,
     mechanism_file: Annotated[
         Path | None,
-        typer.Option(
-            "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
-        ),
+        Option("--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."),
     ] = None,
     model_file: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
         ),
     ] = None,
@@ -147,9 +142,7 @@ def trace(
     records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
     with session.progress("tracing", TRACED * len(records)) as progress:
         result = traced(records, settings, progress=progress)
-    document = trace_document(result)
-    session.present(document)
-    session.write_json(result)
+    session.deliver(trace_document(result), result, settings, [record.path for record in records])
     if model_file is not None:
         write_whole(model_file, model_text(result.model.definition))
         session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
@@ -160,7 +153,6 @@ def trace(
             write_whole(mechanism_file, mechanism_text(result.discovered))
             compared = f"brv-hypo compare FLIGHT.h5 --mechanisms {mechanism_file}"
             session.show(f"Wrote {mechanism_file}: `{compared}` compares it.")
-    session.write_report(document, settings, [record.path for record in records])
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
@@ -192,11 +184,11 @@ def predict(
     session: Session,
     flight: options.FlightFile,
     model: Annotated[
-        Path, typer.Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
+        Path, Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
     ],
     refit: Annotated[
         str,
-        typer.Option(
+        Option(
             "--refit",
             metavar="NAME,...",
             help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; "
@@ -221,10 +213,7 @@ def predict(
     record = load_flight(flight, instruments=instruments).window(start, stop)
     with session.progress("predicting") as progress:
         result = predicted(record, model, names, settings, progress=progress)
-    document = prediction_document(result)
-    session.present(document)
-    session.write_json(result)
-    session.write_report(document, settings, [flight, model])
+    session.deliver(prediction_document(result), result, settings, [flight, model])
 
 
 RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
@@ -235,20 +224,16 @@ def study(
     session: Session,
     config: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="STUDY.yaml", autocompletion=options.studies, help="Study, or the name of one that comes along."
         ),
     ],
     output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there."),
+        Path, Option("-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there.")
     ],
-    jobs: Annotated[
-        int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
-    ] = -1,
+    jobs: Annotated[int, Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")] = -1,
     cluster: Annotated[
-        str | None,
-        typer.Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs."),
+        str | None, Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs.")
     ] = None,
     seed: options.Seed = None,
 ) -> None:
@@ -267,8 +252,8 @@ def study(
             outcomes = run_study(
                 settings, output, jobs=jobs, cluster=cluster, overwrite=session.force, progress=progress
             )
-    except KeyboardInterrupt as interrupt:
-        raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
     document = study_document(summary, outcomes)
     write_whole(output / RESULTS, results_csv(outcomes))
@@ -277,6 +262,6 @@ def study(
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.key}: {first.reason}")
-    session.present(document)
+    session.tell(document, conclusion=document.conclusion)
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
 from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
@@ -44,19 +44,17 @@ def import_(
     session: Session,
     data: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             metavar="DATA", help="Foreign record: csv, parquet or mat. With --guess, other recorders' files after it."
         ),
     ],
     mapping: Annotated[
-        Path | None, typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
+        Path | None, Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map.")
+        Path | None, Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map.")
     ] = None,
-    guess: Annotated[
-        bool, typer.Option("--guess", help="Write a commented map, from names and physics, instead.")
-    ] = False,
+    guess: Annotated[bool, Option("--guess", help="Write a commented map, from names and physics, instead.")] = False,
 ) -> None:
     """Bring a foreign record in by a map; --guess writes one."""
     if guess == (mapping is not None):
@@ -112,11 +110,10 @@ def reconstruct(
     session: Session,
     flight: options.FlightFile,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
+        Path | None, Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
     ] = None,
     method: Annotated[
-        str | None,
-        typer.Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar."),
+        str | None, Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar.")
     ] = None,
     config: options.Config = None,
     start: options.Start = None,
@@ -135,13 +132,11 @@ def reconstruct(
     record = load_flight(flight, instruments=instruments).window(start, stop)
     with session.progress("reconstructing") as progress:
         result = reconstructed(record, settings, progress=progress)
-    document = reconstruction_document(result)
-    session.present(document)
+    data, records = reconstruction_data(result), [result.flight.path]
+    session.deliver(reconstruction_document(result), data, settings, records)
     if output is not None:
         write_motion(result, output, overwrite=session.force)
         session.show(f"Wrote {output}.")
-    session.write_json(reconstruction_data(result))
-    session.write_report(document, settings, [result.flight.path])
 
 
 DEMO = "demo"
@@ -153,7 +148,7 @@ def simulate(
     session: Session,
     config: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="CONFIG.yaml",
             autocompletion=options.configurations,
             help="Configuration, or the name of one that comes along.",
@@ -162,7 +157,7 @@ def simulate(
     output: options.Output,
     plant: Annotated[
         str | None,
-        typer.Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
+        Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
     ] = None,
     seed: options.Seed = None,
 ) -> None:

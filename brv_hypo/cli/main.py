@@ -15,6 +15,7 @@ from string import Template
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from brv_hypo.cli import analyses, flights, options
 from brv_hypo.cli.session import Session, in_session, listen, ready
@@ -54,12 +55,12 @@ def listing(session: Session, context: typer.Context) -> None:
 @in_session()
 def new_plugin(
     session: Session,
-    name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
+    name: Annotated[str, Argument(help="Name of the mechanism: lower case letters, digits and _.")],
     effect: Annotated[
-        bool, typer.Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
+        bool, Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
     ] = False,
     directory: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
+        Path, Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
     ] = Path(),
 ) -> None:
     """Write a ready plugin package with its tests, to start from."""
@@ -120,9 +121,7 @@ def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
 @in_session("json", "force", "plugin")
 def check(
     session: Session,
-    name: Annotated[
-        str, typer.Argument(autocompletion=options.installed, help="Name of an installed mechanism or effect.")
-    ],
+    name: Annotated[str, Argument(autocompletion=options.installed, help="Name of an installed mechanism or effect.")],
 ) -> None:
     """Run the conformance kit on an installed mechanism or effect."""
     session.claim()
@@ -169,12 +168,10 @@ def new_settings(
     session: Session,
     kind: Annotated[
         str,
-        typer.Argument(
-            help=f"The command that reads the file: {', '.join(KINDS)}; or the name of a file that comes along."
-        ),
+        Argument(help=f"The command that reads the file: {', '.join(KINDS)}; or the name of a file that comes along."),
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
+        Path | None, Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
     ] = None,
 ) -> None:
     """Write a commented file of settings, to change and use."""
@@ -200,7 +197,7 @@ def new_settings(
 @in_session()
 def schema(
     session: Session,
-    kind: Annotated[str, typer.Argument(help=f"Settings of a command, or a result: {', '.join(KINDS + RESULTS)}.")],
+    kind: Annotated[str, Argument(help=f"Settings of a command, or a result: {', '.join(KINDS + RESULTS)}.")],
 ) -> None:
     """Print the JSON schema of settings or of a result."""
     typer.echo(json.dumps(_model(kind, KINDS + RESULTS).model_json_schema(by_alias=True), indent=2))
@@ -228,14 +225,14 @@ def _model(kind: str, known: Sequence[str], files: Iterable[str] = ()) -> type[B
 def docs(
     session: Session,
     topic: Annotated[
-        str | None, typer.Argument(metavar="TOPIC", autocompletion=options.topics, help="What to read about.")
+        str | None, Argument(metavar="TOPIC", autocompletion=options.topics, help="What to read about.")
     ] = None,
     notebooks: Annotated[
-        Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the notebooks of the gallery.")
+        Path | None, Option("--notebooks", metavar="DIR", help="Write the notebooks of the gallery.")
     ] = None,
-    show: Annotated[bool, typer.Option("--open", help="Open the manual in the browser, at the topic.")] = False,
+    show: Annotated[bool, Option("--open", help="Open the manual in the browser, at the topic.")] = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Write the manual as offline pages.")
+        Path | None, Option("-o", "--output", metavar="DIR", help="Write the manual as offline pages.")
     ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
@@ -309,7 +306,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def program(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Which mechanism explains the moments that a spinning entry body flew through?"""

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 
 def _completion(module: str, names: str, *arguments: str) -> Callable[[str], list[str]]:
@@ -45,29 +45,23 @@ def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]
 
 
-FlightFile = Annotated[Path, typer.Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
-FlightFiles = Annotated[
-    list[Path], typer.Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")
-]
-Output = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")]
-Config = Annotated[Path | None, typer.Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")]
-Json = Annotated[
-    str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output.")
-]
+FlightFile = Annotated[Path, Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
+FlightFiles = Annotated[list[Path], Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")]
+Output = Annotated[Path, Option("-o", "--output", metavar="FILE", help="File to write.")]
+Config = Annotated[Path | None, Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")]
+Json = Annotated[str | None, Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output.")]
 Report = Annotated[
-    Path | None, typer.Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline.")
+    Path | None, Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline.")
 ]
 Figures = Annotated[
     Path | None,
-    typer.Option(
-        "--figures", metavar="DIR", help="Write every figure as PNG and SVG into this folder; needs matplotlib."
-    ),
+    Option("--figures", metavar="DIR", help="Write every figure as PNG and SVG into this folder; needs matplotlib."),
 ]
-Start = Annotated[float | None, typer.Option("--start", metavar="T", help="Use the record from T (s).")]
-Stop = Annotated[float | None, typer.Option("--stop", metavar="T", help="Use the record up to T (s).")]
+Start = Annotated[float | None, Option("--start", metavar="T", help="Use the record from T (s).")]
+Stop = Annotated[float | None, Option("--stop", metavar="T", help="Use the record up to T (s).")]
 Instruments = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--instruments",
         metavar="GRADE|FILE",
         autocompletion=grades,
@@ -75,12 +69,12 @@ Instruments = Annotated[
         "or a YAML file.",
     ),
 ]
-AcceptRecord = Annotated[bool, typer.Option("--accept-record", help="Go on with a record that contradicts itself.")]
-Seed = Annotated[int | None, typer.Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print the conclusion alone.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print every detail; tracebacks too.")]
+AcceptRecord = Annotated[bool, Option("--accept-record", help="Go on with a record that contradicts itself.")]
+Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
+Quiet = Annotated[bool, Option("-q", "--quiet", help="Print the conclusion alone.")]
+Verbose = Annotated[bool, Option("-v", "--verbose", help="Print every detail; tracebacks too.")]
 Plugins = Annotated[
     list[Path] | None,
-    typer.Option("--plugin", metavar="FILE", help="Use the mechanisms of this .py or .yaml file; repeatable."),
+    Option("--plugin", metavar="FILE", help="Use the mechanisms of this .py or .yaml file; repeatable."),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite output files that exist.")]
+Force = Annotated[bool, Option("--force", help="Overwrite output files that exist.")]

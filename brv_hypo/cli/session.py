@@ -83,21 +83,16 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 
 
 GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
-CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
+ENDS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
 LINE = "brv-hypo: {}; no half-written output is left"
-WORDS = {130: "interrupted", 143: "terminated"}
 
 _unwinds = False
-_code: int | None = None  # of the signal that arrived
-
-
-class Terminated(KeyboardInterrupt):
-    """SIGTERM arrived."""
+_signal: int | None = None  # that arrived
 
 
 def listen() -> None:
     """Handle both signals from now on."""
-    for number in CODES:
+    for number in ENDS:
         signal.signal(number, _handle)
 
 
@@ -124,23 +119,24 @@ def end_workers() -> None:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    global _code
-    for each in CODES:  # one is enough: a second must not disturb the unwinding of the first
+    global _signal
+    _signal = number
+    for each in ENDS:  # one is enough: a second must not disturb the unwinding of the first
         signal.signal(each, signal.SIG_IGN)
-    code = _code = CODES[signal.Signals(number)]
+    code, word = ENDS[signal.Signals(number)]
     if not _unwinds:
-        _leave(code)
-    clock = threading.Timer(GRACE_SECONDS, _leave, [code])
+        _leave(code, word)
+    clock = threading.Timer(GRACE_SECONDS, _leave, [code, word])
     clock.daemon = True
     clock.start()
-    raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+    raise KeyboardInterrupt
 
 
-def _leave(code: int) -> None:
+def _leave(code: int, word: str) -> None:
     """End now: workers, temporaries, a line, the process."""
     end_workers()
     remove_open_temporaries()
-    os.write(2, (LINE.format(WORDS[code]) + "\n").encode())
+    os.write(2, (LINE.format(word) + "\n").encode())
     os._exit(code)
 
 
@@ -168,24 +164,23 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             raise
         except BrvHypoError as refusal:
             _end(f"brv-hypo: {refusal}", refusal.exit_code)
-        except KeyboardInterrupt as interrupt:
-            end_workers()
-            code = CODES[signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT]
-            _end(f"{LINE.format(WORDS[code])}{interrupt}", code)
-        except Exception as fault:
-            if _code is not None:  # a library that was just starting may make the signal another error
+        except (KeyboardInterrupt, Exception) as fault:
+            # a library that was just starting may make the signal another error
+            if isinstance(fault, KeyboardInterrupt) or _signal is not None:
                 end_workers()
-                _end(LINE.format(WORDS[_code]), _code)
+                code, word = ENDS[signal.Signals(_signal or signal.SIGINT)]
+                _end(f"{LINE.format(word)}{fault if isinstance(fault, KeyboardInterrupt) else ''}", code)
             if isinstance(fault, OSError) and fault.errno in FULL:
                 # let the interpreter end without another attempt to write what cannot be written
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 reason = f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another."
                 _end(reason, UsageError.exit_code)
-            message = f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
+            where = "that -v prints"
             if kwargs.get("verbose"):
                 traceback.print_exc()
-                _end(f"{message}the traceback above.", PROGRAM_FAULT)
-            _end(f"{message}the traceback that -v prints.", PROGRAM_FAULT)
+                where = "above"
+            message = f"{type(fault).__name__}: {fault}. Please report it, with the traceback {where}."
+            _end(f"brv-hypo: a fault of the program: {message}", PROGRAM_FAULT)
 
     return run
 
@@ -300,25 +295,19 @@ class Session:
         if not self.quiet:
             self._print(*renderables)
 
-    def present(self, document: Document) -> None:
-        """Print a document; with -q its conclusion alone; nothing where standard output belongs to JSON."""
-        if self.quiet:
-            self._print(document.conclusion)
-            return
-        from brv_hypo.report.terminal import terminal_view
-
-        self._print(terminal_view(document, verbose=self.verbose))
-
     def tell(self, *blocks: Any, conclusion: str = "") -> None:
-        """Print blocks that are no document, or what rich renders; with -q the conclusion alone."""
+        """Print documents, their blocks, or what rich renders; with -q the conclusion alone."""
         if self.quiet:
             self._print(*filter(None, (conclusion,)))
             return
-        from brv_hypo.report.document import Table, Texts
-        from brv_hypo.report.terminal import blocks_view
+        from brv_hypo.report.document import Document, Table, Texts
+        from brv_hypo.report.terminal import blocks_view, terminal_view
 
-        shown = (blocks_view((b,), self.verbose) if isinstance(b, Table | Texts) else b for b in blocks)
-        self._print(*shown)
+        for block in blocks:
+            if isinstance(block, Document):
+                self._print(terminal_view(block, verbose=self.verbose))
+            else:
+                self._print(blocks_view((block,), self.verbose) if isinstance(block, Table | Texts) else block)
 
     def _print(self, *renderables: Any) -> None:
         if self.json_only:
@@ -344,10 +333,12 @@ class Session:
             write_whole(Path(self.json), text)
             self.show(f"Wrote {self.json}.")
 
-    def write_report(
-        self, document: Document, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
+    def deliver(
+        self, document: Document, result: Any, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
     ) -> None:
-        """The HTML report and the picture files, where they were asked for."""
+        """Print a document; write the result as JSON, report and picture files, where they were asked for."""
+        self.tell(document, conclusion=document.conclusion)
+        self.write_json(result)
         if self.report is not None:
             from brv_hypo.report.html import page
 
