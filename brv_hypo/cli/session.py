@@ -239,14 +239,11 @@ class Session:
     json: str | None = None
     """File, or "-" for standard output."""
     report: Path | None = None
-    figures: Path | None = None
-    """Folder of the picture files."""
-    force: bool = False
-    """Whether files are overwritten."""
+    figures: Path | None = None  # folder of the picture files
+    force: bool = False  # whether files are overwritten
     quiet: bool = False
     verbose: bool = False
-    plugin: list[Path] | None = None
-    """Files whose mechanisms are used."""
+    plugin: list[Path] | None = None  # files whose mechanisms are used
     stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property

@@ -63,12 +63,9 @@ class _Guessed:
     """The main table with what other files add to it."""
 
     table: ForeignTable
-    recorders: list[ForeignTable] = field(default_factory=list)
-    """Files with clocks of their own."""
-    vehicle: ForeignTable | None = None
-    """Properties of the vehicle over time."""
-    zero_s: float = 0.0
-    """What the main clock reads at the map's zero."""
+    recorders: list[ForeignTable] = field(default_factory=list)  # files with clocks of their own
+    vehicle: ForeignTable | None = None  # properties of the vehicle over time
+    zero_s: float = 0.0  # what the main clock reads at the map's zero
     unsure: list[str] = field(default_factory=list)
 
 

@@ -269,14 +269,11 @@ class MapEntry:
 
     column: str
     units: str
-    why: str
-    """The reasons."""
-    unsure: tuple[str, ...] = ()
-    """The doubts."""
+    why: str  # the reasons
+    unsure: tuple[str, ...] = ()  # the doubts
     scale: float = 1.0
     offset: float = 0.0
-    recorder: str | None = None
-    """The other recorder that it comes from; None for the main table."""
+    recorder: str | None = None  # the other recorder that it comes from; None for the main table
 
 
 @dataclass(eq=False)
@@ -284,18 +281,12 @@ class ForeignTable:
     """The numeric columns of a file and what is known of them so far."""
 
     path: Path
-    read: ColumnTable
-    """With the units that the table states."""
-    entries: dict[str, MapEntry] = field(default_factory=dict)
-    """By channel, or property of the vehicle."""
-    unsure: list[str] = field(default_factory=list)
-    """Doubts about the table as a whole."""
-    rest_s: tuple[float, float] | None = None
-    """The pad, if there is one."""
-    tilt: Tilt | None = None
-    """Of the nose, by thrust, in the axes of the entries."""
-    align: MapEntry | None = None
-    """Of another recorder: what it sensed of ax."""
+    read: ColumnTable  # with the units that the table states
+    entries: dict[str, MapEntry] = field(default_factory=dict)  # by channel, or property of the vehicle
+    unsure: list[str] = field(default_factory=list)  # doubts about the table as a whole
+    rest_s: tuple[float, float] | None = None  # the pad, if there is one
+    tilt: Tilt | None = None  # of the nose, by thrust, in the axes of the entries
+    align: MapEntry | None = None  # of another recorder: what it sensed of ax
 
     def values(self, channel: str) -> FloatArray:
         """The column of a channel (n,), as it was read."""
