@@ -262,6 +262,6 @@ def study(
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.key}: {first.reason}")
-    session.tell(document, conclusion=document.conclusion)
+    session.show(document, conclusion=document.conclusion)
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)

@@ -35,7 +35,7 @@ def inspect(
     loaded = load_flight(flight, start=start, stop=stop)
     inspection = inspect_flight(loaded if windowed else flight)
     trial = try_record(loaded)[1]
-    session.tell(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
+    session.show(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
     session.write_json(inspection_data(inspection, trial))
 
 
@@ -81,7 +81,7 @@ def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
 
     found = guess_map(*data)
     write_whole(output, found.text, overwrite=session.force)
-    session.tell(Texts(found.unsure, "Missing or unsure", warning=True))
+    session.show(Texts(found.unsure, "Missing or unsure", warning=True))
     session.show(
         f"Wrote {output}. Read it, fill in the vehicle, then:\n"
         f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
@@ -101,7 +101,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     save_flight(flight, output, raw=found.raw, overwrite=session.force)
     phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
     faults = [f"{fault.channel}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
-    session.tell(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))
+    session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 

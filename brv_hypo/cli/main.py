@@ -46,7 +46,7 @@ def listing(session: Session, context: typer.Context) -> None:
     found = installed()
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
     tables = (listing_table(found, verbose=session.verbose), plantable_texts(plantable))
-    session.tell(*tables, conclusion="\n".join(found))
+    session.show(*tables, conclusion="\n".join(found))
     if session.json is not None:  # which evaluates every mechanism
         session.write_json(listing_data(found, plantable))
 
@@ -132,7 +132,7 @@ def check(
     outcomes = conformance(find_installed(name))
     failed = [outcome.check for outcome in outcomes if not outcome.passed]
     passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
-    session.tell(conformance_table(name, outcomes), conclusion=passed)
+    session.show(conformance_table(name, outcomes), conclusion=passed)
     session.write_json(conformance_data(name, outcomes))
     if failed:
         session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
@@ -251,7 +251,7 @@ def docs(
         contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
         opened = "`brv-hypo docs --open` opens it as pages, with a gallery."
         page = contents + opened if topic is None else reference() if topic == REFERENCE else text(topic)
-        session.tell(ManualText(page), conclusion=page)
+        session.show(ManualText(page), conclusion=page)
 
 
 def _write_notebooks(session: Session, folder: Path) -> None:

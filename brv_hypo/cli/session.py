@@ -287,33 +287,22 @@ class Session:
         for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
             check_target(picture, overwrite=self.force)
 
-    def show(self, *renderables: Any) -> None:
-        """Print for a human reader; silent with -q or where standard output belongs to JSON."""
-        if not self.quiet:
-            self._print(*renderables)
+    def show(self, *parts: Any, conclusion: str = "") -> None:
+        """Print documents, their blocks, or what rich renders; with -q the conclusion alone.
 
-    def tell(self, *blocks: Any, conclusion: str = "") -> None:
-        """Print documents, their blocks, or what rich renders; with -q the conclusion alone."""
-        if self.quiet:
-            self._print(*filter(None, (conclusion,)))
+        Nothing where standard output belongs to JSON.
+        """
+        if self.json_only or (self.quiet and not conclusion):
             return
         from brv_hypo.report.document import Document, Table, Texts
-        from brv_hypo.report.terminal import blocks_view, terminal_view
-
-        for block in blocks:
-            if isinstance(block, Document):
-                self._print(terminal_view(block, verbose=self.verbose))
-            else:
-                self._print(blocks_view((block,), self.verbose) if isinstance(block, Table | Texts) else block)
-
-    def _print(self, *renderables: Any) -> None:
-        if self.json_only:
-            return
-        from brv_hypo.report.terminal import plain_console
+        from brv_hypo.report.terminal import blocks_view, plain_console, terminal_view
 
         console = plain_console()
-        for renderable in renderables:
-            console.print(renderable)
+        for part in (conclusion,) if self.quiet else parts:
+            if isinstance(part, Document):
+                console.print(terminal_view(part, verbose=self.verbose))
+            else:
+                console.print(blocks_view((part,), self.verbose) if isinstance(part, Table | Texts) else part)
 
     def warn(self, message: str) -> None:
         """One line on standard error."""
@@ -334,7 +323,7 @@ class Session:
         self, document: Document, result: Any, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
     ) -> None:
         """Print a document; write the result as JSON, report and picture files, where they were asked for."""
-        self.tell(document, conclusion=document.conclusion)
+        self.show(document, conclusion=document.conclusion)
         self.write_json(result)
         if self.report is not None:
             from brv_hypo.report.html import page

@@ -168,7 +168,11 @@ class Flight(Histories, HasCharts):
 
     def columns(self) -> Mapping[str, Any]:
         """Time (s) and every channel that the record has, SI."""
-        known = {name: getattr(self, name) for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS)}
+        return {name: values for name, values in self.arrays().items() if name != "wind"}
+
+    def arrays(self) -> dict[str, Any]:
+        """The columns, and what is known of the wind: all that is over the samples."""
+        known = {name: getattr(self, name) for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind")}
         return {name: values for name, values in known.items() if values is not None}
 
     def units(self) -> Mapping[str, str]:
@@ -231,10 +235,7 @@ class Flight(Histories, HasCharts):
                 f"{last:.3f} s. Give --start and --stop inside it."
             )
         a, b = int(chosen[0]), int(chosen[-1]) + 1
-        arrays: dict[str, Any] = {
-            name: None if (value := getattr(self, name)) is None else value[a:b]
-            for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind")
-        }
+        arrays = {name: values[a:b] for name, values in self.arrays().items()}
         segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if s < b and e > a)
         if not segments:
             raise UsageError(

@@ -74,7 +74,7 @@ _SIGMAS = {each.name: each.metadata["sigmas"] for each in fields(Instruments) if
 def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
     """The tolerances of a grade; UsageError with the known ones where there is no such grade."""
     if grade not in GRADES:
-        hint = meant(grade, GRADES, "see `brv-hypo docs reference`")
+        hint = meant(grade, GRADES, "or, by --instruments, a YAML file of tolerances")
         raise UsageError(f"got the instrument grade '{grade}', expected one of {', '.join(GRADES)} ({hint}).")
     place = GRADES.index(grade)
     return Instruments(grade, **{key: (sigmas[place],) * 3 for key, sigmas in _SIGMAS.items()})
@@ -93,11 +93,8 @@ def instruments_from(source: str | Path, record: Instruments) -> Instruments:
     ("0.3 deg/s"); `grade` sets what the file does not name. Raises UsageError for an unknown grade, file or key.
     """
     path = Path(source)
-    if str(source) in GRADES:
+    if str(source) in GRADES or not (path.suffix or path.exists()):
         return of_grade(str(source))
-    if not path.suffix and not path.exists():
-        hint = meant(str(source), GRADES, "or a YAML file of tolerances")
-        raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)}{hint and f' ({hint})'}.")
     from brv_hypo.io.mappings import read_yaml
 
     return tolerances_of(read_yaml(path, "tolerances"), record, str(path))

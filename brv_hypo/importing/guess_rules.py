@@ -287,6 +287,8 @@ class ForeignTable:
     rest_s: tuple[float, float] | None = None  # the pad, if there is one
     tilt: Tilt | None = None  # of the nose, by thrust, in the axes of the entries
     align: MapEntry | None = None  # of another recorder: what it sensed of ax
+    recorders: list[ForeignTable] = field(default_factory=list)  # of the main table: files with clocks of their own
+    vehicle: ForeignTable | None = None  # of the main table: properties of the vehicle over time
 
     def values(self, channel: str) -> FloatArray:
         """The column of a channel (n,), as it was read."""

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.io.files import check_hdf5, check_regular, check_target, write_whole
-from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
-from brv_hypo.io.text import one_line
+from brv_hypo.io.sandbox import Budget, read_in_sandbox
+from brv_hypo.io.text import one_line, refused
 
 if TYPE_CHECKING:
     import h5py
