@@ -10,7 +10,7 @@ import typer
 from typer import Argument, Option
 
 from brv_hypo.cli import options
-from brv_hypo.cli.session import Session, as_json, in_session
+from brv_hypo.cli.session import ANALYSIS, Session, as_json, in_session
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.files import write_whole
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json
@@ -37,15 +37,11 @@ Mechanisms = Annotated[
 ]
 
 
-@in_session("json", "report", "figures", "force", "plugin")
+@in_session(*ANALYSIS)
 def compare(
     session: Session,
     flights: options.FlightFiles,
     mechanisms: Mechanisms = None,
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
     accept_record: options.AcceptRecord = False,
     seed: options.Seed = None,
 ) -> None:
@@ -53,12 +49,11 @@ def compare(
     session.claim()
     from brv_hypo.comparison import CompareConfig
     from brv_hypo.comparison import compare as rank
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.settings import settings_of
 
     accepted = {"accept_record": True} if accept_record else {}
-    settings = settings_of(CompareConfig, config, chosen(mechanisms) | accepted)
-    records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
+    settings = settings_of(CompareConfig, session.config, chosen(mechanisms) | accepted)
+    records = [session.load(path) for path in flights]
     with session.progress("comparing", COMPARED * len(records)) as progress:
         comparison = rank(records, settings, progress=progress)
     report_comparison(session, comparison, settings)
@@ -91,7 +86,7 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
     return {"mechanisms": names}
 
 
-@in_session("json", "report", "figures", "force", "plugin")
+@in_session(*ANALYSIS)
 def trace(
     session: Session,
     flights: options.FlightFiles,
@@ -115,10 +110,6 @@ def trace(
             "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
         ),
     ] = None,
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
     seed: options.Seed = None,
 ) -> None:
     """Trace the residual of a model to its effects, one by one.
@@ -126,7 +117,6 @@ def trace(
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
     session.claim(mechanism_file, model_file)
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.model.model import model_text
@@ -138,8 +128,8 @@ def trace(
     chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
     if aero is not None:
         chosen["aero"] = read_aero_table(aero)
-    settings = settings_of(TraceConfig, config, chosen)
-    records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
+    settings = settings_of(TraceConfig, session.config, chosen)
+    records = [session.load(path) for path in flights]
     with session.progress("tracing", TRACED * len(records)) as progress:
         result = traced(records, settings, progress=progress)
     session.deliver(trace_document(result), result, settings, [record.path for record in records])
@@ -179,7 +169,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     return start
 
 
-@in_session("json", "report", "figures", "force", "plugin")
+@in_session(*ANALYSIS)
 def predict(
     session: Session,
     flight: options.FlightFile,
@@ -195,22 +185,17 @@ def predict(
             "instruments stands for all of these.",
         ),
     ] = "",
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.prediction import predict as predicted
     from brv_hypo.report.trace import prediction_document
     from brv_hypo.settings import settings_of
     from brv_hypo.tracing import TraceConfig
 
-    settings = settings_of(TraceConfig, config)
+    settings = settings_of(TraceConfig, session.config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
-    record = load_flight(flight, instruments=instruments).window(start, stop)
+    record = session.load(flight)
     with session.progress("predicting") as progress:
         result = predicted(record, model, names, settings, progress=progress)
     session.deliver(prediction_document(result), result, settings, [flight, model])

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
-from brv_hypo.cli.session import Session, in_session
+from brv_hypo.cli.session import ANALYSIS, RESULT, Session, in_session
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import write_whole
 
@@ -21,18 +21,16 @@ if TYPE_CHECKING:
 # ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
 
 
-@in_session("json", "force")
-def inspect(
-    session: Session, flight: options.FlightFile, start: options.Start = None, stop: options.Stop = None
-) -> None:
+@in_session("start", "stop", "json", "force")
+def inspect(session: Session, flight: options.FlightFile) -> None:
     """Show what a record holds, its faults, and what is usable."""
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
     from brv_hypo.motion import try_record
     from brv_hypo.report.listings import inspection_blocks, inspection_data, inspection_line
 
-    windowed = start is not None or stop is not None
-    loaded = load_flight(flight, start=start, stop=stop)
+    windowed = session.start is not None or session.stop is not None
+    loaded = load_flight(flight, start=session.start, stop=session.stop)
     inspection = inspect_flight(loaded if windowed else flight)
     trial = try_record(loaded)[1]
     session.show(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
@@ -105,7 +103,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 
-@in_session("json", "report", "figures", "force")
+@in_session(*ANALYSIS)
 def reconstruct(
     session: Session,
     flight: options.FlightFile,
@@ -115,23 +113,17 @@ def reconstruct(
     method: Annotated[
         str | None, Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar.")
     ] = None,
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
     session.claim(output, hdf5=True)
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
     from brv_hypo.settings import settings_of
 
-    settings = settings_of(ReconstructionConfig, config, {} if method is None else {"method": method})
-    record = load_flight(flight, instruments=instruments).window(start, stop)
+    settings = settings_of(ReconstructionConfig, session.config, {} if method is None else {"method": method})
     with session.progress("reconstructing") as progress:
-        result = reconstructed(record, settings, progress=progress)
+        result = reconstructed(session.load(flight), settings, progress=progress)
     data, records = reconstruction_data(result), [result.flight.path]
     session.deliver(reconstruction_document(result), data, settings, records)
     if output is not None:
@@ -171,17 +163,15 @@ def simulate(
     session.write_json(simulation_data(flown, output))
 
 
-@in_session("json", "report", "figures", "force", "plugin")
-def demo(
-    session: Session, mechanisms: Mechanisms = None, config: options.Config = None, seed: options.Seed = None
-) -> None:
+@in_session("config", *RESULT)
+def demo(session: Session, mechanisms: Mechanisms = None, seed: options.Seed = None) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
     session.claim()
     from brv_hypo.comparison import CompareConfig, compare
     from brv_hypo.report.listings import simulation_text
     from brv_hypo.settings import settings_of
 
-    settings = settings_of(CompareConfig, config, chosen(mechanisms))
+    settings = settings_of(CompareConfig, session.config, chosen(mechanisms))
     flown = fly(session, DEMO, seed, ())
     session.show(simulation_text(flown), "")
     with session.progress("comparing") as progress:

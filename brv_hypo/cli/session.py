@@ -43,6 +43,7 @@ from brv_hypo.progress import Report, report_to, silent
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
+    from brv_hypo.flight import Flight
     from brv_hypo.report.document import Document
 
 PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
@@ -236,8 +237,11 @@ LONG_SECONDS = 20.0  # what takes longer says so beforehand
 class Session:
     """How one command talks: what was asked of the common options."""
 
-    json: str | None = None
-    """File, or "-" for standard output."""
+    config: Path | None = None  # of settings
+    start: float | None = None  # of the part of a record to use, s
+    stop: float | None = None
+    instruments: str | None = None  # grade, or file of tolerances, in place of the record's
+    json: str | None = None  # file, or "-" for standard output
     report: Path | None = None
     figures: Path | None = None  # folder of the picture files
     force: bool = False  # whether files are overwritten
@@ -250,6 +254,12 @@ class Session:
     def json_only(self) -> bool:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
+
+    def load(self, path: Path) -> Flight:
+        """The part to use of a record, with the tolerances to use."""
+        from brv_hypo.flight.format import load_flight
+
+        return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
@@ -379,6 +389,10 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
 
 
 _SHARED = {
+    "config": options.Config,
+    "start": options.Start,
+    "stop": options.Stop,
+    "instruments": options.Instruments,
     "json": options.Json,
     "report": options.Report,
     "figures": options.Figures,
@@ -389,13 +403,18 @@ _SHARED = {
 }
 
 
-def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+RESULT = ("json", "report", "figures", "force", "plugin")
+ANALYSIS = ("config", "start", "stop", "instruments", *RESULT)
+"""Options of a command that makes a result, and that makes it of records."""
+
+
+def in_session(*taken: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a function a command: give it its session as first argument, and the command line the session's options.
 
-    `outputs` are those of "json", "report", "figures", "force" and "plugin" that the command takes; -q and -v are
-    everyone's. Plugins that could not be loaded are named on standard error, however quiet the command is to be.
+    `taken` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
+    are named on standard error, however quiet the command is to be.
     """
-    names = [name for name in _SHARED if name in (*outputs, "quiet", "verbose")]
+    names = [name for name in _SHARED if name in (*taken, "quiet", "verbose")]
     keyword = inspect.Parameter.KEYWORD_ONLY
     shared = [
         inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=_SHARED[name]) for name in names
