@@ -9,8 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
-from brv_hypo.cli import options
-from brv_hypo.cli.session import ANALYSIS, Session, as_json, in_session
+from brv_hypo.cli.session import (
+    ANALYSIS,
+    AcceptRecord,
+    FlightFile,
+    FlightFiles,
+    Seed,
+    Session,
+    as_json,
+    complete_hypotheses,
+    complete_studies,
+    in_session,
+)
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.files import write_whole
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json
@@ -30,7 +40,7 @@ Mechanisms = Annotated[
     Option(
         "--mechanisms",
         metavar="NAME,NAME",
-        autocompletion=options.hypotheses,
+        autocompletion=complete_hypotheses,
         help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; installed: all; left out: the five "
         "that come along.",
     ),
@@ -40,10 +50,10 @@ Mechanisms = Annotated[
 @in_session(*ANALYSIS)
 def compare(
     session: Session,
-    flights: options.FlightFiles,
+    flights: FlightFiles,
     mechanisms: Mechanisms = None,
-    accept_record: options.AcceptRecord = False,
-    seed: options.Seed = None,
+    accept_record: AcceptRecord = False,
+    seed: Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
     session.claim()
@@ -89,7 +99,7 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
 @in_session(*ANALYSIS)
 def trace(
     session: Session,
-    flights: options.FlightFiles,
+    flights: FlightFiles,
     model: Annotated[
         Path | None,
         Option("--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."),
@@ -110,7 +120,7 @@ def trace(
             "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
         ),
     ] = None,
-    seed: options.Seed = None,
+    seed: Seed = None,
 ) -> None:
     """Trace the residual of a model to its effects, one by one.
 
@@ -172,7 +182,7 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
 @in_session(*ANALYSIS)
 def predict(
     session: Session,
-    flight: options.FlightFile,
+    flight: FlightFile,
     model: Annotated[
         Path, Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
     ],
@@ -210,7 +220,7 @@ def study(
     config: Annotated[
         str,
         Argument(
-            metavar="STUDY.yaml", autocompletion=options.studies, help="Study, or the name of one that comes along."
+            metavar="STUDY.yaml", autocompletion=complete_studies, help="Study, or the name of one that comes along."
         ),
     ],
     output: Annotated[
@@ -220,7 +230,7 @@ def study(
     cluster: Annotated[
         str | None, Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs.")
     ] = None,
-    seed: options.Seed = None,
+    seed: Seed = None,
 ) -> None:
     """Fly many simulated flights, and judge the verdicts."""
     session.claim()

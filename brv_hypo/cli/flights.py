@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
-from brv_hypo.cli.session import ANALYSIS, RESULT, Session, in_session
+from brv_hypo.cli.session import (
+    ANALYSIS,
+    RESULT,
+    FlightFile,
+    Output,
+    Seed,
+    Session,
+    complete_configurations,
+    in_session,
+)
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import write_whole
 
@@ -22,17 +30,15 @@ if TYPE_CHECKING:
 
 
 @in_session("start", "stop", "json", "force")
-def inspect(session: Session, flight: options.FlightFile) -> None:
+def inspect(session: Session, flight: FlightFile) -> None:
     """Show what a record holds, its faults, and what is usable."""
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
     from brv_hypo.motion import try_record
     from brv_hypo.report.listings import inspection_blocks, inspection_data, inspection_line
 
-    windowed = session.start is not None or session.stop is not None
-    loaded = load_flight(flight, start=session.start, stop=session.stop)
-    inspection = inspect_flight(loaded if windowed else flight)
-    trial = try_record(loaded)[1]
+    inspection = inspect_flight(flight, start=session.start, stop=session.stop)
+    trial = try_record(load_flight(flight, start=session.start, stop=session.stop))[1]
     session.show(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
     session.write_json(inspection_data(inspection, trial))
 
@@ -106,7 +112,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
 @in_session(*ANALYSIS)
 def reconstruct(
     session: Session,
-    flight: options.FlightFile,
+    flight: FlightFile,
     output: Annotated[
         Path | None, Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
     ] = None,
@@ -142,16 +148,16 @@ def simulate(
         str,
         Argument(
             metavar="CONFIG.yaml",
-            autocompletion=options.configurations,
+            autocompletion=complete_configurations,
             help="Configuration, or the name of one that comes along.",
         ),
     ],
-    output: options.Output,
+    output: Output,
     plant: Annotated[
         str | None,
         Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
     ] = None,
-    seed: options.Seed = None,
+    seed: Seed = None,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""
     session.claim(output, hdf5=True)
@@ -164,7 +170,7 @@ def simulate(
 
 
 @in_session("config", *RESULT)
-def demo(session: Session, mechanisms: Mechanisms = None, seed: options.Seed = None) -> None:
+def demo(session: Session, mechanisms: Mechanisms = None, seed: Seed = None) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
     session.claim()
     from brv_hypo.comparison import CompareConfig, compare

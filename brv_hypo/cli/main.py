@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from brv_hypo.cli import analyses, flights, options
-from brv_hypo.cli.session import Session, in_session, listen, ready
+from brv_hypo.cli import analyses, flights
+from brv_hypo.cli.session import Session, complete_installed, complete_topics, in_session, listen, ready
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import check_target, make_folder, whole_folder, write_whole
 from brv_hypo.io.text import meant
@@ -121,7 +121,7 @@ def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
 @in_session("json", "force", "plugin")
 def check(
     session: Session,
-    name: Annotated[str, Argument(autocompletion=options.installed, help="Name of an installed mechanism or effect.")],
+    name: Annotated[str, Argument(autocompletion=complete_installed, help="Name of an installed mechanism or effect.")],
 ) -> None:
     """Run the conformance kit on an installed mechanism or effect."""
     session.claim()
@@ -225,7 +225,7 @@ def _model(kind: str, known: Sequence[str], files: Iterable[str] = ()) -> type[B
 def docs(
     session: Session,
     topic: Annotated[
-        str | None, Argument(metavar="TOPIC", autocompletion=options.topics, help="What to read about.")
+        str | None, Argument(metavar="TOPIC", autocompletion=complete_topics, help="What to read about.")
     ] = None,
     notebooks: Annotated[
         Path | None, Option("--notebooks", metavar="DIR", help="Write the notebooks of the gallery.")

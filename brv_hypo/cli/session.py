@@ -6,6 +6,7 @@ or not at all. With `--json -` standard output holds JSON and nothing else.
 A refusal, a fault of the program, SIGINT or SIGTERM becomes one message and the contract's exit code (`guarded`). After
 a signal the command unwinds and its workers end; if it does not within the grace period, the process ends all the
 same. `listen` handles the signals, `ready` makes the streams fit for any text, `in_session` makes a function a command.
+Typer evaluates options at start-up, so this module imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import inspect
 import io
 import json as json_format
 import os
+import re
 import shlex
 import signal
 import sys
@@ -28,13 +30,14 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, ParamSpec, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TextIO, get_type_hints
 
 import typer
+from typer import Argument, Option
 
-from brv_hypo.cli import options
 from brv_hypo.errors import BrvHypoError, UsageError
 from brv_hypo.io.files import check_hdf5, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
@@ -229,6 +232,48 @@ def _write_lines(reached: list[str], finished: threading.Event) -> None:
             print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
+# ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----
+
+
+def _completion(module: str, names: str, *arguments: str) -> Callable[[str], list[str]]:
+    """What a shell offers of the names in a module, or by a function of it: those that begin as what is typed."""
+
+    def beginning(incomplete: str) -> list[str]:
+        known = getattr(import_module(f"brv_hypo.{module}"), names)
+        return _beginning(incomplete, known(*arguments) if callable(known) else known)
+
+    return beginning
+
+
+complete_topics = _completion("docs", "topics")
+complete_configurations = _completion(
+    "simulation.config", "config_names"
+)  # a shell completes files where none begins so
+complete_studies = _completion("simulation.config", "config_names", "studies")
+complete_grades = _completion("flight.tolerances", "GRADES")
+complete_installed = _completion("mechanisms.registry", "installed")
+
+
+def complete_hypotheses(incomplete: str) -> list[str]:
+    """A list of mechanisms, the last of which is not whole yet; commas and pluses stand between them."""
+    from brv_hypo.mechanisms.registry import mechanisms
+
+    before = re.sub(r"[^,+]*$", "", incomplete)
+    names = sorted(mechanism.name for mechanism in mechanisms())
+    return [before + name for name in _beginning(incomplete[len(before) :], names)]
+
+
+def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+FlightFile = Annotated[Path, Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
+FlightFiles = Annotated[list[Path], Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")]
+Output = Annotated[Path, Option("-o", "--output", metavar="FILE", help="File to write.")]
+AcceptRecord = Annotated[bool, Option("--accept-record", help="Go on with a record that contradicts itself.")]
+Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
+
+
 STANDARD_OUTPUT = "-"
 LONG_SECONDS = 20.0  # what takes longer says so beforehand
 
@@ -237,17 +282,40 @@ LONG_SECONDS = 20.0  # what takes longer says so beforehand
 class Session:
     """How one command talks: what was asked of the common options."""
 
-    config: Path | None = None  # of settings
-    start: float | None = None  # of the part of a record to use, s
-    stop: float | None = None
-    instruments: str | None = None  # grade, or file of tolerances, in place of the record's
-    json: str | None = None  # file, or "-" for standard output
-    report: Path | None = None
-    figures: Path | None = None  # folder of the picture files
-    force: bool = False  # whether files are overwritten
-    quiet: bool = False
-    verbose: bool = False
-    plugin: list[Path] | None = None  # files whose mechanisms are used
+    config: Annotated[
+        Path | None, Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")
+    ] = None
+    start: Annotated[float | None, Option("--start", metavar="T", help="Use the record from T (s).")] = None
+    stop: Annotated[float | None, Option("--stop", metavar="T", help="Use the record up to T (s).")] = None
+    instruments: Annotated[
+        str | None,
+        Option(
+            "--instruments",
+            metavar="GRADE|FILE",
+            autocompletion=complete_grades,
+            help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, "
+            "industrial, or a YAML file.",
+        ),
+    ] = None
+    json: Annotated[
+        str | None, Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output.")
+    ] = None
+    report: Annotated[
+        Path | None, Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline.")
+    ] = None
+    figures: Annotated[
+        Path | None,
+        Option(
+            "--figures", metavar="DIR", help="Write every figure as PNG and SVG into this folder; needs matplotlib."
+        ),
+    ] = None
+    quiet: Annotated[bool, Option("-q", "--quiet", help="Print the conclusion alone.")] = False
+    verbose: Annotated[bool, Option("-v", "--verbose", help="Print every detail; tracebacks too.")] = False
+    force: Annotated[bool, Option("--force", help="Overwrite output files that exist.")] = False
+    plugin: Annotated[
+        list[Path] | None,
+        Option("--plugin", metavar="FILE", help="Use the mechanisms of this .py or .yaml file; repeatable."),
+    ] = None
     stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property
@@ -388,21 +456,6 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
     return text.decode() + "\n"
 
 
-_SHARED = {
-    "config": options.Config,
-    "start": options.Start,
-    "stop": options.Stop,
-    "instruments": options.Instruments,
-    "json": options.Json,
-    "report": options.Report,
-    "figures": options.Figures,
-    "quiet": options.Quiet,
-    "verbose": options.Verbose,
-    "force": options.Force,
-    "plugin": options.Plugins,
-}
-
-
 RESULT = ("json", "report", "figures", "force", "plugin")
 ANALYSIS = ("config", "start", "stop", "instruments", *RESULT)
 """Options of a command that makes a result, and that makes it of records."""
@@ -414,10 +467,11 @@ def in_session(*taken: str) -> Callable[[Callable[..., None]], Callable[..., Non
     `taken` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
     are named on standard error, however quiet the command is to be.
     """
-    names = [name for name in _SHARED if name in (*taken, "quiet", "verbose")]
+    hints = get_type_hints(Session, include_extras=True)
+    names = [name for name in hints if name in (*taken, "quiet", "verbose")]
     keyword = inspect.Parameter.KEYWORD_ONLY
     shared = [
-        inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=_SHARED[name]) for name in names
+        inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=hints[name]) for name in names
     ]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
