@@ -266,11 +266,9 @@ def _gained(table: ForeignTable) -> None:
     """Units of speed and altitude by what the thrust gains."""
     recorded: dict[str, FloatArray] = {n: table.values(n) for n in ("velocity", "altitude") if n in table.entries}
     for name, (rise, made) in gains(table.in_si("time"), table.triad(ACCELEROMETERS), recorded).items():
-        sizes = rules.sizes(CHANNEL_DIMENSIONS[name])
-        off = {unit: abs(float(np.log(max(rise, 1e-9) * size / made))) for unit, size in sizes.items()}
-        units = min(off, key=lambda unit: off[unit])
+        units = rules.units_of_factor(made / max(rise, 1e-9), CHANNEL_DIMENSIONS[name], GAINED_WITHIN)
         said = f"in the burn it gains {rise:.4g}, and the forces make {made:.4g} {SI[CHANNEL_DIMENSIONS[name]]}"
-        if off[units] < GAINED_WITHIN:
+        if units is not None:
             table.sure(name, units, f"{said}: it is in {units}")
         else:
             table.change(name, "against the thrust", f"{said}: in no units that are known")
