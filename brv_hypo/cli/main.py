@@ -151,10 +151,8 @@ ALONG = {
 }
 """What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
 comments, by name and folder; and the command that reads them."""
-KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")
-"""The commands that take settings."""
-RESULTS = ("compare-result", "trace-result", "predict-result")
-"""What --json writes by a schema."""
+KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")  # the commands that take settings
+RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json writes by a schema
 
 
 @config_app.callback()

@@ -51,8 +51,7 @@ if TYPE_CHECKING:
 
 PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
 """Characters that some encodings lack, as ASCII has them; of others, what is left without accents."""
-_closed: set[str] = set()
-"""Streams that the shell had closed."""
+_closed: set[str] = set()  # streams that the shell had closed
 
 
 def ready() -> None:
@@ -194,8 +193,7 @@ def _end(message: str, code: int) -> None:
     raise typer.Exit(code) from None
 
 
-LINE_SECONDS = 2.0
-"""Between lines where standard error is no terminal, at least; work of hours has fewer."""
+LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
 
 
 @contextmanager
@@ -461,14 +459,14 @@ ANALYSIS = ("config", "start", "stop", "instruments", *RESULT)
 """Options of a command that makes a result, and that makes it of records."""
 
 
-def in_session(*taken: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a function a command: give it its session as first argument, and the command line the session's options.
 
-    `taken` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
+    `options` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
     are named on standard error, however quiet the command is to be.
     """
     hints = get_type_hints(Session, include_extras=True)
-    names = [name for name in hints if name in (*taken, "quiet", "verbose")]
+    names = [name for name in hints if name in (*options, "quiet", "verbose")]
     keyword = inspect.Parameter.KEYWORD_ONLY
     shared = [
         inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=hints[name]) for name in names

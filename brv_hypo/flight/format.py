@@ -203,8 +203,7 @@ READ = {
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
 
-Quantity = Dataset
-"""A planted value of any shape with its units, for the group `truth`."""
+Quantity = Dataset  # a planted value of any shape with its units, for the group `truth`
 
 
 def load_flight(

@@ -66,8 +66,7 @@ _AXIS = {
 }
 _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
 """Of a band, which is drawn by its area."""
-_BESIDE_BARS = 1.18
-"""The axis of bars without a range of its own goes so far beyond the longest, where its text stands."""
+_BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text stands
 _NAME = 13  # height of a mark's name, px
 
 
