@@ -303,14 +303,11 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> list[ComplexArray]:
     """Open-loop crossflow (n,) of records of the same times, each from its start; forces are integrated at once."""
-    distinct = {(id(record.force), id(record.attitude)): record for record, _ in moved}
-    forces = np.stack([record.force_inertial for record in distinct.values()], axis=2)
+    forces = np.stack([record.force_inertial for record, _ in moved], axis=2)
     impulses = np.moveaxis(running_integral(moved[0][0].time, forces), 2, 0)
-    found = dict(zip(distinct, impulses, strict=True))
     crossflows = []
-    for record, start in moved:
-        impulse = _with_wind(record, found[id(record.force), id(record.attitude)])
-        velocity = _velocity(record, start, impulse)
+    for (record, start), impulse in zip(moved, impulses, strict=True):
+        velocity = _velocity(record, start, _with_wind(record, impulse))
         crossflows.append(body_crossflow(record, velocity) / np.sqrt(np.einsum("ni,ni->n", velocity, velocity)))
     return crossflows
 
@@ -389,7 +386,7 @@ def cycles(record: InertialRecord) -> float:
     return max(path / (2.0 * np.pi * max(size, 1e-12)), LEAST_CYCLES)
 
 
-def start_from_nose(record: InertialRecord, gravity_size: float | None, *, forces: bool = True) -> WindStart:
+def start_from_nose(record: InertialRecord, gravity_size: float, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
 
     The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity
@@ -407,6 +404,6 @@ def start_from_nose(record: InertialRecord, gravity_size: float | None, *, force
     spread = float(np.mean(np.abs(target - target.mean(axis=0)) ** 2))
     per_sample = record.time.size / (2.0 * cycles(record))
     columns = np.column_stack([np.ones(record.time.size), elapsed])
-    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / (gravity_size or FREE_GRAVITY) ** 2])
+    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / gravity_size**2])
     velocity, gravity = np.linalg.solve(normal, columns.T @ target)
     return WindStart(velocity / np.linalg.norm(velocity), gravity)

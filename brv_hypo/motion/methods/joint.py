@@ -17,13 +17,12 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.inertial import (
-    FREE_GRAVITY,
     InertialRecord,
     WindStart,
     body_crossflow,
     direction_by_impulse,
     force_impulse,
-    gravity_magnitude,
+    gravity_size,
     inertial_record,
     start_from_nose,
     transverse_axes,
@@ -172,12 +171,11 @@ class RandomWalkSmoother:
         self.shared = GRAVITY_PARTS + len(responses.effects)
         flight = record.flight
         self.speed = flight.velocity
-        self.gravity_size = config.gravity_magnitude or gravity_magnitude(flight)
         self.impulse = force_impulse(record)
         self.step_variance = _step_variance(record)
-        size = self.gravity_size or FREE_GRAVITY
+        size = config.gravity_magnitude or gravity_size(flight)
         self.gravity_information = 1.0 / size**2
-        self.nose_start = start_from_nose(record, self.gravity_size)
+        self.nose_start = start_from_nose(record, size)
 
     def direction(self, start: WindStart) -> FloatArray:
         """Unit velocity (n, 3) in the axes of the first sample."""
