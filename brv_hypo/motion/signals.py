@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
-from scipy.signal import oaconvolve, savgol_filter
+from scipy.signal import oaconvolve
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
 from brv_hypo.flight.clock import sigma_of_differences
@@ -195,7 +195,7 @@ class _Filter:
     places: FloatArray
     basis: FloatArray
 
-    def __call__(self, piece: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+    def __call__(self, piece: Values) -> tuple[Values, FloatArray]:
         """`piece` (n,) filtered, and the gain (n,) on white noise; the far end mirrors the near one."""
         width, half_width = self.middle.size, self.middle.size // 2
         first, last = (self.places @ (self.basis.T @ end) for end in (piece[:width], piece[: -width - 1 : -1]))
@@ -234,15 +234,8 @@ def _correlated(values: Values, weights: FloatArray) -> Values:
 
 def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> FloatArray:
     """First derivatives of `rows` (..., n) by the filter of this order and width, as `differentiate` finds them."""
-    width = 2 * half_width + 1
-    if width < _WIDE:
-        return np.asarray(savgol_filter(rows, width, order, 1, step))
-    weights = middle_weights(order, half_width).reshape((1,) * (rows.ndim - 1) + (-1,))
-    out = np.empty_like(rows)
-    out[..., half_width:-half_width] = oaconvolve(rows, weights[..., ::-1], mode="valid", axes=-1) / step
-    for end, own in ((slice(width), slice(half_width)), (slice(-width, None), slice(-half_width, None))):
-        out[..., own] = savgol_filter(rows[..., end], width, order, 1, step)[..., own]
-    return out
+    found = [_filter(order, half_width, 1)(row)[0] for row in rows.reshape(-1, rows.shape[-1])]
+    return np.asarray(found).reshape(rows.shape) / step
 
 
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
