@@ -139,9 +139,7 @@ def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatAr
     return smoothed(flight.velocity - impulse).values + impulse
 
 
-def _lifted(
-    flight: Flight, force: FloatArray, gravity: FloatArray, roll: FloatArray, axes: FloatArray
-) -> FloatArray:
+def _lifted(flight: Flight, force: FloatArray, gravity: FloatArray, roll: FloatArray, axes: FloatArray) -> FloatArray:
     """Height (n,) m by which the `force` (n, 3) across the axis has raised the vehicle: a coning body flies a helix.
 
     Zero where the direction of gravity is not known.
