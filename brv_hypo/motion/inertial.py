@@ -284,31 +284,14 @@ def gravity_size(flight: Flight) -> float:
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
+    speed = record.flight.velocity
     if forces:
-        return direction_by_impulse(record, start, force_impulse(record))
-    turned = running_integral(record.time, start.gravity / record.flight.velocity[:, None])
-    return _unit(start.direction + turned - np.outer(turned @ start.direction, start.direction))
-
-
-def direction_by_impulse(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
-    """The same turned by forces, whose impulse (n, 3) m/s is known."""
-    return _unit(_velocity(record, start, impulse))
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-def propagated_crossflow(record: InertialRecord, start: WindStart) -> ComplexArray:
-    """Open-loop crossflow (n,) of a record from a start."""
-    velocity = _velocity(record, start, force_impulse(record))
-    return np.asarray(body_crossflow(record, velocity) / np.sqrt(np.einsum("ni,ni->n", velocity, velocity)))
-
-
-def _velocity(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
-    """Velocity (n, 3) m/s relative to the air in the axes of the first sample."""
-    first = record.flight.velocity[0] * start.direction
-    return _at_airspeed(first + impulse + record.time[:, None] * start.gravity, record.flight.velocity)
+        pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
+        velocity = _at_airspeed(pulled, speed)
+    else:
+        turned = running_integral(record.time, start.gravity / speed[:, None])
+        velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
+    return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
 
 
 def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:
@@ -336,10 +319,7 @@ def across_impulse(direction: FloatArray, impulse: FloatArray) -> FloatArray:
 
 def force_impulse(record: InertialRecord) -> FloatArray:
     """Velocity (n, 3) m/s gained by forces and by changes of wind, in the axes of the first sample."""
-    return _with_wind(record, running_integral(record.time, record.force_inertial))
-
-
-def _with_wind(record: InertialRecord, impulse: FloatArray) -> FloatArray:
+    impulse: FloatArray = running_integral(record.time, record.force_inertial)
     wind = record.flight.wind
     return impulse if wind is None else impulse - (wind - wind[0])
 
