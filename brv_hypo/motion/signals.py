@@ -353,15 +353,10 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     faster than the spline can is taken for noise.
     """
     n = values.size
-    count = _count(n)
-    basis = _splines(np.linspace(0.0, 1.0, n), count)
-    if weight is None:
-        weight, weighted = np.ones(n), basis
-        rough, modes = _even_modes(n, count)
-    else:
-        weight = weight / np.sqrt(np.mean(weight**2))
-        weighted = weight[:, None] * basis
-        rough, modes = _modes(weighted)
+    basis = _splines_through(n)
+    weight = np.ones(n) if weight is None else weight / np.sqrt(np.mean(weight**2))
+    weighted = weight[:, None] * basis
+    rough, modes = _modes(weighted)
     relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
     relative[:SMOOTH_ORDER] = 0.0
     level = float(np.mean(values))
@@ -380,18 +375,12 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
 
 def unsmoothed(n: int, sigma: float) -> FloatArray:
     """The shapes, as `Smooth.scale` has them, of white noise of n evenly spaced samples that was left as it is."""
-    return _even_modes(n, _count(n))[1] * sigma
+    return _modes(_splines_through(n))[1] * sigma
 
 
-def _count(n: int) -> int:
-    """Coefficients of the spline through n samples."""
-    return min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1)) + 3
-
-
-@lru_cache(maxsize=4)
-def _even_modes(n: int, count: int) -> tuple[FloatArray, FloatArray]:
-    """The modes of so many splines on `n` samples that count alike."""
-    return _modes(_splines(np.linspace(0.0, 1.0, n), count))
+def _splines_through(n: int) -> FloatArray:
+    """Cubic splines (n, coefficients) that can follow what is smooth in n samples."""
+    return _splines(np.linspace(0.0, 1.0, n), min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1)) + 3)
 
 
 def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:
