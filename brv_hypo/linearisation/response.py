@@ -37,6 +37,7 @@ from brv_hypo.motion.inertial import (
     WindStart,
     body_crossflow,
     gravity_size,
+    propagated_crossflow,
     transverse_axes,
     wind_direction,
     wind_to_body,
@@ -44,12 +45,10 @@ from brv_hypo.motion.inertial import (
 from brv_hypo.motion.inputs import ROLL_RATE
 from brv_hypo.motion.interpolation import running_integral, spacing
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.motion.responses import RESPONSE_STEP, perturbed
+from brv_hypo.motion.responses import AT_ONCE, RESPONSE_STEP, perturbed
 from brv_hypo.motion.signals import InputError, smooth_channel
 
 Moved = TypeVar("Moved")
-# Samples of perturbed records that are held at once, some 200 bytes each.
-AT_ONCE = 60_000
 
 
 @dataclass(frozen=True)
@@ -220,7 +219,7 @@ class LinearisedFlight:
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
         """Each record with its crossflow (n,) had the motion started there."""
         return [
-            (record, self.crossflow + (body_crossflow(record, wind_direction(record, start)) - self._open_loop))
+            (record, self.crossflow + (propagated_crossflow(record, start) - self._open_loop))
             for record, start in moved
         ]
 

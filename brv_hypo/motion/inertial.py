@@ -188,36 +188,37 @@ def sensed_force(flight: Flight) -> FloatArray:
 
 
 def derolled_attitude(time: FloatArray, transverse_rate: ComplexArray) -> FloatArray:
-    """Rotation matrices (n, 3, 3) from de-rolled axes to those of the first sample.
+    """Rotation matrices (n, ..., 3, 3) from de-rolled axes to those of the first sample.
 
-    `transverse_rate` (n,) is (q + i r) exp(i roll) in rad/s. Where its direction changes within a step, rotations
+    `transverse_rate` (n, ...) is (q + i r) exp(i roll) in rad/s. Where its direction changes within a step, rotations
     do not commute: what that leaves about x, to second order, is added (Bortz, IEEE Trans. AES 7:61, 1971).
     """
     angle = running_integral(time, transverse_rate)
-    steps = np.diff(angle, prepend=angle[:1])
-    coning = np.zeros(angle.size)
-    coning[1:] = np.diff(time) ** 2 / 12.0 * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
+    steps = np.diff(angle, prepend=angle[:1], axis=0)
+    coning = np.zeros(angle.shape)
+    share = (np.diff(time) ** 2 / 12.0).reshape(-1, *(1,) * (angle.ndim - 1))
+    coning[1:] = share * (np.conj(transverse_rate[:-1]) * transverse_rate[1:]).imag
     return _matrices(*_running_product(*_quaternions(coning, steps)))
 
 
 def rolled(derolled: FloatArray, roll: FloatArray) -> FloatArray:
-    """De-rolled axes (n, 3, 3) turned on by the roll angle (n,): the body's."""
-    cosine, sine = np.cos(roll)[:, np.newaxis], np.sin(roll)[:, np.newaxis]
+    """De-rolled axes (n, ..., 3, 3) turned on by the roll angle (n, ...): the body's."""
+    cosine, sine = np.cos(roll)[..., np.newaxis], np.sin(roll)[..., np.newaxis]
     second, third = derolled[..., 1], derolled[..., 2]
     return np.stack([derolled[..., 0], second * cosine + third * sine, third * cosine - second * sine], axis=-1)
 
 
 def body_attitude(time: FloatArray, p: FloatArray, transverse_rate: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Roll angle (n,) rad, and rotations (n, 3, 3) from body axes to those of the first sample.
+    """Roll angle (n, ...) rad, and rotations (n, ..., 3, 3) from body axes to those of the first sample.
 
-    `p` and q + i r (n,), rad/s, in body axes.
+    `p` and q + i r (n, ...), rad/s, in body axes: one record, or several of the same times.
     """
     roll = running_integral(time, p)
     return roll, rolled(derolled_attitude(time, transverse_rate * np.exp(1j * roll)), roll)
 
 
 def _quaternions(axial: FloatArray, transverse: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Unit quaternions a + b j (n,) each, of rotation vectors (axial, Re, Im) in rad: a = w + i x, b = y + i z."""
+    """Unit quaternions a + b j (n, ...) each, of rotation vectors (axial, Re, Im) in rad: a = w + i x, b = y + i z."""
     half = 0.5 * np.hypot(axial, np.abs(transverse))
     scale = 0.5 * np.sinc(half / np.pi)
     return np.cos(half) + 1j * (scale * axial), scale * transverse
@@ -238,9 +239,9 @@ def _running_product(a: ComplexArray, b: ComplexArray) -> tuple[ComplexArray, Co
 
 
 def _matrices(a: ComplexArray, b: ComplexArray) -> FloatArray:
-    """Rotation matrices (n, 3, 3) of unit quaternions a + b j."""
+    """Rotation matrices (n, ..., 3, 3) of unit quaternions a + b j."""
     w, x, y, z = a.real, a.imag, b.real, b.imag
-    out = np.empty((a.size, 3, 3))
+    out = np.empty((*a.shape, 3, 3))
     xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
     out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1.0 - 2.0 * (yy + zz), 2.0 * (xy - wz), 2.0 * (xz + wy)
     out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2.0 * (xy + wz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz - wx)
@@ -284,14 +285,25 @@ def gravity_size(flight: Flight) -> float:
 
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
-    speed = record.flight.velocity
     if forces:
-        pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
-        velocity = _at_airspeed(pulled, speed)
+        velocity = _velocity(record, start)
     else:
-        turned = running_integral(record.time, start.gravity / speed[:, None])
+        turned = running_integral(record.time, start.gravity / record.flight.velocity[:, None])
         velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
     return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
+
+
+def propagated_crossflow(record: InertialRecord, start: WindStart) -> ComplexArray:
+    """Open-loop crossflow (n,) of a record from a start."""
+    velocity = _velocity(record, start)
+    return np.asarray(body_crossflow(record, velocity) / np.sqrt(np.einsum("ni,ni->n", velocity, velocity)))
+
+
+def _velocity(record: InertialRecord, start: WindStart) -> FloatArray:
+    """Velocity (n, 3) m/s relative to the air in the axes of the first sample."""
+    speed = record.flight.velocity
+    pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
+    return _at_airspeed(pulled, speed)
 
 
 def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:

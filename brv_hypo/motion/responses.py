@@ -79,29 +79,32 @@ def perturbed(record: InertialRecord, flights: Sequence[Flight]) -> list[Inertia
 
     The filter that smooths the rates is not chosen anew: a derivative must not see that choice.
     """
-    swing = _swing(record, record.flight)
-    return [_perturbed(record, flight, swing) for flight in flights]
+    before, time = record.flight, record.time
+    turned = [k for k, flight in enumerate(flights) if _differ(flight, before, GYROS)]
+    turns: dict[int, dict[str, Any]] = {}
+    if turned:
+        measured = np.stack([flights[k].q + 1j * flights[k].r for k in turned], axis=1)
+        rolls, attitudes = body_attitude(time, np.stack([flights[k].p for k in turned], axis=1), measured)
+        more = measured - (before.q + 1j * before.r)[:, np.newaxis]
+        together = {
+            "roll": rolls,
+            "attitude": attitudes,
+            "transverse_rate": record.transverse_rate[:, np.newaxis] + more,
+            "rate_change": record.rate_change[:, np.newaxis] + np.gradient(more, time, axis=0),
+        }
+        for j, k in enumerate(turned):
+            turns[k] = {name: np.ascontiguousarray(each[:, j]) for name, each in together.items()}
+    swing = _swing(record, before)
+    return [_moved(record, flight, turns.get(k, {}), swing) for k, flight in enumerate(flights)]
 
 
 def _differ(flight: Flight, before: Flight, names: Sequence[str]) -> bool:
     return any(getattr(flight, name) is not getattr(before, name) for name in names)
 
 
-def _perturbed(record: InertialRecord, flight: Flight, swing: FloatArray) -> InertialRecord:
-    """The inertial record of one flight; `swing` (n, 3) m/s^2 is what the record's own arm makes of its rates."""
-    before, moved, force = record.flight, replace(record, flight=flight), record.force
-    turned = _differ(flight, before, GYROS)
-    if turned:
-        measured = flight.q + 1j * flight.r
-        more = measured - (before.q + 1j * before.r)
-        roll, attitude = body_attitude(record.time, flight.p, measured)
-        moved = replace(
-            moved,
-            roll=roll,
-            attitude=attitude,
-            transverse_rate=record.transverse_rate + more,
-            rate_change=record.rate_change + np.gradient(more, record.time),
-        )
+def _moved(record: InertialRecord, flight: Flight, turned: dict[str, Any], swing: FloatArray) -> InertialRecord:
+    """The inertial record of one flight, `turned` by other rates. `swing` (n, 3) m/s^2 is what the record's was."""
+    before, moved, force = record.flight, replace(record, flight=flight, **turned), record.force
     if _differ(flight, before, ACCELEROMETERS):
         force = force + np.stack([getattr(flight, name) - getattr(before, name) for name in ACCELEROMETERS], axis=1)
     if turned or flight.vehicle.accelerometer_position != before.vehicle.accelerometer_position:
@@ -123,6 +126,8 @@ def _swing(record: InertialRecord, flight: Flight) -> FloatArray:
 # ---- Linear responses, and what the record says of its errors ----
 
 
+# Samples of perturbed records that are held at once, some 200 bytes each.
+AT_ONCE = 60_000
 MOST_NAMED = 3  # errors named where none can be corrected
 
 
@@ -199,15 +204,19 @@ def effect_responses(
     if not effects:
         return no_responses(record)
     smooth, kept = noise_free(record, force), _kept(record, crossflow)
+    width = max(1, AT_ONCE // kept.count)
     drift = np.empty((kept.size, 3, len(effects)))
     forces, pressures, moments = (np.empty((kept.size, len(effects)), dtype=kind) for kind in (complex, float, complex))
-    for k, effect in enumerate(effects):
-        steps = (sign * 0.5 * RESPONSE_STEP * effect.size for sign in (1.0, -1.0))
-        more, less = perturbed(smooth, [effect.apply(smooth.flight, step) for step in steps])
-        drift[:, :, k] = kept.of(_drift(smooth, crossflow, more) - _drift(smooth, crossflow, less)) / RESPONSE_STEP
-        forces[:, k] = kept.of(more.transverse_force - less.transverse_force) / RESPONSE_STEP
-        pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
-        moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
+    for first in range(0, len(effects), width):
+        some = effects[first : first + width]
+        steps = [(effect, sign * 0.5 * RESPONSE_STEP * effect.size) for sign in (1.0, -1.0) for effect in some]
+        records = perturbed(smooth, [effect.apply(smooth.flight, step) for effect, step in steps])
+        drifts = kept.of(_drift(smooth, crossflow, records))
+        drift[:, :, first : first + width] = (drifts[:, :, : len(some)] - drifts[:, :, len(some) :]) / RESPONSE_STEP
+        for k, (more, less) in enumerate(zip(records[: len(some)], records[len(some) :], strict=True), start=first):
+            forces[:, k] = kept.of(more.transverse_force - less.transverse_force) / RESPONSE_STEP
+            pressures[:, k] = kept.of((more.force_scale - less.force_scale) / smooth.force_scale) / RESPONSE_STEP
+            moments[:, k] = kept.of(more.moment - less.moment) / RESPONSE_STEP
     return EffectResponses(tuple(effects), kept, drift, forces, pressures, moments)
 
 
@@ -249,20 +258,26 @@ def noise_free(record: InertialRecord, force: ComplexArray) -> InertialRecord:
     return replace(record, flight=quiet, roll=roll, attitude=attitude, spin_angle=spin_angle, force=at_cg)
 
 
-def _drift(smooth: InertialRecord, crossflow: ComplexArray, record: InertialRecord) -> FloatArray:
-    """Change (n, 3) m/s of the velocity relative to the air in a record, in the axes of the first sample.
+def _drift(smooth: InertialRecord, crossflow: ComplexArray, records: Sequence[InertialRecord]) -> FloatArray:
+    """Change (n, 3, k) m/s of the velocity relative to the air, in the axes of the first sample.
 
     A turned attitude moves the air as much as a turned velocity does.
     """
     forward = np.sqrt(np.maximum(1.0 - np.abs(crossflow) ** 2, 0.0))
     flow = smooth.flight.velocity[:, None] * np.stack([forward, crossflow.real, crossflow.imag], axis=1)
     velocity = np.einsum("nij,nj->ni", smooth.attitude, flow)
-    impulse = _wind(smooth) - _wind(record)
-    if record.force is not smooth.force or record.attitude is not smooth.attitude:
-        impulse += running_integral(smooth.time, record.force_inertial - smooth.force_inertial)
-    drift = across_impulse(velocity / smooth.flight.velocity[:, None], impulse[:, :, np.newaxis])[:, :, 0]
-    if record.attitude is not smooth.attitude:
-        drift = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift + velocity)) - velocity
+    before = smooth.force_inertial
+    impulses = np.zeros((smooth.time.size, 3, len(records)))
+    moved = [k for k, r in enumerate(records) if r.force is not smooth.force or r.attitude is not smooth.attitude]
+    if moved:
+        pulls = np.stack([records[k].force_inertial - before for k in moved], axis=2)
+        impulses[:, :, moved] = running_integral(smooth.time, pulls)
+    impulses -= np.stack([_wind(record) - _wind(smooth) for record in records], axis=2)
+    drift = across_impulse(velocity / smooth.flight.velocity[:, None], impulses)
+    for k, record in enumerate(records):
+        if record.attitude is not smooth.attitude:
+            drift[:, :, k] += velocity
+            drift[:, :, k] = np.einsum("nij,nj->ni", smooth.attitude, record.to_body(drift[:, :, k])) - velocity
     return drift
 
 
