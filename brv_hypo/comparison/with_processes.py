@@ -17,7 +17,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import SPENT, Shape, even_edges, regions
 from brv_hypo.constants import SCANNED
 from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
-from brv_hypo.inference.fit import HypothesisFit, solved
+from brv_hypo.inference.fit import HypothesisFit, joined, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import KNOT_MARGIN, middle, nonlinear_parameters
@@ -38,7 +38,6 @@ FINE_EDGES = 81  # times between which all mechanisms and delays are tried
 SHORT_PART = 0.05  # of the record, within whose margin no two ends are
 WITH_ONSETS = 3  # of those that come on over a time too, at most
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # standard errors of a delay at which the evidence is found
-NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket one
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
 SHARP, ONSETS = (0.0,), (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
@@ -61,30 +60,16 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
 
 
 def _bracketed(problem: Problem, pair: Pair) -> list[Pair]:
-    """With two changes of like direction at neighbouring knots of the grid joined to one between them, one such pair
-    after another: with a change between two knots, both are likelier than either.
+    """With two changes of like direction at neighbouring knots joined to one between them, one such pair after another:
+    with a change between two knots, both are likelier than either.
     """
     found: list[Pair] = []
-    apart = NEIGHBOURS * float(np.min(np.diff(problem.knots))) if problem.knots.size > 1 else 0.0
     while True:
         fit, own = found[-1] if found else pair
-        values, jumps = own.values[fit.baseline_size :], sorted({c.time_basis for c in fit.selected}, key=middle)
-        sized = [
-            (basis, {(c.term, c.theta): v for c, v in zip(fit.selected, values, strict=False) if c.time_basis == basis})
-            for basis in jumps
-            if basis.kind == "jump"
-        ]
-        for (early, first), (late, second) in pairwise(sized):
-            size, other = (float(np.linalg.norm(list(each.values()))) for each in (first, second))
-            like = first.keys() == second.keys() and sum(first[key] * second[key] for key in first) > 0.0
-            if like and late.start - early.start < apart:
-                between = replace(early, start=(size * early.start + other * late.start) / (size + other))
-                at = {early: between, late: between}
-                columns = [c.at(c.theta, at.get(c.time_basis, c.time_basis)) for c in fit.selected]
-                found.append(moved(problem, fitted(problem, fit, tuple(dict.fromkeys(columns)), own)))
-                break
-        else:
+        columns = joined(fit.selected, own.values[fit.baseline_size :], problem.knots)
+        if columns is None:
             return found
+        found.append(moved(problem, fitted(problem, fit, columns, own)))
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
