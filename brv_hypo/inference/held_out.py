@@ -89,7 +89,7 @@ def _error(
     problem: Problem, flights: Sequence[_Flight], frame: RateFrame, columns: Sequence[Regressor], count: int
 ) -> float:
     """The held-out error of one model."""
-    unknowns, histories = problem.rows.unknowns, problem.rows.nuisances.histories.flights
+    unknowns, histories = problem.rows.unknowns, problem.rows.nuisances.flights
     shared = np.column_stack([problem.raw_design(frame, columns), unknowns.shared])
     scale = lengths(shared)
     shared = shared / scale
@@ -117,7 +117,8 @@ def _error(
             others[problem.rows.order[unknowns.places[number]], place] = solve(own_right - across @ common) / own.scale
             others[problem.rows.order[unknowns.places[-1]], place] = (common / scale)[len(columns) :]
         span = histories[number].span
-        made = histories[number].rates_of(others[constants:])
+        mine = histories[number]
+        made = mine.grid.all_of(mine.kept.rates @ others[constants:][mine.places])
         rest[span] = frame.observed[span, np.newaxis] - moments[span] @ values - made
     found, block_of = residual_moments(frame, problem.records, rest), block_of_row(problem.frame, count)
     use = found.usable & np.isin(block_of, [block for own in flights for block in own.blocks])

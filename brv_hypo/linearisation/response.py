@@ -166,8 +166,8 @@ class LinearisedFlight:
             return replace(flight, p=flight.p + change)
         return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
 
-    def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
-        """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
+    def start_and_gravity(self) -> Iterator[tuple[str, Rows, float]]:
+        """Name, derivative by what the reconstruction estimates, and present value in units of its prior.
 
         Direction of the velocity at the start (two, no prior: NaN) and gravity (three, prior its size).
         """
@@ -185,8 +185,9 @@ class LinearisedFlight:
         per_unit = [0.5 / RESPONSE_TURN] * 2 + [0.5 * size / RESPONSE_PULL] * 3
         moved = (self._propagated([(self.record, start) for start in starts]) for starts in both)
         changes = self._changes(self._moments, *moved)
-        rows = [change.times(unit) for change, unit in zip(changes, per_unit, strict=True)]
-        return [*START, *GRAVITY], rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
+        present = [np.nan, np.nan, *(self.start.gravity / size).tolist()]
+        for name, change, unit, value in zip((*START, *GRAVITY), changes, per_unit, present, strict=True):
+            yield name, change.times(unit), value
 
     def random_walk(self) -> Iterator[tuple[str, Rows, float, ComplexArray]]:
         """Name, derivative and present value of what the gyros' white noise makes of the attitude, and that noise.

@@ -244,9 +244,11 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
     root = (turn[determined].T / sizes[determined]) / scale[:, np.newaxis]
     # Baseline, constants of the fitted part and nuisances on the held-out rows.
     there = problem.on(held_out).rows
-    moments = np.column_stack([problem.frame.columns(problem.baseline)[held_out.rows], _levels(problem, held_out)])
-    unknowns = there.nuisance_design[: 2 * there.rates, 2 * len(held_out.levels) :]
-    of_moments = np.concatenate([there.white_moments(moments), np.zeros((there.rates, moments.shape[1]))])
+    levels = np.zeros((problem.frame.observed.size, 2 * len(problem.rows.part.levels)), dtype=complex)
+    levels[held_out.rows] = _levels(problem, held_out)
+    of_moments = there.of_moments(np.column_stack([problem.frame.columns(problem.baseline), levels]))
+    of_moments, unknowns = of_moments[: 2 * there.rates], there.nuisance_design[: 2 * there.rates]
+    unknowns = unknowns[:, 2 * len(held_out.levels) :]
     directions, errors, _ = np.linalg.svd(np.column_stack([of_moments, unknowns]) @ root, full_matrices=False)
     return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
 
