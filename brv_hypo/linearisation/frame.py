@@ -6,8 +6,7 @@ integration of every segment is projected out, so that segments, flights and hel
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -27,8 +26,6 @@ Piece = tuple[int, int]
 
 # Values of terms that are kept, of all mechanisms and thetas together: some 100 bytes each.
 _KEPT_VALUES = 300_000
-# Terms of a mechanism, about.
-_TYPICAL_TERMS = 4
 
 _Key = tuple[str, Theta]
 """A mechanism's name and its nonlinear parameters."""
@@ -65,9 +62,9 @@ class RateFrame:
     design: tuple[FloatArray, ...] = ()
 
     @cached_property
-    def _evaluated(self) -> OrderedDict[_Key, _Shapes]:
-        """Shapes that were asked for lately, the latest last."""
-        return OrderedDict()
+    def _evaluated(self) -> dict[_Key, _Shapes]:
+        """Shapes that are known."""
+        return {}
 
     @cached_property
     def _shown(self) -> tuple[Motion, ...]:
@@ -184,15 +181,9 @@ class RateFrame:
 
         Other shapes than these, of which it is made, are evaluated anew.
         """
-        return self.following(self.static_moments(columns, values))
-
-    def static_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
-        """C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`, one (k,) a flight at its nodes."""
-        made = self._in_plane_moments(columns, values)
-        return [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
-
-    def following(self, moments: Sequence[FloatArray]) -> RateFrame:
-        """The frame with these C_mw, one (k,) a flight at its nodes."""
+        moments = self._in_plane_moments(columns, values)
+        if self.design:
+            moments = [own + known for own, known in zip(moments, self.design, strict=True)]
         finer = tuple(with_in_plane_moment(*each) for each in zip(self.finer, moments, strict=True))
         out = replace(self, finer=finer)
         out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
@@ -223,34 +214,24 @@ class RateFrame:
         groups: dict[_Key, list[int]] = {}
         for j, column in enumerate(columns):
             groups.setdefault((column.mechanism, column.theta), []).append(j)
-        most = _KEPT_VALUES // self.observed.size
-        for some in _together(groups, most):
-            self._evaluate_missing(some)
-            shared: dict[int, tuple[_Shapes, list[int]]] = {}
-            for key in some:
-                self._evaluated.move_to_end(key)
-                shapes = self._evaluated[key]
-                shared.setdefault(id(shapes), (shapes, []))[1].extend(groups[key])
-            for shapes, members in shared.values():
-                places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
-                yield shapes, members, np.array(places)
-            self._forget(most)
+        self._evaluate_missing(groups)
+        shared: dict[int, tuple[_Shapes, list[int]]] = {}
+        for key, members in groups.items():
+            shapes = self._evaluated[key]
+            shared.setdefault(id(shapes), (shapes, []))[1].extend(members)
+        for shapes, members in shared.values():
+            places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
+            yield shapes, members, np.array(places)
 
-    def _forget(self, most: int) -> None:
-        """Let the oldest shapes go until no more than so many terms are kept."""
-        if len(self._evaluated) * _TYPICAL_TERMS <= most:
-            return
-        held = Counter(id(shapes) for shapes in self._evaluated.values())
-        terms = sum({id(shapes): len(shapes.position) for shapes in self._evaluated.values()}.values())
-        while terms > most:
-            _, shapes = self._evaluated.popitem(last=False)
-            held[id(shapes)] -= 1
-            terms -= 0 if held[id(shapes)] else len(shapes.position)
-
-    def _evaluate_missing(self, keys: Sequence[_Key]) -> None:
-        """Shapes that are not known yet, those of a mechanism's thetas together."""
+    def _evaluate_missing(self, keys: Iterable[_Key]) -> None:
+        """Shapes that are not known yet, those of a mechanism's thetas together; where many are kept, these alone."""
+        wanted = dict.fromkeys(keys)
+        kept = {id(shapes): len(shapes.position) for shapes in self._evaluated.values()}
+        if sum(kept.values()) * self.observed.size > _KEPT_VALUES:
+            for key in self._evaluated.keys() - wanted.keys():
+                del self._evaluated[key]
         missing: dict[str, list[Theta]] = {}
-        for name, theta in keys:
+        for name, theta in wanted:
             if (name, theta) not in self._evaluated:
                 missing.setdefault(name, []).append(theta)
         for name, thetas in missing.items():
@@ -276,19 +257,6 @@ class RateFrame:
             for s, factor in zip(self.segments, self._factors, strict=True)
         )
         return _Shapes(position, tuple(plane), integrals)
-
-
-def _together(groups: Mapping[_Key, Sequence[int]], most: int) -> Iterator[list[_Key]]:
-    """Keys in turn, so many at once that their columns are no more than `most`."""
-    some: list[_Key] = []
-    size = 0
-    for key, members in groups.items():
-        if some and size + len(members) > most:
-            yield some
-            some, size = [], 0
-        some.append(key)
-        size += len(members)
-    yield some
 
 
 def build_frame(
