@@ -20,7 +20,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import FINAL, ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
+from brv_hypo.inference.refinement import FINAL, ROUGH, Nonlinear, Refined, Steps, nonlinear_parameters, refine
 from brv_hypo.inference.search import extended, on_grid
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
@@ -189,12 +189,11 @@ def refined_fit(
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:
         return solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
-    size = len(problem.baseline)
-    parameters = nonlinear_parameters(columns, size, reduced.frame, problem.knots)
-    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced, steps)
-    own = (fit.name, fit.mechanisms, reduced.frame, refined.columns, size, refined.values, refined.residual)
-    return HypothesisFit(*own, problem.samples, problem.efficiency, fit.searched, refined.nonlinear)
+    selected = columns[len(problem.baseline) :]
+    parameters = nonlinear_parameters(selected, reduced.frame, problem.knots)
+    fresh = frozenset(j for j, column in enumerate(selected) if column not in known)
+    refined = refine(selected, parameters, fresh, reduced, steps)
+    return _hypothesis(reduced, fit.name, fit.mechanisms, refined, fit.searched)
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
@@ -213,10 +212,26 @@ def solved(
     reduced: Reduced, name: str, mechanisms: tuple[Mechanism, ...], columns: tuple[Regressor, ...], searched: int
 ) -> HypothesisFit:
     """The hypothesis with just these columns, the baseline's first, least squares alone."""
-    problem = reduced.problem
-    size = len(problem.baseline)
-    batch = reduced.batch(columns[size:])
-    values = reduced.fit(batch).values
-    fitted = (reduced.with_baseline(batch, values), reduced.residual(batch, values))
-    own = (name, mechanisms, reduced.frame, columns, size, *fitted)
-    return HypothesisFit(*own, problem.samples, problem.efficiency, searched)
+    selected = columns[len(reduced.problem.baseline) :]
+    batch = reduced.batch(selected)
+    return _hypothesis(reduced, name, mechanisms, Refined((), selected, batch, reduced.fit(batch)), searched)
+
+
+def _hypothesis(
+    reduced: Reduced, name: str, mechanisms: tuple[Mechanism, ...], found: Refined, searched: int
+) -> HypothesisFit:
+    """The hypothesis that selected columns with their fit make beside the baseline."""
+    problem, batch, values = reduced.problem, found.batch, found.fitted.values
+    return HypothesisFit(
+        name,
+        mechanisms,
+        reduced.frame,
+        (*problem.baseline, *found.columns),
+        len(problem.baseline),
+        reduced.with_baseline(batch, values),
+        reduced.residual(batch, values),
+        problem.samples,
+        problem.efficiency,
+        searched,
+        found.nonlinear,
+    )

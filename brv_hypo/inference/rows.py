@@ -277,7 +277,7 @@ class Rows:
         sizes = np.sqrt(np.mean(np.abs(frame.moments(fit.selected)) ** 2, axis=0))
         spread = self.moment / np.maximum(sizes, 1e-12 * self.moment)
         if fit.nonlinear:
-            rates = prediction_slopes(fit.nonlinear, fit.columns, fit.values, frame)
+            rates = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], frame)
             slopes = np.zeros((self.y.size, rates.shape[1]))
             slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
             x = np.concatenate([x, self.whitened(slopes)], axis=1)

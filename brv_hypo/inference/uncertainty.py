@@ -64,7 +64,7 @@ def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     """The fit with the uncertainty of its coefficients, delays and knots, at the problem's effective sample size."""
     design = problem.design(fit.frame, fit.columns)
     if fit.nonlinear:
-        slopes = prediction_slopes(fit.nonlinear, fit.columns, fit.values, fit.frame)
+        slopes = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
     return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)

@@ -148,7 +148,7 @@ def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor,
     found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
     if columns is None:
         return replace(found, nonlinear=fit.nonlinear)
-    return replace(found, nonlinear=nonlinear_parameters(every, found.baseline_size, fit.frame, problem.knots))
+    return replace(found, nonlinear=nonlinear_parameters(found.selected, fit.frame, problem.knots))
 
 
 def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:

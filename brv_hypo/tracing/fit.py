@@ -283,7 +283,7 @@ class Fit:
         residual, fitted, efficiency = problem.raw_response - design @ values, design[:, free], problem.efficiency
         if not free.all():
             efficiency = problem.efficiency_of(residual)
-        elif nonlinear := nonlinear_parameters(columns, 0, frame, problem.knots):
+        elif nonlinear := nonlinear_parameters(columns, frame, problem.knots):
             slopes = prediction_slopes(nonlinear, columns, self.values, frame)
             fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
         covariance, count = np.zeros((free.size, free.size)), int(free.sum())
@@ -356,7 +356,7 @@ class Fit:
     def at_best_knots(self, steps: Steps = ROUGH) -> Fit:
         """The same with knots and delays where its regression has them."""
         columns, problem = self.model.columns, self.problem
-        nonlinear = nonlinear_parameters(columns, 0, problem.frame, problem.knots)
+        nonlinear = nonlinear_parameters(columns, problem.frame, problem.knots)
         if not nonlinear:
             return self
         reduced = Reduced(replace(problem, baseline=()), problem.frame)
