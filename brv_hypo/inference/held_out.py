@@ -39,11 +39,8 @@ def block_of_row(frame: RateFrame, count: int) -> IntArray:
 
 def block_of_whitened_row(problem: Problem, count: int) -> IntArray:
     """Block of each whitened row (rows,); the rows of priors belong to no block: -1."""
-    rows = problem.rows
-    blocks = block_of_row(problem.frame, count)[rows.part.rows]
-    starts = np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
-    sample = rows.stretch_of_row()
-    return np.where(sample >= 0, blocks[starts][sample], -1)
+    blocks = block_of_row(problem.frame, count)[problem.rows.samples]
+    return np.append(np.tile(blocks, 4), np.full(problem.rows.nuisances.bounded.size, -1))
 
 
 def held_out(problem: Problem, models: Sequence[tuple[RateFrame, Sequence[Regressor]]], count: int) -> list[float]:

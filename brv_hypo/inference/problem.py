@@ -66,6 +66,11 @@ class FlightRows:
         """Rows of each channel."""
         return int(self.channels[0].stop - self.channels[0].start)
 
+    @property
+    def places(self) -> IntArray:
+        """Its rows among all."""
+        return np.concatenate([np.arange(each.start, each.stop) for each in self.channels])
+
     def white(self, histories: Rows) -> FloatArray:
         """Histories in both channels (rows of the flight, columns) at unit noise."""
         if not self.size:
@@ -231,10 +236,11 @@ class WhitenedRows:
         """Rows (rows, columns) with constants and nuisances projected out."""
         return self.basis.less(rows)
 
-    def stretch_of_row(self) -> IntArray:
-        """Thinned sample that each row belongs to; -1 for the rows of priors (rows,)."""
-        samples = np.arange(self.rates // 2)
-        return np.concatenate([np.tile(samples, 4), np.full(self.nuisances.bounded.size, -1)])
+    @cached_property
+    def samples(self) -> IntArray:
+        """The first of the frame's rows that each row of one channel is made of."""
+        starts = [np.arange(a, b, self.noise.thinning) for a, b in self.part.pieces]
+        return self.part.rows[np.concatenate(starts)]
 
 
 @dataclass(frozen=True)

@@ -56,18 +56,13 @@ def residual_moments(frame: RateFrame, records: Sequence[InertialRecord], rates:
 
 
 def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the uncertainty of all that it says, at the problem's effective sample size."""
-    return with_others(problem, with_covariance(problem, fit))
-
-
-def with_covariance(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with the uncertainty of its coefficients, delays and knots, at the problem's effective sample size."""
+    """The fit with the uncertainty of coefficients, delays and knots at the problem's effective sample size."""
     design = problem.design(fit.frame, fit.columns)
     if fit.nonlinear:
         slopes = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], fit.frame)
         design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
     covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
-    return replace(fit, efficiency=problem.efficiency, joint_covariance=covariance)
+    return with_others(problem, replace(fit, efficiency=problem.efficiency, joint_covariance=covariance))
 
 
 def with_others(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
