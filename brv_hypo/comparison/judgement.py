@@ -40,12 +40,12 @@ from brv_hypo.inference.fit import (
     likeliest,
     renewed,
     self_consistent,
+    with_others,
 )
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import FINAL, ROUGH, Steps
 from brv_hypo.inference.rows import Rows
-from brv_hypo.inference.uncertainty import with_others
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moments, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame

@@ -10,8 +10,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.uncertainty import residual_moments
-from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.frame import RateFrame, residual_moments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.model.term import Regressor
 

@@ -33,12 +33,11 @@ from brv_hypo.constants import (
     LOOP_SCHEDULE,
     LOOP_TRIES,
 )
-from brv_hypo.inference.fit import HypothesisFit, solved
+from brv_hypo.inference.fit import HypothesisFit, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.linearisation.channels import Part, Rows
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.contract import Component, RecordEffect

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.inference.fit import self_consistent
+from brv_hypo.inference.fit import self_consistent, with_errors
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.model.term import TimeBasis
 from tests.comparison.pulse import fitted, problem
 
