@@ -154,9 +154,7 @@ def linearised(
         force_values = _force_fit(found[valid], record.transverse_force[valid])
         size = np.abs(record.transverse_force - found @ force_values)
         valid = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
-    return LinearisedFlight(
-        record, reconstruction, reconstruction.start, frame.mechanisms, columns, values, force, force_values, valid
-    )
+    return LinearisedFlight(record, reconstruction, frame.mechanisms, columns, values, force, force_values, valid)
 
 
 def normal_force_slope(reconstruction: Reconstruction) -> FloatArray:
