@@ -140,7 +140,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     """
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
-    first = [(each, maximised(rows, rows.terms(each), start) if each.selected else null) for each in fits]
+    first = [(each, maximised(rows, rows.terms(each), start, null.at) if each.selected else null) for each in fits]
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))

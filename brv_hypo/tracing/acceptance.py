@@ -345,6 +345,11 @@ class Choice:
         return tuple(each.candidate.name for each in self.tried if each.agrees and not each.accepted)
 
     @property
+    def refuted(self) -> tuple[str, ...]:
+        """Those with which the held-out part does not agree."""
+        return tuple(each.candidate.name for each in self.tried if not each.agrees)
+
+    @property
     def leading(self) -> Tried | None:
         """What is added or, where nothing is, the best that counts."""
         return self.accepted or (self.tried[0] if self.tried else None)
@@ -377,7 +382,9 @@ def choose(
     first = () if has_schedule(fit.model) else schedules_first(ranked)
     ranked = (*first, *(candidate for candidate in ranked if candidate not in first))
     chances, tried = adjusted(ranked), list[Tried]()
-    for candidate in ranked:
+    waiting = list(ranked)
+    while waiting and len(tried) < LOOP_TRIES:
+        candidate = waiting.pop(0)
         if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
             continue
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
@@ -386,14 +393,16 @@ def choose(
         if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
-            break
+            continue
         found = _try(fit, candidate, certain, add)
         if found.agrees:
             gain, of_majority = weighed(found.fit)
             found = replace(found, gain=gain, of_majority=of_majority)
         tried.append(found)
-        if found.accepted or len(tried) == LOOP_TRIES:
+        if found.accepted:
             break
+        if not found.agrees:
+            waiting.sort(key=lambda each: (each.kind == "discovered", -each.gain))
     return Choice(ranked, tuple(tried))
 
 

@@ -54,6 +54,7 @@ from brv_hypo.tracing.acceptance import (
     follows_mach,
     is_schedule,
     schedules_first,
+    solved_again,
 )
 from brv_hypo.tracing.account import step_of
 from brv_hypo.tracing.additions import analyse_step, with_candidate
@@ -264,7 +265,11 @@ def _choice(fit: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, Choice]:
     offered = [each for each in choice.ranked if each.name not in choice.unwanted]
     if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
         offered = list(schedules_first(offered))
-    share = named_in(beside, offered, choice.accepted.candidate.name, fit)
+    name = choice.accepted.candidate.name
+    if choice.refuted:
+        share = explains_most_in(fit, [each for each in offered if each.name not in choice.refuted], name)
+    else:
+        share = named_in(beside, offered, name, fit)
     return fit, replace(choice, named_in=share)
 
 
@@ -323,6 +328,17 @@ def named_in(beside: Beside, offered: Sequence[Candidate], name: str, fit: Fit) 
         gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
         gains[name] = again.gain_of(own.fit)
         best.append(min((own, *rivals), key=best_first((own, *rivals), gains)).name)
+    return float(np.mean([each == name for each in best]))
+
+
+def explains_most_in(fit: Fit, offered: Sequence[Candidate], name: str) -> float:
+    """Share of the repetitions in which an effect explains more than every other name, processes apart."""
+    named = sorted((each for each in offered if each.kind != "discovered"), key=lambda each: -each.gain)
+    rivals = [each for each in offered if each.name == name or each in named[: LOOP_RIVALS + 1]]
+    best = [
+        min(rivals, key=lambda each: solved_again(problem, each.fit).information).name
+        for problem in _repetitions(fit.problem, fit.data)
+    ]
     return float(np.mean([each == name for each in best]))
 
 
