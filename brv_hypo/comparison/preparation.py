@@ -165,7 +165,7 @@ def _problem(
     where = motions or [None] * len(reconstructions)
     points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, where, strict=True)]
     records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
-    static = settings.static or _static(smooth, config, settings.common)
+    static = settings.static or _static(smooth, settings.common)
     bend = () if settings.bend is None else (settings.bend,)
     frame = build_frame(smooth, [static, PitchDamping(), *bend], settings.common)
     span = frame.coefficient_time
@@ -231,20 +231,17 @@ def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | No
     return common_time([(rec.flight.time, rec.flight.mach) for rec in reconstructions])
 
 
-def _static(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime | None
-) -> StaticMoment:
+def _static(reconstructions: Sequence[Reconstruction], common: CommonTime | None) -> StaticMoment:
     """The static moment with its drift: in time, or, where flights share their Mach numbers, with those."""
     times = [rec.flight.time for rec in reconstructions]
     span = (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if common is None else common.mach_span
-    slope = SLOPE_DEGREE if config.slope_degree is None else config.slope_degree
     return StaticMoment(
         start=span[0],
         stop=span[1],
-        offset_degree=OFFSET_DEGREE if config.offset_degree is None else config.offset_degree,
-        slope_degree=slope,
+        offset_degree=OFFSET_DEGREE,
+        slope_degree=SLOPE_DEGREE,
         by="time" if common is None else "mach",
-        speeds=wavering_speeds(_alongs(reconstructions, common), slope, WAVERING_SPEED),
+        speeds=wavering_speeds(_alongs(reconstructions, common), SLOPE_DEGREE, WAVERING_SPEED),
     )
 
 

@@ -86,12 +86,10 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEA
     reduced = Reduced(problem, frame)
     best: dict[int, dict[tuple[Regressor, ...], float]] = {}
     for sets in (offered.single, offered.joint):
-        found: dict[int, list[Subset]] = {}
-        for columns in sets:
-            for rss, chosen in _subsets(reduced, (), columns, problem.exact_terms, n_best):
-                found.setdefault(len(chosen), []).append((rss, chosen))
-        for size, ranked in found.items():
-            least = sorted(ranked, key=itemgetter(0))[:n_best]
+        found = [subset for offer in sets for subset in _subsets(reduced, (), offer, problem.exact_terms, n_best)]
+        ranked = sorted(found, key=itemgetter(0))
+        for size in {len(chosen) for _, chosen in ranked}:
+            least = [subset for subset in ranked if len(subset[1]) == size][:n_best]
             best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
     by_size = {
         size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=itemgetter(0)))
