@@ -37,7 +37,7 @@ from brv_hypo.motion.inertial import (
     WindStart,
     body_crossflow,
     gravity_size,
-    propagated_crossflows,
+    propagated_crossflow,
     transverse_axes,
     wind_direction,
     wind_to_body,
@@ -220,11 +220,9 @@ class LinearisedFlight:
 
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
         """Each record with its crossflow (n,) had the motion started there."""
-        same_times = itertools.groupby(moved, key=lambda each: each[0].flight.time.tobytes())
         return [
-            (record, self.crossflow + (xi - self._open_loop))
-            for batch in (list(some) for _, some in same_times)
-            for (record, _), xi in zip(batch, propagated_crossflows(batch), strict=True)
+            (record, self.crossflow + (propagated_crossflow(record, start) - self._open_loop))
+            for record, start in moved
         ]
 
     @cached_property
