@@ -225,10 +225,10 @@ def _of_record(
         if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in free
     ]
     changes = linearised.effects((effect, component.name, component.size) for effect, component in wanted)
-    taken_out = {(each.effect, each.component): each.value for each in linearised.reconstruction.effects}
+    corrected = {(each.effect, each.component): each.value for each in linearised.reconstruction.effects}
     for (effect, component), history in zip(wanted, changes, strict=True):
         key, size = (effect.name, component.name), component.size
-        applied = taken_out.get(key, 0.0) + before.get(key, 0.0)
+        applied = corrected.get(key, 0.0) + before.get(key, 0.0)
         present = np.nan if key in free else -applied / size
         yield Nuisance(*key, number, component.units, size, present, applied, key not in free), history, None
 
