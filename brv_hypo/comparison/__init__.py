@@ -1,15 +1,15 @@
-"""From reconstructed flights to ranked hypotheses with a verdict.
+"""From reconstructed flights to ranked hypotheses with a verdict: how a name comes about.
 
-compare.py   entrance: one readable `compare`; C_p, PRESS, AIC and BIC; the likelihood of the credible hypotheses
-config.py    settings of a comparison; what decides a verdict stands in brv_hypo/constants.py
-preparation.py   from reconstructed flights to the problem that all hypotheses share
-judgement.py every hypothesis searched, then its evidence beside processes; what the leader explains, and what outside
-             the list may be there instead
-with_processes.py    a hypothesis beside processes: its times, delays and unwanted changes
-limits.py    how large each mechanism may be; intervals.py net values between knots
-verdict.py   probabilities, and the winner or the credible set
-summary.py   gathers the result, and says where criteria disagree; result.py its shape
-diagnostics.py   errors of the record, collinearity, whiteness, models by size, the moment as functions
+    compare.py         entrance. The record is tried and its motion reconstructed
+    preparation.py     the flights become one least-squares problem, linear about the baseline's fit
+    judgement.py       every hypothesis is searched in it (`inference.fit`); about the leader the problem is linearised
+                       once more, and each has its evidence there beside processes (`inference.evidence`)
+    with_processes.py  for that, a hypothesis is placed beside processes: its times, delays and unwanted changes
+    verdict.py         from evidences to probabilities, and the winner or the credible set
+
+config.py has the settings; what decides a verdict stands in brv_hypo/constants.py and thresholds.py. Beside the name:
+limits.py (how large each mechanism may be), intervals.py (net values between knots), diagnostics.py (errors of the
+record, collinearity, whiteness, the moment as functions), summary.py and result.py (the result and its shape).
 """
 
 from brv_hypo.comparison.compare import compare

@@ -41,10 +41,9 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Identification, identify
-from brv_hypo.inference.fit import HypothesisFit, likeliest
+from brv_hypo.inference.fit import HypothesisFit, Regressed, likeliest
 from brv_hypo.inference.held_out import block_of_whitened_row, held_out
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.checked import checked, without_faulty

@@ -29,12 +29,6 @@ class CompareConfig(BaseModel):
     )
     knot_count: int = Field(default=COMPARED_KNOTS, ge=0, le=40, description="How many knots are spread evenly.")
     max_terms: int = Field(default=COMPARED_TERMS, ge=1, le=20, description="Coefficients that a hypothesis may add.")
-    offset_degree: int | None = Field(
-        default=None, ge=0, le=6, description="Legendre degree of the slow drift of C_m0; None is 1."
-    )
-    slope_degree: int | None = Field(
-        default=None, ge=0, le=8, description="Legendre degree of the slow drift of C_malpha; None is 3."
-    )
     exact_terms: int = Field(
         default=COMPARED_EXACT_TERMS,
         ge=1,
@@ -65,8 +59,8 @@ class CompareConfig(BaseModel):
 
 CompareSettings = TypedDict("CompareSettings", {  # noqa: UP013
     "mechanisms": Sequence[str] | None, "options": Mapping[str, Mapping[str, Any]], "method": str,
-    "knots": Sequence[float] | None, "knot_count": int, "max_terms": int, "offset_degree": int | None,
-    "slope_degree": int | None, "exact_terms": int, "refine": bool, "accept_record": bool, "held_out_blocks": int,
+    "knots": Sequence[float] | None, "knot_count": int, "max_terms": int, "exact_terms": int, "refine": bool,
+    "accept_record": bool, "held_out_blocks": int,
     "maximum_likelihood": Literal["quick", "full", "none"], "other_prior": float,
 }, total=False)  # fmt: skip
 """The fields of `CompareConfig` as keywords."""

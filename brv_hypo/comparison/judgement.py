@@ -18,7 +18,7 @@ from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.comparison.limits import scale_variance
-from brv_hypo.comparison.preparation import cleaned, shared_problem, with_processes, without_processes
+from brv_hypo.comparison.preparation import linearised_about, shared_problem
 from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
     Pair,
@@ -32,7 +32,6 @@ from brv_hypo.comparison.with_processes import (
     widened,
 )
 from brv_hypo.constants import LINEARISATIONS, OUTSIDE, SEARCH_OUT_OF_REACH
-from brv_hypo.inference.build import point_of
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
     HypothesisFit,
@@ -41,12 +40,12 @@ from brv_hypo.inference.fit import (
     likeliest,
     renewed,
     self_consistent,
+    with_others,
 )
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import FINAL, ROUGH, Steps
 from brv_hypo.inference.rows import Rows
-from brv_hypo.inference.uncertainty import with_others
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moments, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
@@ -125,49 +124,52 @@ def judged(
     while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
         about.add(leader.name)
         say(f"linearising about {hypothesis(leader.name)}")
-        fit = self_consistent(problem, replace(leader, log_evidence=None))
-        point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
-        records = cleaned(problem, point, settings)
-        if records is None:  # without the leader's errors no motion remains: the record is linearised as it reads
-            point = replace(point, errors=tuple({} for _ in point.errors))
-            records = cleaned(problem, point, settings)
-        assert records is not None
-        whole = with_processes(point, records, settings, config)
-        problem = without_processes(whole, point)
-        fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
-        rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == fit.name))
-        null, at = maximised(rows, rows.terms(None), start), rows.frame_of(fit)
-        first = [maximised(rows, rows.terms(each), start, null.at) if each.selected else null for each in fits]
-        offered = [
-            in_one_region(problem, (each, own), null, at) if each.selected else [(each, own)]
-            for each, own in zip(fits, first, strict=True)
-        ]
-        likely = [max(some, key=level) for some in offered]
-        least = max(map(level, likely)) - OUT_OF_REACH
-        pairs = [
-            plainest(problem, some, null) if best[0].selected and level(best) > least else best
-            for some, best in zip(offered, likely, strict=True)
-        ]
-        high = max(map(level, pairs)) - WIDENED
-        pairs = [widened(problem, each) if level(each) > high else each for each in pairs]
-        place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
-        pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
-        pairs = [_without_idle_part(each, pairs) for each in pairs]
-        evidences = [own for _, own in pairs]
-        scale, independent = scale_variance(whole), problem.efficiency_of(evidences[place].residual)
-        shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
-        weight = independent * shares[place]
-        each = [(pair, weighed(pair[0], level(pair) - null.level, weight)) for pair in pairs]
-        stated = [_estimated(*pair, own, independent * s, scale) for (pair, own), s in zip(each, shares, strict=True)]
-        if np.any(more := along_delays(problem, pairs[place], weight)):  # of coefficients, knots and delays
-            covariance = stated[place].joint_covariance + more
-            stated[place] = within_bounds(replace(stated[place], joint_covariance=covariance))
-        fits = [with_others(problem, fit) for fit in stated]
-        there = Judged(problem, rows, tuple(fits), tuple(evidences), weight)
-        if found is None or there.misfit < found.misfit * (1.0 + (2.0 * rows.size) ** -0.5):
+        point = self_consistent(problem, leader)
+        whole, problem = linearised_about(problem, point, settings, config)
+        there = _beside_processes(whole, problem, point, _linearised(problem, fits))
+        fits = list(there.fits)
+        if found is None or there.misfit < found.misfit * (1.0 + (2.0 * there.rows.size) ** -0.5):
             found = there
     assert found is not None
     return found
+
+
+def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
+    """Every hypothesis with its evidence and its errors beside processes; `whole` is the problem with processes, and
+    both are linear `about` a fit.
+    """
+    rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
+    null = maximised(rows, rows.terms(None), start)
+    first = [(each, maximised(rows, rows.terms(each), start, null.at) if each.selected else null) for each in fits]
+    pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
+    place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
+    pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
+    pairs = [_without_idle_part(each, pairs) for each in pairs]
+    scale, independent = scale_variance(whole), problem.efficiency_of(pairs[place][1].residual)
+    shares = [max(own.share_of_terms, LEAST_SHARE) if fit.selected else 1.0 for fit, own in pairs]
+    weight = independent * shares[place]
+    stated = [
+        _estimated(fit, own, weighed(fit, own.level - null.level, weight), independent * share, scale)
+        for (fit, own), share in zip(pairs, shares, strict=True)
+    ]
+    if np.any(more := along_delays(problem, pairs[place], weight)):  # of coefficients, knots and delays
+        covariance = stated[place].joint_covariance + more
+        stated[place] = within_bounds(replace(stated[place], joint_covariance=covariance))
+    known = tuple(with_others(problem, fit) for fit in stated)
+    return Judged(problem, rows, known, tuple(own for _, own in pairs), weight)
+
+
+def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, frame: RateFrame) -> list[Pair]:
+    """Every hypothesis acting when and as it is likeliest; less is tried of those that are far behind the best."""
+    offered = [in_one_region(problem, each, null, frame) if each[0].selected else [each] for each in pairs]
+    likely = [max(some, key=level) for some in offered]
+    least = max(map(level, likely)) - OUT_OF_REACH
+    found = [
+        plainest(problem, some, null) if best[0].selected and level(best) > least else best
+        for some, best in zip(offered, likely, strict=True)
+    ]
+    high = max(map(level, found)) - WIDENED
+    return [widened(problem, each) if level(each) > high else each for each in found]
 
 
 def _linearised(problem: Problem, fits: Sequence[HypothesisFit]) -> list[HypothesisFit]:

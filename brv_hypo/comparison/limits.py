@@ -87,7 +87,7 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, scale: float) -> float:
     columns = [frame.moments(fit.selected)]
     for parameter, error in zip(fit.nonlinear, fit.nonlinear_errors, strict=True):
         low, high = np.clip([parameter.value - error, parameter.value + error], *parameter.bounds).tolist()
-        ends = [frame.moments(parameter.moved(fit.columns, end)[first:]) @ values for end in (low, high)]
+        ends = [frame.moments(parameter.moved(fit.selected, end)) @ values for end in (low, high)]
         columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
     at_mode = np.append(values, np.zeros(len(fit.nonlinear)))
     covariance = fit.joint_covariance[first:, first:]

@@ -11,8 +11,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.constants import COLOURED, COMPARED_SMALLEST, OFFSET_DEGREE, SLOPE_DEGREE, WAVERING_SPEED
 from brv_hypo.errors import UnanswerableError, UsageError
-from brv_hypo.flight.record import Flight
-from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build_problem, carrying
+from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build_problem, carrying, point_of
+from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.noise import estimated_noise
 from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import build_frame
@@ -114,55 +114,43 @@ def _bend_of(problem: Problem) -> StaticBend:
     return StaticBend(slope=float(np.mean(slopes)), drift=drift if static.speeds is None else ("speed", *static.speeds))
 
 
-@dataclass(frozen=True)
-class Cleaned:
-    """A record without the errors of a linearisation point, and the motion that goes with them."""
+def linearised_about(
+    problem: Problem, fit: HypothesisFit, settings: Settings, config: CompareConfig
+) -> tuple[Problem, Problem]:
+    """The problem linearised about a fit of it, errors that the fit finds taken out of the records.
 
-    reconstruction: Reconstruction
-    motion: PropagatedMotion
-
-
-def cleaned(problem: Problem, point: LinearisationPoint, settings: Settings) -> list[Cleaned] | None:
-    """The records without the errors of a point that a problem's fit led to; None where a record has no motion left."""
+    With the processes of record and air, under white noise; and without, under the noise beside the fit's model. Where
+    a record has no motion left without its errors, the records are linearised as they read.
+    """
+    point = point_of(problem, fit.frame, fit.columns, fit.mechanisms)
+    try:
+        records = _without_errors(settings, point)
+    except UnanswerableError:
+        point = replace(point, errors=tuple({} for _ in point.errors))
+        records = _without_errors(settings, point)
     before = zip(problem.records, problem.frame.reconstructions, point.errors, strict=True)
     motions = [PropagatedMotion.of(record, motion).less(record, errors) for record, motion, errors in before]
-    try:
-        found = [
-            _anew(known, without(known.flight, errors))
-            for known, errors in zip(settings.known, point.errors, strict=True)
-        ]
-    except UnanswerableError:
-        return None
-    return [Cleaned(*each) for each in zip(found, motions, strict=True)]
+    processes = record_processes()
+    whole = _problem(records, settings, config, point, motions, processes)
+    nuisances = whole.rows.nuisances.without(frozenset(each.name for each in processes))
+    without_processes = replace(whole, rows=replace(whole.rows, nuisances=nuisances))
+    return whole, _under_own_noise(without_processes, point)
 
 
-def _anew(reconstruction: Reconstruction, flight: Flight) -> Reconstruction:
-    """That of the flight without errors, whose motion is known."""
-    require_answerable(flight)
-    return replace(reconstruction, flight=flight)
+def _without_errors(settings: Settings, point: LinearisationPoint) -> list[Reconstruction]:
+    """The flights without the errors of a point; their motion is known from the fit."""
+    flights = [without(known.flight, errors) for known, errors in zip(settings.known, point.errors, strict=True)]
+    for flight in flights:
+        require_answerable(flight)
+    return [replace(known, flight=flight) for known, flight in zip(settings.known, flights, strict=True)]
 
 
-def _beside(problem: Problem, point: LinearisationPoint) -> Problem:
+def _under_own_noise(problem: Problem, point: LinearisationPoint) -> Problem:
     """The problem under the noise beside a model; of several flights beside the baseline."""
     if len(problem.records) > 1:
         return problem.under(estimated_noise(problem))
     frame = problem.frame.with_mechanisms(point.mechanisms).with_in_plane_moment(point.columns, point.values)
     return problem.under(estimated_noise(replace(problem, frame=frame, baseline=point.columns)))
-
-
-def with_processes(
-    point: LinearisationPoint, records: Sequence[Cleaned], settings: Settings, config: CompareConfig
-) -> Problem:
-    """The problem of records at a linearisation point with the processes of record and air, under white noise."""
-    motions = [each.motion for each in records]
-    return _problem([each.reconstruction for each in records], settings, config, point, motions, record_processes())
-
-
-def without_processes(whole: Problem, point: LinearisationPoint) -> Problem:
-    """The problem without processes, under the noise beside the model that it is linear about."""
-    names = frozenset(each.name for each in record_processes())
-    problem = replace(whole, rows=replace(whole.rows, nuisances=whole.rows.nuisances.without(names)))
-    return _beside(problem, point)
 
 
 def _problem(
@@ -177,7 +165,7 @@ def _problem(
     where = motions or [None] * len(reconstructions)
     points = [linearisation_point(*each) for each in zip(reconstructions, settings.reconstruction, where, strict=True)]
     records, smooth = [record for record, _ in points], [smooth for _, smooth in points]
-    static = settings.static or _static(smooth, config, settings.common)
+    static = settings.static or _static(smooth, settings.common)
     bend = () if settings.bend is None else (settings.bend,)
     frame = build_frame(smooth, [static, PitchDamping(), *bend], settings.common)
     span = frame.coefficient_time
@@ -243,20 +231,17 @@ def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | No
     return common_time([(rec.flight.time, rec.flight.mach) for rec in reconstructions])
 
 
-def _static(
-    reconstructions: Sequence[Reconstruction], config: CompareConfig, common: CommonTime | None
-) -> StaticMoment:
+def _static(reconstructions: Sequence[Reconstruction], common: CommonTime | None) -> StaticMoment:
     """The static moment with its drift: in time, or, where flights share their Mach numbers, with those."""
     times = [rec.flight.time for rec in reconstructions]
     span = (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if common is None else common.mach_span
-    slope = SLOPE_DEGREE if config.slope_degree is None else config.slope_degree
     return StaticMoment(
         start=span[0],
         stop=span[1],
-        offset_degree=OFFSET_DEGREE if config.offset_degree is None else config.offset_degree,
-        slope_degree=slope,
+        offset_degree=OFFSET_DEGREE,
+        slope_degree=SLOPE_DEGREE,
         by="time" if common is None else "mach",
-        speeds=wavering_speeds(_alongs(reconstructions, common), slope, WAVERING_SPEED),
+        speeds=wavering_speeds(_alongs(reconstructions, common), SLOPE_DEGREE, WAVERING_SPEED),
     )
 
 

@@ -35,7 +35,6 @@ from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
-NONE = "none"
 _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 

@@ -231,7 +231,7 @@ def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regr
     """The hypothesis of a fit with other columns, without processes."""
     columns = (*problem.baseline, *selected)
     fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
-    return replace(fit, nonlinear=nonlinear_parameters(fit.columns, fit.baseline_size, like.frame, problem.knots))
+    return replace(fit, nonlinear=nonlinear_parameters(fit.selected, like.frame, problem.knots))
 
 
 def moved(problem: Problem, pair: Pair, closely: bool = False) -> Pair:
@@ -253,7 +253,7 @@ def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
     share, steps = 1.0, CLOSE_STEPS if closely else KNOT_STEPS
     for _ in range(steps if pair[0].nonlinear else 0):
         fit, own = pair
-        columns, count = fit.columns, len(fit.columns)
+        columns, count = fit.selected, len(fit.columns)
         shifts, errors = own.values[count:], np.sqrt(np.diag(own.covariance)[count:])
         if np.all(np.abs(shifts) <= STAYS[closely] * errors):
             break
@@ -270,8 +270,8 @@ def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
 
 
 def _at_amplitudes_of(problem: Problem, pair: Pair, columns: Sequence[Regressor]) -> Pair:
-    """The hypothesis of a pair with other columns, the baseline's first, at the amplitudes of the pair."""
-    there, own = _with_columns(problem, pair[0], columns[pair[0].baseline_size :]), pair[1]
+    """The hypothesis of a pair with other columns at the amplitudes of the pair."""
+    there, own = _with_columns(problem, pair[0], columns), pair[1]
     return there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
 
 
@@ -289,7 +289,7 @@ def scanned(problem: Problem, pair: Pair) -> Pair:
         fit, own = pair
         parameter, place = fit.nonlinear[k], len(fit.selected) + k
         values = parameter.others(SCANNED) if parameter.kind == "theta" else ()
-        found = [pair, *(_at_amplitudes_of(problem, pair, parameter.moved(fit.columns, value)) for value in values)]
+        found = [pair, *(_at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value)) for value in values)]
         best = max(found, key=lambda each: each[1].level_without([place]))
         if best[1].level_without([place]) > own.level_without([place]) + _GAIN:
             found = [pair, (best[0], maximised(own.rows, best[1].terms, own.at))]
@@ -315,7 +315,7 @@ def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
         for sign in (1.0, -1.0):
             for times in AFTER_ERRORS:
                 value = float(np.clip(parameter.value + sign * times * known, *parameter.bounds))
-                there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.columns, value))
+                there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value))
                 fall = weight * (level - other.level_without([len(fit.selected) + k]))
                 moved_by = np.append(other.values[:count], [each.value for each in there.nonlinear]) - at_mode
                 if fall > 0.5 or value in parameter.bounds:
@@ -384,5 +384,5 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
 def _level_without(fit: HypothesisFit, own: Evidence, basis: tuple[TimeBasis, Theta]) -> float:
     """The log evidence without what changes with a time basis, and without a knot or delay that moves nothing else."""
     mine = [k for k, c in enumerate(fit.selected) if (c.time_basis, c.theta) == basis]
-    alone = [k for k, p in enumerate(fit.nonlinear) if {j - fit.baseline_size for j in p.columns} <= set(mine)]
+    alone = [k for k, p in enumerate(fit.nonlinear) if set(p.columns) <= set(mine)]
     return own.level_without([*mine, *(len(fit.selected) + k for k in alone)])

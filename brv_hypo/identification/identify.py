@@ -28,7 +28,7 @@ from brv_hypo.identification.equations import (
 )
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
 from brv_hypo.identification.parameters import READ, Structure, Tolerated, input_error, of_flight, structure_of, unique
-from brv_hypo.inference.uncertainty import Regressed
+from brv_hypo.inference.fit import Regressed
 from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
 from brv_hypo.likelihood.segment import sampled
 from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negative_log_likelihood

@@ -32,7 +32,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.flight.record import Flight, Vehicle
-from brv_hypo.inference.uncertainty import Regressed
+from brv_hypo.inference.fit import Regressed
 from brv_hypo.likelihood import TimeVaryingParameter
 from brv_hypo.likelihood.segment import SampledParameter
 from brv_hypo.linearisation.frame import RateFrame

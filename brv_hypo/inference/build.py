@@ -68,7 +68,10 @@ def build_problem(
     if point is None:
         nothing: tuple[Errors, ...] = tuple({} for _ in records)
         point = LinearisationPoint((), baseline, first_values(frame, baseline), nothing)
-    frame = _with_design(frame, vehicle, point.errors[0])
+    # What the design of the vehicle makes of C_mw is the same on all flights.
+    designed = [mechanism for mechanism in vehicle if mechanism.wind_fixed]
+    designing, columns, values = with_vehicle(frame, (), np.zeros(0), designed, point.errors[0])
+    frame = designing.with_design(columns, values)
     known = frame.with_mechanisms(point.mechanisms)
     if point.mechanisms:
         known = known.with_in_plane_moment(point.columns, point.values)
@@ -129,22 +132,10 @@ def with_vehicle(
     return frame.with_mechanisms(vehicle), (*baseline, *own), np.append(values, list(own.values()))
 
 
-def _with_design(frame: RateFrame, vehicle: Sequence[Mechanism], known: Errors) -> RateFrame:
-    """The frame whose C_mw holds what the design of the vehicle makes, which is the same on all flights."""
-    shared = [mechanism for mechanism in vehicle if mechanism.wind_fixed]
-    nothing: FloatArray = np.zeros(0)
-    return replace(frame, design=RateFrame.with_design(*with_vehicle(frame, (), nothing, shared, known)).design)
-
-
 def first_values(frame: RateFrame, columns: tuple[Regressor, ...]) -> FloatArray:
     """Coefficients (columns,) by plain least squares of the rates' differences."""
-    return plain_values(frame, columns, frame.observed)
-
-
-def plain_values(frame: RateFrame, columns: tuple[Regressor, ...], rates: ComplexArray) -> FloatArray:
-    """The same of other derolled rates (rows,), such as those that errors which are known leave."""
     design = whiten(frame.columns(columns), frame.pieces, difference())
-    return solve_scaled(design, whiten(rates[:, None], frame.pieces, difference())[:, 0])
+    return solve_scaled(design, whiten(frame.observed[:, None], frame.pieces, difference())[:, 0])
 
 
 def linearised(
@@ -163,9 +154,7 @@ def linearised(
         force_values = _force_fit(found[valid], record.transverse_force[valid])
         size = np.abs(record.transverse_force - found @ force_values)
         valid = record.measured & (size <= FORCE_SPIKE * np.median(size[record.measured]) + 1e-12)
-    return LinearisedFlight(
-        record, reconstruction, reconstruction.start, frame.mechanisms, columns, values, force, force_values, valid
-    )
+    return LinearisedFlight(record, reconstruction, frame.mechanisms, columns, values, force, force_values, valid)
 
 
 def normal_force_slope(reconstruction: Reconstruction) -> FloatArray:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.constants import (
     CONSISTENT_ROUNDS,
     SEARCH_EQUAL,
@@ -21,9 +21,20 @@ from brv_hypo.constants import (
 )
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import FINAL, ROUGH, Nonlinear, Steps, nonlinear_parameters, refine
+from brv_hypo.inference.refinement import (
+    FINAL,
+    ROUGH,
+    Nonlinear,
+    Refined,
+    Steps,
+    nonlinear_parameters,
+    prediction_slopes,
+    refine,
+)
 from brv_hypo.inference.search import extended, on_grid
 from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.linear import covariance_of
+from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta
 
@@ -218,12 +229,11 @@ def refined_fit(
         reduced = Reduced(problem, reduced.frame.with_in_plane_moment(columns, values))
     if not problem.refine:
         return solved(reduced, fit.name, fit.mechanisms, columns, fit.searched)
-    size = len(problem.baseline)
-    parameters = nonlinear_parameters(columns, size, reduced.frame, problem.knots)
-    fresh = frozenset(j for j, column in enumerate(columns) if column not in known)
-    refined = refine(columns, parameters, fresh, reduced, steps)
-    own = (fit.name, fit.mechanisms, reduced.frame, refined.columns, size, refined.values, refined.residual)
-    return HypothesisFit(*own, problem.samples, problem.efficiency, fit.searched, refined.nonlinear)
+    selected = columns[len(problem.baseline) :]
+    parameters = nonlinear_parameters(selected, reduced.frame, problem.knots)
+    fresh = frozenset(j for j, column in enumerate(selected) if column not in known)
+    refined = refine(selected, parameters, fresh, reduced, steps)
+    return _hypothesis(reduced, fit.name, fit.mechanisms, refined, fit.searched)
 
 
 def likeliest(fits: Sequence[HypothesisFit]) -> HypothesisFit:
@@ -242,10 +252,79 @@ def solved(
     reduced: Reduced, name: str, mechanisms: tuple[Mechanism, ...], columns: tuple[Regressor, ...], searched: int
 ) -> HypothesisFit:
     """The hypothesis with just these columns, the baseline's first, least squares alone."""
-    problem = reduced.problem
-    size = len(problem.baseline)
-    batch = reduced.batch(columns[size:])
-    values = reduced.fit(batch).values
-    fitted = (reduced.with_baseline(batch, values), reduced.residual(batch, values))
-    own = (name, mechanisms, reduced.frame, columns, size, *fitted)
-    return HypothesisFit(*own, problem.samples, problem.efficiency, searched)
+    selected = columns[len(reduced.problem.baseline) :]
+    batch = reduced.batch(selected)
+    return _hypothesis(reduced, name, mechanisms, Refined((), selected, batch, reduced.fit(batch)), searched)
+
+
+def _hypothesis(
+    reduced: Reduced, name: str, mechanisms: tuple[Mechanism, ...], found: Refined, searched: int
+) -> HypothesisFit:
+    """The hypothesis that selected columns with their fit make beside the baseline."""
+    problem, batch, values = reduced.problem, found.batch, found.fitted.values
+    return HypothesisFit(
+        name,
+        mechanisms,
+        reduced.frame,
+        (*problem.baseline, *found.columns),
+        len(problem.baseline),
+        reduced.with_baseline(batch, values),
+        reduced.residual(batch, values),
+        problem.samples,
+        problem.efficiency,
+        searched,
+        found.nonlinear,
+    )
+
+
+# ---- What a fit says beside its coefficients ----
+
+
+def with_errors(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the uncertainty of coefficients, delays and knots at the problem's effective sample size."""
+    design = problem.design(fit.frame, fit.columns)
+    if fit.nonlinear:
+        slopes = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], fit.frame)
+        design = np.column_stack([design, problem.rows.projected(problem.rows.of_moments(slopes))])
+    covariance = covariance_of(design, fit.residual, problem.samples, problem.efficiency)
+    return with_others(problem, replace(fit, efficiency=problem.efficiency, joint_covariance=covariance))
+
+
+def with_others(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with the nuisances beside it."""
+    return replace(fit, others=problem.others_beside(fit.frame, fit.columns, fit.values))
+
+
+@dataclass(frozen=True)
+class Regressed:
+    """Errors of every flight: `applied` as corrections of its record before, `found` in all; one mapping each.
+
+    `rates` (rows,) rad/s are the de-rolled rates as they follow from coefficients and errors; `free`, one a flight, are
+    the errors that no tolerance bounds.
+    """
+
+    applied: tuple[Errors, ...]
+    found: tuple[Errors, ...]
+    rates: ComplexArray
+    free: tuple[frozenset[tuple[str, str]], ...]
+
+    @classmethod
+    def of(
+        cls, problem: Problem, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray, others: FloatArray
+    ) -> Regressed:
+        """What a fit of these columns with `values` and nuisances `others` (unknowns,) says."""
+        nuisances, flights = problem.rows.nuisances, len(problem.records)
+        return cls(
+            nuisances.values(np.zeros(others.size), flights),
+            nuisances.values(others, flights),
+            problem.frame.observed - problem.left(frame, columns, values, others).rates,
+            (frozenset(),) * flights,
+        )
+
+    def beside(self, held: Sequence[Errors]) -> Regressed:
+        """With errors, one mapping a flight, that a model holds: its records are without them, and they are free."""
+        applied, found = (
+            tuple({**own, **{key: own.get(key, 0.0) + value for key, value in more.items()}} for own, more in pairs)
+            for pairs in (zip(each, held, strict=True) for each in (self.applied, self.found))
+        )
+        return replace(self, applied=applied, found=found, free=tuple(map(frozenset, held)))

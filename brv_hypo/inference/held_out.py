@@ -10,8 +10,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.uncertainty import residual_moments
-from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.frame import RateFrame, residual_moments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.model.term import Regressor
 
@@ -39,11 +38,8 @@ def block_of_row(frame: RateFrame, count: int) -> IntArray:
 
 def block_of_whitened_row(problem: Problem, count: int) -> IntArray:
     """Block of each whitened row (rows,); the rows of priors belong to no block: -1."""
-    rows = problem.rows
-    blocks = block_of_row(problem.frame, count)[rows.part.rows]
-    starts = np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
-    sample = rows.stretch_of_row()
-    return np.where(sample >= 0, blocks[starts][sample], -1)
+    blocks = block_of_row(problem.frame, count)[problem.rows.samples]
+    return np.append(np.tile(blocks, 4), np.full(problem.rows.nuisances.bounded.size, -1))
 
 
 def held_out(problem: Problem, models: Sequence[tuple[RateFrame, Sequence[Regressor]]], count: int) -> list[float]:
@@ -89,7 +85,7 @@ def _error(
     problem: Problem, flights: Sequence[_Flight], frame: RateFrame, columns: Sequence[Regressor], count: int
 ) -> float:
     """The held-out error of one model."""
-    unknowns, histories = problem.rows.unknowns, problem.rows.nuisances.histories.flights
+    unknowns, histories = problem.rows.unknowns, problem.rows.nuisances.flights
     shared = np.column_stack([problem.raw_design(frame, columns), unknowns.shared])
     scale = lengths(shared)
     shared = shared / scale
@@ -117,7 +113,8 @@ def _error(
             others[problem.rows.order[unknowns.places[number]], place] = solve(own_right - across @ common) / own.scale
             others[problem.rows.order[unknowns.places[-1]], place] = (common / scale)[len(columns) :]
         span = histories[number].span
-        made = histories[number].rates_of(others[constants:])
+        mine = histories[number]
+        made = mine.grid.all_of(mine.kept.rates @ others[constants:][mine.places])
         rest[span] = frame.observed[span, np.newaxis] - moments[span] @ values - made
     found, block_of = residual_moments(frame, problem.records, rest), block_of_row(problem.frame, count)
     use = found.usable & np.isin(block_of, [block for own in flights for block in own.blocks])

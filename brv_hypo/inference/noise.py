@@ -14,8 +14,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import NOISE_BEYOND, NOISE_MOST_UNTHINNED, NOISE_ORDER, NOISE_PER_CYCLE, NOISE_RAISED
 from brv_hypo.inference.bordered import Bordered
-from brv_hypo.inference.free_moment import free_moment
 from brv_hypo.inference.problem import Problem, WhitenedRows
+from brv_hypo.inference.unmodelled import free_moment
 from brv_hypo.linearisation.channels import Lasting, Noise
 from brv_hypo.linearisation.frame import remove_levels
 from brv_hypo.linearisation.response import LinearisedFlight

@@ -66,6 +66,11 @@ class FlightRows:
         """Rows of each channel."""
         return int(self.channels[0].stop - self.channels[0].start)
 
+    @property
+    def places(self) -> IntArray:
+        """Its rows among all."""
+        return np.concatenate([np.arange(each.start, each.stop) for each in self.channels])
+
     def white(self, histories: Rows) -> FloatArray:
         """Histories in both channels (rows of the flight, columns) at unit noise."""
         if not self.size:
@@ -116,71 +121,51 @@ class WhitenedRows:
         return 2 * self.rates + self.nuisances.bounded.size
 
     @cached_property
-    def _whitening(self) -> Whitening:
-        return Whitening(self.part, self.noise)
-
-    @cached_property
     def of_flights(self) -> tuple[FlightRows, ...]:
         """The rows of each flight."""
         found, first, count = [], 0, self.rates // 2
-        noises, histories = self.nuisances.noise.flights, self.nuisances.histories.flights
-        for number, (noise, own) in enumerate(zip(noises, histories, strict=True)):
+        for number, own in enumerate(self.nuisances.flights):
             part = self.part.of_flight(number)
             whitening, last = Whitening(part, self.noise), first + part.thinned_rows(self.noise)
-            shown = np.zeros((2 * (last - first), noise.places.size if self.correlated and last > first else 0))
-            for some, history in noise.batches() if shown.size else ():
-                shown[:, some] = whitening.rates(history.rates[part.rows - own.span.start])
+            shown = np.zeros((2 * (last - first), own.walks.size if self.correlated and last > first else 0))
+            for some in own.at_once(shown.shape[1]):
+                shown[:, some] = whitening.rates(own.grid.all_of(own.noise[:, some])[part.rows - own.span.start])
             channels = tuple(slice(first + k * count, last + k * count) for k in range(4))
             found.append(FlightRows(part, whitening, channels, own.span, shown))
             first = last
         return tuple(found)
 
-    def _decorrelated(self, rates: FloatArray) -> FloatArray:
-        """Whitened rates (rate rows, columns) at unit noise once that of the correlated unknowns is theirs."""
-        if len(self.of_flights) == 1:
-            return self.of_flights[0].decorrelated(rates)
-        out = np.empty_like(rates)
-        for own in self.of_flights:
-            real, imaginary = own.channels[:2]
-            both = own.decorrelated(np.concatenate([rates[real], rates[imaginary]]))
-            out[real], out[imaginary] = both[: own.size], both[own.size :]
-        return out
-
     def white_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows of the rates alone, which are the first."""
-        whole = self.part.rows.size == rates.shape[0]
-        return self._decorrelated(self._whitening.rates(rates if whole else rates[self.part.rows]))
+        out = np.empty((self.rates, rates.shape[1]))
+        for own in self.of_flights:
+            for rows, part in zip(own.channels[:2], np.split(own.white_moments(rates[own.span]), 2), strict=True):
+                out[rows] = part
+        return out
 
     def white_histories(self, histories: Rows) -> FloatArray:
         """Histories in both channels (frame rows, columns) as rows, those of the priors left out."""
-        white = self._whitening.both(histories.at(self.part.rows))
-        white[: self.rates] = self._decorrelated(white[: self.rates])
-        return white
+        out = np.empty((2 * self.rates, histories.rates.shape[1]))
+        for own in self.of_flights:
+            for rows, part in zip(own.channels, np.split(own.white(histories.at(own.span)), 4), strict=True):
+                out[rows] = part
+        return out
 
     def of_observed(self, rates: ComplexArray, force: ComplexArray) -> FloatArray:
         """What was observed (frame rows,) as rows, with the present values of what has a prior."""
-        out = self.of_histories(Rows(rates[:, np.newaxis], force[:, np.newaxis]))[:, 0]
-        out[2 * self.rates :] = self.nuisances.present
-        if self.correlated:
-            present = np.array([self.nuisances.items[k].present for k in self.nuisances.correlated])
-            for own, noise in zip(self.of_flights, self.nuisances.noise.flights, strict=True):
-                if not own.own_noise.size:
-                    continue
-                shown = own.decorrelated(own.own_noise @ present[noise.places][:, np.newaxis])[:, 0]
+        histories = self.white_histories(Rows(rates[:, np.newaxis], force[:, np.newaxis]))[:, 0]
+        present = np.array([item.present for item in self.nuisances.items])
+        for own, walks in zip(self.of_flights, self.nuisances.flights, strict=True):
+            if own.own_noise.size:
+                shown = own.decorrelated(own.own_noise @ present[walks.walks][:, np.newaxis])[:, 0]
                 for rows, part in zip(own.channels[:2], np.split(shown, 2), strict=True):
-                    out[rows] -= part
-        return out
+                    histories[rows] -= part
+        return np.append(histories, self.nuisances.present)
 
     def of_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (frame rows, columns) as rows."""
         out = np.zeros((self.size, rates.shape[1]))
         out[: self.rates] = self.white_moments(rates)
-        return out
-
-    def of_histories(self, histories: Rows) -> FloatArray:
-        """Histories in both channels (frame rows, columns) as rows."""
-        out = np.zeros((self.size, histories.rates.shape[1]))
-        out[: 2 * self.rates] = self.white_histories(histories)
         return out
 
     @cached_property
@@ -212,14 +197,12 @@ class WhitenedRows:
         common = np.flatnonzero([item.flight is None for item in items])
         prior_of = {int(k): top + row for row, k in enumerate(self.nuisances.bounded)}
         shared, parts, ranges = np.zeros((self.size, common.size)), [], []
-        for own, histories, noise in zip(
-            self.of_flights, self.nuisances.histories.flights, self.nuisances.noise.flights, strict=True
-        ):
+        for own, histories in zip(self.of_flights, self.nuisances.flights, strict=True):
             white = np.zeros((4 * own.size, histories.places.size))
-            for some, history in histories.batches():
-                white[:, some] = own.white(history)
+            for some in histories.at_once(histories.places.size):
+                white[:, some] = own.white(histories.all_of(histories.kept.of(some)))
             if own.own_noise.size:
-                walks = np.searchsorted(histories.places, self.nuisances.correlated[noise.places])
+                walks = np.searchsorted(histories.places, histories.walks)
                 white[: 2 * own.size, walks] -= own.decorrelated(own.own_noise)
             mine = ~np.isin(histories.places, common)
             for rows, part in zip(own.channels, np.split(white[:, ~mine], 4), strict=True):
@@ -253,10 +236,11 @@ class WhitenedRows:
         """Rows (rows, columns) with constants and nuisances projected out."""
         return self.basis.less(rows)
 
-    def stretch_of_row(self) -> IntArray:
-        """Thinned sample that each row belongs to; -1 for the rows of priors (rows,)."""
-        samples = np.arange(self.rates // 2)
-        return np.concatenate([np.tile(samples, 4), np.full(self.nuisances.bounded.size, -1)])
+    @cached_property
+    def samples(self) -> IntArray:
+        """The first of the frame's rows that each row of one channel is made of."""
+        starts = [np.arange(a, b, self.noise.thinning) for a, b in self.part.pieces]
+        return self.part.rows[np.concatenate(starts)]
 
 
 @dataclass(frozen=True)
@@ -415,7 +399,7 @@ class Problem:
         """
         moments = [j for j, column in enumerate(columns) if column.mechanism != GIVEN]
         given = [j for j, column in enumerate(columns) if column.mechanism == GIVEN]
-        of_others = self.rows.nuisances.histories.of(others)
+        of_others = self.rows.nuisances.histories(others)
         observed, force = (each.reshape(-1, *(1,) * (values.ndim - 1)) for each in (self.frame.observed, self.force))
         rates = observed - self._rates(frame, [columns[j] for j in moments], values[moments])
         rates, force = rates - of_others.rates, force - of_others.force

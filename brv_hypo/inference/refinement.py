@@ -48,8 +48,9 @@ FINAL = Steps(REFIT_STEPS, REFIT_GAIN)  # of one that is reported, or linearised
 
 @dataclass(frozen=True)
 class Nonlinear:
-    """One continuous parameter, in `units`, and the columns that it moves: a theta of a mechanism, a knot, or the width
-    of an onset that a ramp with an end describes; its knot is the middle.
+    """One continuous parameter, in `units`, and which of the selected columns it moves.
+
+    A theta of a mechanism, a knot, or the width of an onset that a ramp with an end describes; its knot is the middle.
     """
 
     kind: Literal["theta", "knot", "width"]
@@ -102,12 +103,12 @@ def _with_edge(basis: TimeBasis, kind: str, value: float) -> TimeBasis:
 
 @dataclass(frozen=True)
 class Refined:
-    """Columns with refined delays and knots, and the fit at them; `residual` (rows,) is whitened."""
+    """Selected columns, the delays and knots that move them, and the fit at these."""
 
-    columns: tuple[Regressor, ...]
-    values: FloatArray
-    residual: FloatArray
     nonlinear: tuple[Nonlinear, ...]
+    columns: tuple[Regressor, ...]
+    batch: Batch
+    fitted: Fitted
 
 
 def refine(
@@ -117,37 +118,12 @@ def refine(
     reduced: Reduced,
     steps: Steps = ROUGH,
 ) -> Refined:
-    """Gauss-Newton over delays and knots with the coefficients; a step that does not lower RSS is halved.
+    """Gauss-Newton over delays and knots of selected columns; a step that does not lower RSS is halved.
 
-    `columns` are the baseline's and then the chosen ones. Parameters that move a column of `fresh` are scanned over
-    their bounds first.
+    Parameters that move a column of `fresh` are scanned over their bounds first.
     """
-    size = len(reduced.problem.baseline)
-    own = tuple(replace(p, columns=tuple(j - size for j in p.columns)) for p in nonlinear)
-    state = _scanned(reduced, own, columns[size:], frozenset(j - size for j in fresh))
-    if nonlinear:
-        state = _stepped(reduced, state, steps)
-    return Refined(
-        (*reduced.problem.baseline, *state.columns),
-        reduced.with_baseline(state.batch, state.fitted.values),
-        reduced.residual(state.batch, state.fitted.values),
-        tuple(replace(p, columns=tuple(j + size for j in p.columns)) for p in state.nonlinear),
-    )
-
-
-@dataclass(frozen=True)
-class _State:
-    """Chosen columns (those of the baseline left out), the parameters that move them, and the fit at them."""
-
-    nonlinear: tuple[Nonlinear, ...]
-    columns: tuple[Regressor, ...]
-    batch: Batch
-    fitted: Fitted
-
-
-def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
-    """Where the steps lead."""
-    for _ in range(steps.most):
+    state = _scanned(reduced, nonlinear, columns, fresh)
+    for _ in range(steps.most if nonlinear else 0):
         improved = _line_search(reduced, state, _step(reduced, state))
         if improved is None:
             break
@@ -158,10 +134,8 @@ def _stepped(reduced: Reduced, state: _State, steps: Steps) -> _State:
     return state
 
 
-def nonlinear_parameters(
-    columns: Sequence[Regressor], baseline_size: int, frame: RateFrame, knots: FloatArray
-) -> tuple[Nonlinear, ...]:
-    """The delays and knots of a model: knots may move by their spacing, delays within their bounds.
+def nonlinear_parameters(columns: Sequence[Regressor], frame: RateFrame, knots: FloatArray) -> tuple[Nonlinear, ...]:
+    """The delays and knots of selected columns: knots may move by their spacing, delays within their bounds.
 
     A knot stays within the record, away from its ends: beyond them nothing depends on where it is, and next to them it
     is hardly another motion at the beginning.
@@ -169,7 +143,7 @@ def nonlinear_parameters(
     reach = float(np.min(np.diff(knots))) if knots.size > 1 else 0.0
     start, stop = float(frame.coefficient_time.min()), float(frame.coefficient_time.max())
     found: dict[tuple[Literal["theta", "knot", "width"], str, float, str, TimeBasis | int | None], list[int]] = {}
-    for j, column in enumerate(columns[baseline_size:], start=baseline_size):
+    for j, column in enumerate(columns):
         for name, value in column.theta:
             found.setdefault(("theta", column.mechanism, value, name, None), []).append(j)
         basis = column.time_basis
@@ -195,7 +169,7 @@ def nonlinear_parameters(
 
 def _scanned(
     reduced: Reduced, nonlinear: tuple[Nonlinear, ...], columns: tuple[Regressor, ...], fresh: frozenset[int]
-) -> _State:
+) -> Refined:
     """One coordinate at a time over its bounds: a jump in an oscillating quantity has several minima."""
     batch = reduced.batch(columns)
     placed = []
@@ -207,7 +181,7 @@ def _scanned(
             batch = batch.with_columns(parameter.columns, moved)
             parameter = replace(parameter, value=values[best])
         placed.append(parameter)
-    return _State(tuple(placed), columns, batch, reduced.fit(batch))
+    return Refined(tuple(placed), columns, batch, reduced.fit(batch))
 
 
 def _best_of(
@@ -258,7 +232,7 @@ def prediction_slopes(
     return np.asarray(frame.columns(moved) @ mixed, dtype=complex)
 
 
-def _step(reduced: Reduced, state: _State) -> FloatArray:
+def _step(reduced: Reduced, state: Refined) -> FloatArray:
     """Gauss-Newton step of the nonlinear parameters, the coefficients free."""
     values = state.fitted.values
     rates = prediction_slopes(state.nonlinear, state.columns, values, reduced.frame)
@@ -272,15 +246,15 @@ def _step(reduced: Reduced, state: _State) -> FloatArray:
     return solve_normal(products, right, np.concatenate([state.batch.squares, slopes.squares]))[count:]
 
 
-def _line_search(reduced: Reduced, state: _State, step: FloatArray, halvings: int = REFINED_HALVINGS) -> _State | None:
-    for halving in range(halvings):
+def _line_search(reduced: Reduced, state: Refined, step: FloatArray) -> Refined | None:
+    for halving in range(REFINED_HALVINGS):
         trial = _moved(reduced, state, 0.5**halving * step)
         if trial.fitted.rss < state.fitted.rss:
             return trial
     return None
 
 
-def _moved(reduced: Reduced, state: _State, step: FloatArray) -> _State:
+def _moved(reduced: Reduced, state: Refined, step: FloatArray) -> Refined:
     """The fit where a step (parameters,) leads, within their bounds."""
     places = sorted({j for parameter in state.nonlinear for j in parameter.columns})
     columns = state.columns
@@ -291,4 +265,4 @@ def _moved(reduced: Reduced, state: _State, step: FloatArray) -> _State:
         columns = parameter.moved(columns, value)
         moved.append(replace(parameter, value=value))
     batch = state.batch.with_columns(places, reduced.batch([columns[j] for j in places]))
-    return _State(tuple(moved), columns, batch, reduced.fit(batch))
+    return Refined(tuple(moved), columns, batch, reduced.fit(batch))

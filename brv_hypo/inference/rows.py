@@ -277,7 +277,7 @@ class Rows:
         sizes = np.sqrt(np.mean(np.abs(frame.moments(fit.selected)) ** 2, axis=0))
         spread = self.moment / np.maximum(sizes, 1e-12 * self.moment)
         if fit.nonlinear:
-            rates = prediction_slopes(fit.nonlinear, fit.columns, fit.values, frame)
+            rates = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], frame)
             slopes = np.zeros((self.y.size, rates.shape[1]))
             slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
             x = np.concatenate([x, self.whitened(slopes)], axis=1)
@@ -323,7 +323,7 @@ def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
     number = problem.rows.order - 2 * len(problem.rows.part.levels)  # of nuisances; negative of what is integrated
     blocks, y = [], problem.raw_response[:top].copy()
     for flight, motion in enumerate(frame.motions):
-        rows, mine = _rows_of_flight(problem, flight), number[unknowns.places[flight]].tolist()
+        rows, mine = problem.rows.of_flights[flight].places, number[unknowns.places[flight]].tolist()
         design, counted = unknowns.own[flight][: rows.size], use[rows, np.newaxis]
         free = [j for j, k in enumerate(mine) if k < 0 or not np.isfinite(items[k].present)]
         within = [j for j, k in enumerate(mine) if k in bounded]
@@ -370,21 +370,9 @@ def _of_process(problem: Problem, frame: RateFrame, process: MomentProcess, flig
     return np.concatenate([white, np.zeros_like(white)])
 
 
-def _rows_of_flight(problem: Problem, flight: int) -> IntArray:
-    """Which rows are of one flight."""
-    flights = problem.frame.flight_of_row[problem.rows.part.rows]
-    return np.flatnonzero(np.tile(flights[_samples(problem)], 4) == flight)
-
-
-def _samples(problem: Problem) -> IntArray:
-    """The first sample of each row of one channel."""
-    rows = problem.rows
-    return np.concatenate([np.arange(a, b, rows.noise.thinning) for a, b in rows.part.pieces])
-
-
 def _counted(problem: Problem) -> BoolArray:
     """Rows (n,) from `SETTLING` samples after the first of their flight on."""
-    samples = _samples(problem)
-    flights = problem.frame.flight_of_row[problem.rows.part.rows][samples]
+    samples = problem.rows.samples
+    flights = problem.frame.flight_of_row[samples]
     _, first, number = np.unique(flights, return_index=True, return_inverse=True)
     return np.tile(samples - samples[first][number] >= SETTLING, 4)

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
-import numpy as np
-
-from brv_hypo.arrays import FloatArray
 from brv_hypo.constants import SEARCH_BEST
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, Vector, candidates, theta_grid
 from brv_hypo.subset import best_columns
@@ -72,34 +68,6 @@ def _columns_of(
 
 
 @dataclass(frozen=True)
-class Factor:
-    """Columns, the first of which are `forced`, as their triangular factor with the response last.
-
-    It has the same residual sums of squares as the rows, and is small.
-    """
-
-    columns: tuple[Regressor, ...]
-    forced: int
-    triangle: FloatArray
-
-    def subsets(self, max_terms: int, n_best: int = 1) -> list[Subset]:
-        """(RSS, columns) of the best subsets of each size beside the forced columns."""
-        vectors: dict[Vector, list[int]] = {}
-        for place, column in enumerate(self.columns):
-            if place >= self.forced and column.grouped:
-                vectors.setdefault(column.vector, []).append(place)
-        found = best_columns(
-            self.triangle[:, :-1],
-            self.triangle[:, -1],
-            max_terms=min(max_terms, len(self.columns) - self.forced),
-            forced=tuple(range(self.forced)),
-            n_best=n_best,
-            groups=tuple(tuple(members) for members in vectors.values()) or None,
-        )
-        return [(rss, tuple(self.columns[j] for j in chosen)) for rss, chosen in found]
-
-
-@dataclass(frozen=True)
 class OnGrid:
     """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
 
@@ -118,12 +86,10 @@ def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEA
     reduced = Reduced(problem, frame)
     best: dict[int, dict[tuple[Regressor, ...], float]] = {}
     for sets in (offered.single, offered.joint):
-        found: dict[int, list[Subset]] = {}
-        for columns in sets:
-            for rss, chosen in _factor(reduced, (), columns).subsets(problem.exact_terms, n_best):
-                found.setdefault(len(chosen), []).append((rss, chosen))
-        for size, ranked in found.items():
-            least = sorted(ranked, key=itemgetter(0))[:n_best]
+        found = [subset for offer in sets for subset in _subsets(reduced, (), offer, problem.exact_terms, n_best)]
+        ranked = sorted(found, key=itemgetter(0))
+        for size in {len(chosen) for _, chosen in ranked}:
+            least = [subset for subset in ranked if len(subset[1]) == size][:n_best]
             best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
     by_size = {
         size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=itemgetter(0)))
@@ -145,16 +111,8 @@ def extended(
     size = _choice_size(selected)
     if len(selected) + size > problem.max_terms:
         return None
-    found = [
-        subset
-        for offer in _compatible(selected, mechanisms, offered)
-        for subset in (
-            _factor(reduced, selected, offer).subsets(size)
-            if size > 1 and not all(column.grouped for column in offer)
-            else _single(reduced, selected, offer, size)
-        )
-        if subset[1]
-    ]
+    offers = _compatible(selected, mechanisms, offered)
+    found = [subset for offer in offers for subset in _subsets(reduced, selected, offer, size) if subset[1]]
     return (*selected, *min(found, key=itemgetter(0))[1]) if found else None
 
 
@@ -173,45 +131,30 @@ def _compatible(
     return list(dict.fromkeys(renamed))
 
 
-def _single(reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor], size: int) -> list[Subset]:
-    """(RSS, columns) of the best column or vector of `size` components beside the forced columns."""
-    groups = [group for group in _together(offered, lambda column: column.choice) if len(group) == size]
-    return _best_group(reduced.triangle(reduced.batch((*forced, *offered))), offered, groups)
+def _subsets(
+    reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor], max_terms: int, n_best: int = 1
+) -> list[Subset]:
+    """The best subsets of each size of what is on offer, beside forced columns: (RSS, columns without those).
 
-
-def _together(columns: Sequence[Regressor], key: Callable[[Regressor], object]) -> list[list[int]]:
-    """The places of columns that have a key in common, for each key."""
-    groups: dict[object, list[int]] = {}
-    for place, column in enumerate(columns):
-        groups.setdefault(key(column), []).append(place)
-    return list(groups.values())
-
-
-def _best_group(triangle: FloatArray, offered: Sequence[Regressor], groups: Sequence[Sequence[int]]) -> list[Subset]:
-    """(RSS, columns) of the best of some groups of what is on offer, all as large.
-
-    `triangle` has the columns on offer and the response last; columns that are forced stand before those.
+    The search has the triangular factor of all columns, which has the same residual sums of squares as the rows and is
+    small. Columns that nothing is left of beside baseline and nuisances are no candidates.
     """
-    members = np.array(groups)
-    if not members.size:
-        return []
-    forced = triangle.shape[1] - 1 - len(offered)
-    squares = np.sum(triangle[:, forced:-1] ** 2, axis=0)[members]
-    # Below the forced columns' rows, a triangular factor holds what these leave of the others.
-    free, left = triangle[forced:, forced:-1], triangle[forced:, -1]
-    vectors = free[:, members].transpose(1, 2, 0)
-    right = vectors @ left
-    falls = np.sum(right * solve_normal(vectors @ vectors.transpose(0, 2, 1), right, squares), axis=1)
-    best = int(np.argmax(falls))
-    return [(float(left @ left - falls[best]), tuple(offered[j] for j in members[best]))]
-
-
-def _factor(reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor]) -> Factor:
-    """The factor of these columns, without those that nothing is left of."""
-    batch, columns = reduced.batch((*forced, *offered)), (*forced, *offered)
+    columns = (*forced, *offered)
+    batch = reduced.batch(columns)
     triangle = reduced.triangle(batch)
     spent = frozenset(reduced.spent(batch, triangle).tolist())
     kept = [j for j in range(len(columns)) if j not in spent]
-    return Factor(
-        tuple(columns[j] for j in kept), sum(j < len(forced) for j in kept), triangle[:, [*kept, len(columns)]]
+    first = sum(j < len(forced) for j in kept)
+    vectors: dict[Vector, list[int]] = {}
+    for place, j in enumerate(kept):
+        if place >= first and columns[j].grouped:
+            vectors.setdefault(columns[j].vector, []).append(place)
+    found = best_columns(
+        triangle[:, kept],
+        triangle[:, -1],
+        max_terms=min(max_terms, len(kept) - first),
+        forced=tuple(range(first)),
+        n_best=n_best,
+        groups=tuple(tuple(members) for members in vectors.values()) or None,
     )
+    return [(rss, tuple(columns[kept[place]] for place in chosen)) for rss, chosen in found]

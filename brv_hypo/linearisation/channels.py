@@ -72,13 +72,12 @@ class Rows:
 class Part:
     """Some stretches of the flights of a frame.
 
-    `rows` are indices into the frame's rows, `samples` into the arrays of their flight, `valid` where the force may
-    be used (all of one length). `pieces` are the ranges that are contiguous in time, and `flights` which flight each
-    is of; `levels` the ranges that share one constant of integration.
+    `rows` are indices into the frame's rows, `valid` where the force may be used. `pieces` are the ranges that are
+    contiguous in time, and `flights` which flight each is of; `levels` the ranges that share one constant of
+    integration.
     """
 
     rows: IntArray
-    samples: IntArray
     valid: BoolArray
     pieces: tuple[Piece, ...]
     levels: tuple[Piece, ...]
@@ -92,7 +91,7 @@ class Part:
             tuple((a - first, b - first) for a, b in each if first <= a and b <= last) for each in (own, self.levels)
         )
         mine = slice(first, last)
-        return Part(self.rows[mine], self.samples[mine], self.valid[mine], pieces, levels, (flight,) * len(pieces))
+        return Part(self.rows[mine], self.valid[mine], pieces, levels, (flight,) * len(pieces))
 
     def white_rates(self, rates: ComplexArray, noise: Noise) -> FloatArray:
         """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
@@ -129,15 +128,12 @@ class Whitening:
 
     def rates(self, rates: ComplexArray) -> FloatArray:
         """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
-        return _stacked(applied(self._of_rates, _columns(rates)))
-
-    def force(self, force: ComplexArray) -> FloatArray:
-        """The force filtered, at unit noise (2 thinned rows, columns)."""
-        return _stacked(applied(self._of_force, _columns(force) * self.part.valid[:, np.newaxis]))
+        return _white(self._of_rates, rates)
 
     def both(self, rows: Rows) -> FloatArray:
         """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
-        return np.concatenate([self.rates(rows.rates), self.force(rows.force)])
+        usable = (rows.force.T * self.part.valid).T
+        return np.concatenate([self.rates(rows.rates), _white(self._of_force, usable)])
 
     @cached_property
     def _of_rates(self) -> sparse.csr_array:
@@ -156,20 +152,17 @@ class Whitening:
         return sparse.csr_array(sparse.block_diag(blocks, format="csr"))
 
 
+def _white(operator: sparse.csr_array, rows: ComplexArray) -> FloatArray:
+    """An operator applied to histories (rows,) or (rows, columns), real parts before imaginary ones."""
+    white = applied(operator, rows if rows.ndim == 2 else rows[:, np.newaxis])
+    return np.concatenate([white.real, white.imag])
+
+
 def _averages(samples: int, thinning: int) -> sparse.csr_array:
     """Sums of `thinning` neighbours over the root of their number (thinned samples, samples)."""
     starts = np.append(np.arange(0, samples, thinning), samples)
     sizes = np.diff(starts)
     return sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(samples), starts))
-
-
-def _stacked(white: ComplexArray) -> FloatArray:
-    """Real parts before imaginary ones."""
-    return np.concatenate([white.real, white.imag])
-
-
-def _columns(values: ComplexArray) -> ComplexArray:
-    return values if values.ndim == 2 else values[:, np.newaxis]
 
 
 def side_by_side(rows: Sequence[Rows]) -> Rows:
@@ -204,7 +197,6 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
     `shared`: one constant of integration for all stretches of a segment of the record.
     """
     rows: list[IntArray] = []
-    samples: list[IntArray] = []
     pieces: list[Piece] = []
     levels: list[Piece] = []
     flights: list[int] = []
@@ -213,7 +205,6 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
         begin = size
         for a, b in _runs(chosen[first:last]):
             rows.append(np.arange(first + a, first + b))
-            samples.append(np.arange(segment.rows.start + a, segment.rows.start + b))
             pieces.append((size, size + b - a))
             flights.append(segment.flight)
             size += b - a
@@ -221,7 +212,7 @@ def part(frame: RateFrame, valid: BoolArray, chosen: BoolArray, *, shared: bool)
             levels.append((begin, size))
     indices = np.concatenate(rows)
     ends = (tuple(pieces), tuple(levels if shared else pieces), tuple(flights))
-    return Part(indices, np.concatenate(samples), valid[indices], *ends)
+    return Part(indices, valid[indices], *ends)
 
 
 def _runs(chosen: BoolArray) -> list[Piece]:

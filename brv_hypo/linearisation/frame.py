@@ -6,29 +6,28 @@ integration of every segment is projected out, so that segments, flights and hel
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
-from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.linearisation.weakform import Integrals, WeakSegment, weak_segments
 from brv_hypo.linearisation.whitening import NoiseModel
 from brv_hypo.mechanisms.checked import checked, read_only
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import CommonTime, OwnTime
 from brv_hypo.model.term import Regressor, Theta, evaluated
+from brv_hypo.motion.inertial import InertialRecord
 from brv_hypo.motion.motion import Motion, body_from_plane, recorded
 from brv_hypo.motion.reconstruction import Reconstruction
+from brv_hypo.motion.signals import derivatives
 
 Piece = tuple[int, int]
 
 # Values of terms that are kept, of all mechanisms and thetas together: some 100 bytes each.
 _KEPT_VALUES = 300_000
-# Terms of a mechanism, about.
-_TYPICAL_TERMS = 4
 
 _Key = tuple[str, Theta]
 """A mechanism's name and its nonlinear parameters."""
@@ -65,9 +64,9 @@ class RateFrame:
     design: tuple[FloatArray, ...] = ()
 
     @cached_property
-    def _evaluated(self) -> OrderedDict[_Key, _Shapes]:
-        """Shapes that were asked for lately, the latest last."""
-        return OrderedDict()
+    def _evaluated(self) -> dict[_Key, _Shapes]:
+        """Shapes that are known."""
+        return {}
 
     @cached_property
     def _shown(self) -> tuple[Motion, ...]:
@@ -184,15 +183,9 @@ class RateFrame:
 
         Other shapes than these, of which it is made, are evaluated anew.
         """
-        return self.following(self.static_moments(columns, values))
-
-    def static_moments(self, columns: Sequence[Regressor], values: FloatArray) -> list[FloatArray]:
-        """C_mw of Eq. 5.1 from the fitted wind-fixed columns and the `design`, one (k,) a flight at its nodes."""
-        made = self._in_plane_moments(columns, values)
-        return [own + known for own, known in zip(made, self.design, strict=True)] if self.design else made
-
-    def following(self, moments: Sequence[FloatArray]) -> RateFrame:
-        """The frame with these C_mw, one (k,) a flight at its nodes."""
+        moments = self._in_plane_moments(columns, values)
+        if self.design:
+            moments = [own + known for own, known in zip(moments, self.design, strict=True)]
         pairs = zip(self.finer, moments, strict=True)
         finer = tuple(recorded(replace(motion, in_plane_moment=moment)) for motion, moment in pairs)
         out = replace(self, finer=finer)
@@ -224,34 +217,24 @@ class RateFrame:
         groups: dict[_Key, list[int]] = {}
         for j, column in enumerate(columns):
             groups.setdefault((column.mechanism, column.theta), []).append(j)
-        most = _KEPT_VALUES // self.observed.size
-        for some in _together(groups, most):
-            self._evaluate_missing(some)
-            shared: dict[int, tuple[_Shapes, list[int]]] = {}
-            for key in some:
-                self._evaluated.move_to_end(key)
-                shapes = self._evaluated[key]
-                shared.setdefault(id(shapes), (shapes, []))[1].extend(groups[key])
-            for shapes, members in shared.values():
-                places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
-                yield shapes, members, np.array(places)
-            self._forget(most)
+        self._evaluate_missing(groups)
+        shared: dict[int, tuple[_Shapes, list[int]]] = {}
+        for key, members in groups.items():
+            shapes = self._evaluated[key]
+            shared.setdefault(id(shapes), (shapes, []))[1].extend(members)
+        for shapes, members in shared.values():
+            places = [shapes.position[columns[j].theta, columns[j].term] for j in members]
+            yield shapes, members, np.array(places)
 
-    def _forget(self, most: int) -> None:
-        """Let the oldest shapes go until no more than so many terms are kept."""
-        if len(self._evaluated) * _TYPICAL_TERMS <= most:
-            return
-        held = Counter(id(shapes) for shapes in self._evaluated.values())
-        terms = sum({id(shapes): len(shapes.position) for shapes in self._evaluated.values()}.values())
-        while terms > most:
-            _, shapes = self._evaluated.popitem(last=False)
-            held[id(shapes)] -= 1
-            terms -= 0 if held[id(shapes)] else len(shapes.position)
-
-    def _evaluate_missing(self, keys: Sequence[_Key]) -> None:
-        """Shapes that are not known yet, those of a mechanism's thetas together."""
+    def _evaluate_missing(self, keys: Iterable[_Key]) -> None:
+        """Shapes that are not known yet, those of a mechanism's thetas together; where many are kept, these alone."""
+        wanted = dict.fromkeys(keys)
+        kept = {id(shapes): len(shapes.position) for shapes in self._evaluated.values()}
+        if sum(kept.values()) * self.observed.size > _KEPT_VALUES:
+            for key in self._evaluated.keys() - wanted.keys():
+                del self._evaluated[key]
         missing: dict[str, list[Theta]] = {}
-        for name, theta in keys:
+        for name, theta in wanted:
             if (name, theta) not in self._evaluated:
                 missing.setdefault(name, []).append(theta)
         for name, thetas in missing.items():
@@ -277,19 +260,6 @@ class RateFrame:
             for s, factor in zip(self.segments, self._factors, strict=True)
         )
         return _Shapes(position, tuple(plane), integrals)
-
-
-def _together(groups: Mapping[_Key, Sequence[int]], most: int) -> Iterator[list[_Key]]:
-    """Keys in turn, so many at once that their columns are no more than `most`."""
-    some: list[_Key] = []
-    size = 0
-    for key, members in groups.items():
-        if some and size + len(members) > most:
-            yield some
-            some, size = [], 0
-        some.append(key)
-        size += len(members)
-    yield some
 
 
 def build_frame(
@@ -340,3 +310,40 @@ def remove_levels(rows: ComplexArray, pieces: Sequence[Piece], noise: NoiseModel
         level = both[:, 1].real
         out.append(rows[a:b] - (level @ both[:, 0]) / (level @ level))
     return out
+
+
+# ---- Residual rates as moment coefficients: what a model leaves, in the terms in which it is told ----
+
+
+@dataclass(frozen=True)
+class ResidualMoments:
+    """C_m + i C_n measured less modelled (rows, ...) of a frame, and on which rows it is usable.
+
+    `noise` (rows,) is the standard deviation of C_m and of C_n that the gyros' noise makes of them, by their filter.
+    """
+
+    body: ComplexArray
+    usable: BoolArray
+    noise: FloatArray
+
+
+def residual_moments(frame: RateFrame, records: Sequence[InertialRecord], rates: ComplexArray) -> ResidualMoments:
+    """Moments from what a model leaves of the derolled rates, (rows,) rad/s, or several models (rows, models).
+
+    The filter that differentiates the rates acts on measurement and model alike, so that it rounds no
+    corner of the one that the other keeps.
+    """
+    body = np.zeros(rates.shape, dtype=complex)
+    usable = np.zeros(rates.shape[0], dtype=bool)
+    noise = np.full(rates.shape[0], np.inf)
+    for segment, (a, b) in zip(frame.segments, frame.pieces, strict=True):
+        record, rows = records[segment.flight], segment.rows
+        spin = record.spin_rate
+        if b - a <= 2 * spin.half_width:
+            continue
+        both = np.stack([rates[a:b].real.T, rates[a:b].imag.T])
+        rate = derivatives(both, spin.order, spin.half_width, record.flight.step)
+        body[a:b] = ((rate[0] + 1j * rate[1]) * (np.exp(-1j * record.spin_angle[rows]) / record.moment_scale[rows])).T
+        usable[a:b] = (record.measured & spin.interior)[rows]
+        noise[a:b] = (record.rate_noise / np.abs(record.moment_scale))[rows]
+    return ResidualMoments(body, usable, noise)

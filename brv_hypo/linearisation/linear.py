@@ -43,17 +43,12 @@ def solve_normal(products: FloatArray, right: FloatArray, squares: FloatArray) -
 def covariance_of(design: FloatArray, residual: FloatArray, samples: int, efficiency: float) -> FloatArray:
     """Covariance (columns, columns) of the coefficients at the effective sample size."""
     scale = lengths(design)
-    variance = variance_of(residual, samples - design.shape[1], efficiency)
+    variance = float(residual @ residual) / max(samples - design.shape[1], 1) / efficiency
     triangle = np.linalg.qr(design / scale, mode="r")  # has the same singular values, and is small
     _, singular, right = np.linalg.svd(triangle, full_matrices=False)
     kept = singular > 1e-10 * singular[0]
     inverse = np.where(kept, 1.0 / np.where(kept, singular, 1.0), 0.0)
     return np.asarray(variance * (right.T * inverse**2) @ right / np.outer(scale, scale), dtype=float)
-
-
-def variance_of(residual: FloatArray, free: int, efficiency: float) -> float:
-    """Of what is left, with so many samples more than coefficients, at the effective sample size."""
-    return float(residual @ residual) / max(free, 1) / efficiency
 
 
 def orthonormal(design: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ motion needs.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -30,20 +31,22 @@ AT_ONCE = 2_000_000
 class FlightHistories:
     """Histories of the unknowns in `places` on one flight: `kept` (m, unknowns) of them, on the rows that `grid` keeps
     of those (`span`) that the flight has of the frame.
+
+    Those in `walks` are made of the very noise that the rates show; `noise` (m, walks) rad/s is what one unit of each
+    is of it.
     """
 
     span: slice
-    places: IntArray
     grid: DecimatedGrid
+    places: IntArray
     kept: Rows
+    walks: IntArray
+    noise: ComplexArray
 
-    def batches(self) -> Iterator[tuple[slice, Rows]]:
-        """So many unknowns at once that their histories (rows of the flight, some) stay small."""
-        count = self.places.size
+    def at_once(self, count: int) -> list[slice]:
+        """Of `count` unknowns so many at once that their histories (rows of the flight, some) stay small."""
         width = max(count, 1) if self.grid.spread is None else max(1, AT_ONCE // self.grid.count)
-        for first in range(0, count, width):
-            some = slice(first, min(first + width, count))
-            yield some, self.all_of(self.kept.of(some))
+        return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
     def all_of(self, kept: Rows) -> Rows:
         """All rows of the flight of those that are kept."""
@@ -53,52 +56,15 @@ class FlightHistories:
         """What is kept of a history on the rows of the flight."""
         return Rows(self.grid.of(history.rates), self.grid.of(history.force))
 
-    def rates_of(self, values: FloatArray) -> ComplexArray:
-        """Sum of the rates (rows of the flight, k) with all unknowns at `values` (unknowns, k)."""
-        return self.grid.all_of(self.kept.rates @ values[self.places])
-
     def beside(self, more: Mapping[int, Rows]) -> FlightHistories:
         """With what is kept of further unknowns, by their places."""
         places = np.append(self.places, np.array(list(more), dtype=np.int64))
         return replace(self, places=places, kept=side_by_side([self.kept, *more.values()]))
 
     def only(self, chosen: BoolArray, places: IntArray) -> FlightHistories:
-        """Those chosen, which have other places."""
-        return replace(self, places=places[self.places[chosen]], kept=self.kept.of(chosen))
-
-
-@dataclass(frozen=True)
-class Histories:
-    """Histories of all flights in both channels, `shape` (frame rows, unknowns)."""
-
-    shape: tuple[int, int]
-    flights: tuple[FlightHistories, ...]
-
-    def of(self, values: FloatArray) -> Rows:
-        """Their sum (frame rows, ...) with the unknowns at `values` (unknowns, ...)."""
-        out = self._zeros(values.shape[1:])
-        for own in self.flights:
-            there = values[own.places]
-            made = own.all_of(Rows(own.kept.rates @ there, own.kept.force @ there))
-            out.rates[own.span], out.force[own.span] = made.rates, made.force
-        return out
-
-    def batches(self) -> Iterator[tuple[slice, Rows]]:
-        """So many unknowns at once that their histories (frame rows, some) stay small."""
-        rows, count = self.shape
-        width = max(1, AT_ONCE // rows)
-        for first in range(0, count, width):
-            some = slice(first, min(first + width, count))
-            out = self._zeros((some.stop - first,))
-            for own in self.flights:
-                mine = np.flatnonzero((own.places >= first) & (own.places < some.stop))
-                made, places = own.all_of(own.kept.of(mine)), own.places[mine] - first
-                out.rates[own.span, places], out.force[own.span, places] = made.rates, made.force
-            yield some, out
-
-    def _zeros(self, shape: tuple[int, ...]) -> Rows:
-        rates = np.zeros((self.shape[0], *shape), dtype=complex)
-        return Rows(rates, np.zeros_like(rates))
+        """Those chosen, all of the walk among them; all have other places."""
+        own, walks = places[self.places[chosen]], places[self.walks]
+        return replace(self, places=own, kept=self.kept.of(chosen), walks=walks)
 
 
 @dataclass(frozen=True)
@@ -148,16 +114,11 @@ def beyond_tolerance(label: str, value: float, size: float, units: str) -> str |
 
 @dataclass(frozen=True)
 class Nuisances:
-    """The unknowns and their histories on the rows of a frame.
-
-    `correlated` are those made of the very noise that the rates show, the random walk of the attitude; `noise` rad/s is
-    what one unit of each is of it, in the rates alone.
-    """
+    """The unknowns and their histories on the `rows` of a frame, flight by flight."""
 
     items: tuple[Nuisance, ...]
-    histories: Histories
-    correlated: IntArray
-    noise: Histories
+    rows: int
+    flights: tuple[FlightHistories, ...]
 
     @property
     def bounded(self) -> IntArray:
@@ -169,14 +130,22 @@ class Nuisances:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
 
+    def histories(self, values: FloatArray) -> Rows:
+        """Their sum (frame rows, ...) with the unknowns at `values` (unknowns, ...)."""
+        rates = np.zeros((self.rows, *values.shape[1:]), dtype=complex)
+        force = np.zeros_like(rates)
+        for own in self.flights:
+            there = values[own.places]
+            made = own.all_of(Rows(own.kept.rates @ there, own.kept.force @ there))
+            rates[own.span], force[own.span] = made.rates, made.force
+        return Rows(rates, force)
+
     def without(self, names: frozenset[str]) -> Nuisances:
         """Those of other names."""
         stays = np.array([item.name not in names for item in self.items])
-        place = np.cumsum(stays) - 1
-        flights = tuple(own.only(stays[own.places], place) for own in self.histories.flights)
-        histories = Histories((self.histories.shape[0], int(np.sum(stays))), flights)
+        flights = tuple(own.only(stays[own.places], np.cumsum(stays) - 1) for own in self.flights)
         items = tuple(item for item, stay in zip(self.items, stays.tolist(), strict=True) if stay)
-        return Nuisances(items, histories, place[self.correlated], self.noise)
+        return Nuisances(items, self.rows, flights)
 
     def values(self, fitted: FloatArray, flights: int) -> tuple[Errors, ...]:
         """Fitted unknowns (unknowns,) in SI with what was taken out before, one mapping a flight."""
@@ -201,102 +170,91 @@ def nuisances(
     has no prior there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record
     before. What has no influence on a flight is left out.
     """
-    known_before = corrections or tuple({} for _ in flights)
+    before = corrections or tuple({} for _ in flights)
     items: list[Nuisance] = []
-    of_items: list[FlightHistories] = []
-    of_noise: list[FlightHistories] = []
-    correlated: list[int] = []
+    found: list[FlightHistories] = []
     for number, linearised in enumerate(flights):
-        empty = _no_histories(frame, number, linearised)
-        rows: dict[int, Rows] = {}
-        noise: dict[int, Rows] = {}
-
-        def add(item: Nuisance, history: Rows, shown: ComplexArray | None = None) -> None:
-            """One of this flight, its history and the noise that shows in its rates (n,)."""
-            own = _on_flight(frame, number, history)  # noqa: B023 - is done with before the next flight
-            if np.any(own.rates) or np.any(own.force):
-                if shown is not None:
-                    show = _on_flight(frame, number, Rows(shown, np.zeros_like(shown)))  # noqa: B023
-                    noise[len(correlated)] = empty.of(show)  # noqa: B023
-                    correlated.append(len(items))
-                rows[len(items)] = empty.of(own)  # noqa: B023
+        flight, samples = linearised.record.flight, _samples(frame, number)
+        of_record = _of_record(number, linearised, effects, free[number] if free else {}, before[number])
+        on_rows = (
+            (item, history.at(samples), None if noise is None else noise[samples]) for item, history, noise in of_record
+        )
+        each_flight = [mechanism for mechanism in vehicle if mechanism.of_each_flight(flight)]
+        of_vehicle = ((*each, None) for mechanism in each_flight for each in _tolerated(frame, number, mechanism))
+        grid, rows, noises = _grid(frame, number, linearised), dict[int, Rows](), dict[int, ComplexArray]()
+        for item, history, noise in itertools.chain(on_rows, of_vehicle):
+            if np.any(history.rates) or np.any(history.force):
+                if noise is not None:
+                    noises[len(items)] = grid.of(noise)
+                rows[len(items)] = Rows(grid.of(history.rates), grid.of(history.force))
                 items.append(item)
-
-        known = {(e.effect, e.component): e.value for e in linearised.reconstruction.effects}
-        names, histories, values = linearised.start_and_gravity()
-        for name, history, value in zip(names, histories, values, strict=True):
-            add(Nuisance(MOTION, name, number, "1", 1.0, float(value)), history)
-        for name, history, value, shown in linearised.random_walk():
-            add(Nuisance(MOTION, name, number, "1", 1.0, value), history, shown)
-        for error in linearised.reconstruction.input_errors:
-            for k, history in enumerate(linearised.input_noise(error)):
-                add(Nuisance(error.name, str(k), number, "1", 1.0, 0.0), history)
-        force = linearised.force.columns(linearised.record, linearised.crossflow)
-        nothing = np.zeros(force.shape[0], dtype=complex)
-        for k, column in enumerate(force.T):
-            add(Nuisance("force", str(k), number, "1", 1.0, np.nan), Rows(nothing, column))
-        without_prior = {} if free is None else free[number]
-        own = {name: effect for (name, _), effect in without_prior.items()}
-        wanted = [
-            (effect, component)
-            for effect in (*(effect for effect in effects if effect.name not in own), *own.values())
-            for component in effect.components(linearised.record.flight)
-            if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in without_prior
-        ]
-        changes = linearised.effects((effect, component.name, component.size) for effect, component in wanted)
-        for (effect, component), history in zip(wanted, changes, strict=True):
-            key, size = (effect.name, component.name), component.size
-            found = known.get(key, 0.0) + known_before[number].get(key, 0.0)
-            present = np.nan if key in without_prior else -found / size
-            add(Nuisance(*key, number, component.units, size, present, found, key not in without_prior), history)
-        for mechanism in vehicle:
-            if mechanism.of_each_flight(linearised.record.flight):
-                for item, size, moved in _tolerated(frame, number, mechanism):
-                    if np.any(moved):
-                        rows[len(items)] = empty.of(Rows(size * moved, np.zeros_like(moved)))
-                        items.append(item)
-        of_items.append(empty.beside(rows))
-        of_noise.append(empty.beside(noise))
-    count = frame.observed.size
-    carried = Nuisances(
-        tuple(items),
-        Histories((count, len(items)), tuple(of_items)),
-        np.array(correlated, dtype=np.int64),
-        Histories((count, len(correlated)), tuple(of_noise)),
-    )
+        nothing = np.zeros((grid.size, 0), dtype=complex)
+        walks, noise = np.array(list(noises), dtype=np.int64), np.column_stack([nothing, *noises.values()])
+        empty = FlightHistories(_span(frame, number), grid, walks[:0], Rows(nothing, nothing), walks, noise)
+        found.append(empty.beside(rows))
+    known = Nuisances(tuple(items), frame.observed.size, tuple(found))
     for mechanism in vehicle:
         if not mechanism.of_each_flight(flights[0].record.flight):
-            carried = with_shared(carried, frame, mechanism)
-    return carried
+            known = with_shared(known, frame, mechanism)
+    return known
+
+
+def _of_record(
+    number: int,
+    linearised: LinearisedFlight,
+    effects: Sequence[RecordEffect],
+    free: Mapping[tuple[str, str], RecordEffect],
+    before: Errors,
+) -> Iterator[tuple[Nuisance, Rows, ComplexArray | None]]:
+    """Motion, normal force and errors of one record: the history (n,) of each, and the noise (n,) in it."""
+    for name, history, value in linearised.start_and_gravity():
+        yield Nuisance(MOTION, name, number, "1", 1.0, value), history, None
+    for name, history, value, noise in linearised.random_walk():
+        yield Nuisance(MOTION, name, number, "1", 1.0, value), history, noise
+    for error in linearised.reconstruction.input_errors:
+        for k, history in enumerate(linearised.input_noise(error)):
+            yield Nuisance(error.name, str(k), number, "1", 1.0, 0.0), history, None
+    force = linearised.force.columns(linearised.record, linearised.crossflow)
+    for k, column in enumerate(force.T):
+        yield Nuisance("force", str(k), number, "1", 1.0, np.nan), Rows(np.zeros_like(column), column), None
+    without_prior = {name: effect for (name, _), effect in free.items()}
+    wanted = [
+        (effect, component)
+        for effect in (*(each for each in effects if each.name not in without_prior), *without_prior.values())
+        for component in effect.components(linearised.record.flight)
+        if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in free
+    ]
+    changes = linearised.effects((effect, component.name, component.size) for effect, component in wanted)
+    corrected = {(each.effect, each.component): each.value for each in linearised.reconstruction.effects}
+    for (effect, component), history in zip(wanted, changes, strict=True):
+        key, size = (effect.name, component.name), component.size
+        applied = corrected.get(key, 0.0) + before.get(key, 0.0)
+        present = np.nan if key in free else -applied / size
+        yield Nuisance(*key, number, component.units, size, present, applied, key not in free), history, None
 
 
 def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nuisances:
     """Those, and what the tolerance of a mechanism allows that all flights share."""
-    (count, first), flights = known.histories.shape, known.histories.flights
-    found = [_tolerated(frame, number, mechanism, shared=True) for number in range(len(flights))]
-    acting = [each for each in zip(*found, strict=True) if any(np.any(moved) for _, _, moved in each)]
-    more: list[dict[int, Rows]] = [{} for _ in flights]
-    for place, each in enumerate(acting, start=first):
-        for own, kept, (_, size, moved) in zip(flights, more, each, strict=True):
-            kept[place] = own.of(Rows(size * moved, np.zeros_like(moved)))
-    wider = tuple(own.beside(kept) for own, kept in zip(flights, more, strict=True))
-    items = (*known.items, *(each[0][0] for each in acting))
-    return replace(known, items=items, histories=Histories((count, len(items)), wider))
+    found = [_tolerated(frame, number, mechanism, shared=True) for number in range(len(known.flights))]
+    acting = [each for each in zip(*found, strict=True) if any(np.any(history.rates) for _, history in each)]
+    flights = [
+        own.beside({place: own.of(each[number][1]) for place, each in enumerate(acting, start=len(known.items))})
+        for number, own in enumerate(known.flights)
+    ]
+    return replace(known, items=(*known.items, *(each[0][0] for each in acting)), flights=tuple(flights))
 
 
-def _no_histories(frame: RateFrame, number: int, linearised: LinearisedFlight) -> FlightHistories:
-    """Those of no unknown yet, on the rows of one flight that are kept."""
+def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> DecimatedGrid:
+    """The rows of one flight that are kept."""
     span = _span(frame, number)
     pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
-    grid = decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE)) if pieces else full_grid(0)
-    nothing = np.zeros((grid.size, 0), dtype=complex)
-    return FlightHistories(span, np.zeros(0, dtype=np.int64), grid, Rows(nothing, nothing))
+    return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE)) if pieces else full_grid(0)
 
 
 def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:
     """A flight's history (n,) on all rows of the frame, zero on those of the other flights."""
     rates = np.zeros(frame.observed.size, dtype=complex)
-    force, span, own = np.zeros_like(rates), _span(frame, number), _on_flight(frame, number, history)
+    force, span, own = np.zeros_like(rates), _span(frame, number), history.at(_samples(frame, number))
     rates[span], force[span] = own.rates, own.force
     return Rows(rates, force)
 
@@ -307,16 +265,16 @@ def _span(frame: RateFrame, number: int) -> slice:
     return slice(own[0][0], own[-1][1]) if own else slice(0, 0)
 
 
-def _on_flight(frame: RateFrame, number: int, history: Rows) -> Rows:
-    """A flight's history (n,) on its rows of the frame."""
+def _samples(frame: RateFrame, number: int) -> IntArray:
+    """The sample of a flight that each of its rows of the frame is."""
     rows = [np.arange(s.rows.start, s.rows.stop) for s in frame.segments if s.flight == number]
-    return history.at(np.concatenate([np.zeros(0, dtype=np.int64), *rows]))
+    return np.concatenate([np.zeros(0, dtype=np.int64), *rows])
 
 
 def _tolerated(
     frame: RateFrame, number: int, mechanism: Mechanism, shared: bool = False
-) -> list[tuple[Nuisance, float, ComplexArray]]:
-    """Unknowns of the terms of a tolerance, one sigma of each, and the rates (rows of a flight,) per unit of it.
+) -> list[tuple[Nuisance, Rows]]:
+    """Unknowns of the terms of a tolerance, and the history of each on the rows of a flight.
 
     `shared`: all flights have it, and the tolerance is that of the flight in whose time histories are.
     """
@@ -330,8 +288,8 @@ def _tolerated(
     own = [segment for segment in frame.segments if segment.flight == number]
     parts = [s.integrate(body[s.nodes.rows]).plain.at_nodes[s.nodes.samples] for s in own]
     rates = np.concatenate([np.zeros((0, len(names)), dtype=complex), *parts])
-    of_flight = None if shared else number
+    rates, of_flight = rates * np.asarray(sizes), None if shared else number
     return [
-        (Nuisance(mechanism.name, name, of_flight, units, size, 0.0, stated=not shared), size, rates[:, k])
-        for k, ((name, units), size) in enumerate(zip(names, sizes, strict=True))
+        (Nuisance(mechanism.name, name, of_flight, units, size, 0.0, stated=not shared), Rows(own, np.zeros_like(own)))
+        for (name, units), size, own in zip(names, sizes, rates.T, strict=True)
     ]

@@ -61,7 +61,6 @@ class LinearisedFlight:
 
     record: InertialRecord
     reconstruction: Reconstruction
-    start: WindStart
     mechanisms: Mapping[str, Mechanism]
     columns: tuple[Regressor, ...]
     values: FloatArray
@@ -95,7 +94,8 @@ class LinearisedFlight:
         sizes = [(effect, component, share * size) for effect, component, size in errors]
         records = perturbed(smooth, [effect.perturb(smooth.flight, name, value) for effect, name, value in sizes])
         for record, (effect, component, value) in zip(records, sizes, strict=True):
-            yield _reading(record, effect.perturb(self._as_modelled, component, value))
+            read = effect.perturb(self._as_modelled, component, value)
+            yield replace(record, flight=replace(record.flight, q=read.q, r=read.r))
 
     def _so_many(self, each: Iterable[Moved]) -> Iterator[list[Moved]]:
         """Lists of what records are moved by, so many at once that the records stay small, to either side."""
@@ -111,7 +111,7 @@ class LinearisedFlight:
         A scale of measured rates would hold what the model does not explain, and scale it away.
         """
         smooth = self._noise_free
-        own, factors, kept = self._unintegrated(self._propagated([(smooth, self.start)]))
+        own, factors, kept = self._unintegrated(self._propagated([(smooth, self.reconstruction.start)]))
         nodes = self.reconstruction.nodes
         (left,) = self._integrated(own, nodes.of(factors) * self._quiet_moments.usual(nodes.of(kept)))
         for a, b in smooth.flight.segments:
@@ -166,27 +166,29 @@ class LinearisedFlight:
             return replace(flight, p=flight.p + change)
         return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
 
-    def start_and_gravity(self) -> tuple[list[str], list[Rows], FloatArray]:
-        """Names, derivatives by what the reconstruction estimates, and present values in units of their prior.
+    def start_and_gravity(self) -> Iterator[tuple[str, Rows, float]]:
+        """Name, derivative by what the reconstruction estimates, and present value in units of its prior.
 
         Direction of the velocity at the start (two, no prior: NaN) and gravity (three, prior its size).
         """
-        second, third = transverse_axes(self.start.direction[np.newaxis])
+        start = self.reconstruction.start
+        second, third = transverse_axes(start.direction[np.newaxis])
         size = gravity_size(self.record.flight)
         turned = [RESPONSE_TURN * axis[0] for axis in (second, third)]
         pulled = [RESPONSE_PULL * axis for axis in np.eye(3)]
         both = (
             [
-                *(replace(self.start, direction=self.start.direction + sign * turn) for turn in turned),
-                *(replace(self.start, gravity=self.start.gravity + sign * pull) for pull in pulled),
+                *(replace(start, direction=start.direction + sign * turn) for turn in turned),
+                *(replace(start, gravity=start.gravity + sign * pull) for pull in pulled),
             ]
             for sign in (1.0, -1.0)
         )
         per_unit = [0.5 / RESPONSE_TURN] * 2 + [0.5 * size / RESPONSE_PULL] * 3
         moved = (self._propagated([(self.record, start) for start in starts]) for starts in both)
         changes = self._changes(self._moments, *moved)
-        rows = [change.times(unit) for change, unit in zip(changes, per_unit, strict=True)]
-        return [*START, *GRAVITY], rows, np.concatenate([[np.nan] * 2, self.start.gravity / size])
+        present = [np.nan, np.nan, *(start.gravity / size).tolist()]
+        for name, change, unit, value in zip((*START, *GRAVITY), changes, per_unit, present, strict=True):
+            yield name, change.times(unit), value
 
     def random_walk(self) -> Iterator[tuple[str, Rows, float, ComplexArray]]:
         """Name, derivative and present value of what the gyros' white noise makes of the attitude, and that noise.
@@ -194,7 +196,7 @@ class LinearisedFlight:
         Sines of a random walk across the velocity (Karhunen-Loeve; prior 1). The noise (n,) rad/s that one unit of each
         is in the derolled rates: the integral of -i times it is the walk, so that a walk is seen in the rates as well.
         """
-        turn = wind_to_body(self.record, wind_direction(self.record, self.start))
+        turn = wind_to_body(self.record, wind_direction(self.record, self.reconstruction.start))
         count = walk_modes(self.record, self.reconstruction)
         walk, noise = walk_sines(self.record, count), walk_noise(self.record, count)
         weights = PropagatedMotion.of(self.record, self.reconstruction).weights(walk)
@@ -212,7 +214,7 @@ class LinearisedFlight:
 
     def _slopes(self, moments: MomentModel, *both: Iterable[InertialRecord]) -> Iterator[Rows]:
         """Derivatives from records by half a step to either side."""
-        moved = (self._propagated((record, self.start) for record in records) for records in both)
+        moved = (self._propagated((record, self.reconstruction.start) for record in records) for records in both)
         changes = self._changes(moments, *moved)
         return (change.times(1.0 / RESPONSE_STEP) for change in changes)
 
@@ -225,7 +227,7 @@ class LinearisedFlight:
 
     @cached_property
     def _open_loop(self) -> ComplexArray:
-        return body_crossflow(self.record, wind_direction(self.record, self.start))
+        return body_crossflow(self.record, wind_direction(self.record, self.reconstruction.start))
 
     def _changes(self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> list[Rows]:
         """What the residuals of some records have more than those of others; their moments are integrated at once."""
@@ -277,10 +279,5 @@ class LinearisedFlight:
     @cached_property
     def _quiet_moments(self) -> MomentModel:
         """The moment model about the noise-free record's."""
-        (quiet,) = self._propagated([(self._noise_free, self.start)])
+        (quiet,) = self._propagated([(self._noise_free, self.reconstruction.start)])
         return self._moments.about(quiet, (self.record, self.crossflow))
-
-
-def _reading(record: InertialRecord, read: Flight) -> InertialRecord:
-    """The record with the transverse rates of another flight; its motion stays."""
-    return replace(record, flight=replace(record.flight, q=read.q, r=read.r))

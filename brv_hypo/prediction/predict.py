@@ -38,7 +38,7 @@ from brv_hypo.constants import (
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.uncertainty import ResidualMoments
+from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
 from brv_hypo.mechanisms.contract import Mechanism, current_name
@@ -315,7 +315,7 @@ def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
     record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
     slopes = slopes_at(fit.data, motion, fit.model.columns, 0, motion.alpha) @ fit.values
     stiffness = (slopes * record.moment_scale)[fit.data.samples_of(0)]
-    modes = fit.problem.rows.nuisances.correlated.size // 2
+    modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
     return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
 
 
@@ -329,8 +329,8 @@ def predictive_sigma(fit: Fit, covariance: FloatArray, noise_sigma: FloatArray, 
     scale = lengths(design[:, free])
     solved = np.linalg.pinv(design[:, free] / scale, rcond=_CUTOFF) / scale[:, np.newaxis]
     constants = np.zeros((frame.observed.size, 2 * len(problem.rows.part.levels)))  # show in no moment
-    nuisances = [history.rates for _, history in problem.rows.nuisances.histories.batches()]
-    moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), constants, *nuisances])).body
+    nuisances = problem.rows.nuisances.histories(np.eye(len(fit.nuisances))).rates
+    moments = fit.data.moments(np.column_stack([frame.columns(fit.model.columns), constants, nuisances])).body
     of_fitted = moments[:, free]
     slopes = moments[:, ~free] - of_fitted @ (solved @ design[:, ~free])
     known = block_diag(covariance, np.eye(slopes.shape[1] - covariance.shape[0]))

@@ -33,12 +33,11 @@ from brv_hypo.constants import (
     LOOP_SCHEDULE,
     LOOP_TRIES,
 )
-from brv_hypo.inference.fit import HypothesisFit, solved
+from brv_hypo.inference.fit import HypothesisFit, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.linearisation.channels import Part, Rows
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.contract import Component, RecordEffect
@@ -148,7 +147,7 @@ def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor,
     found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
     if columns is None:
         return replace(found, nonlinear=fit.nonlinear)
-    return replace(found, nonlinear=nonlinear_parameters(every, found.baseline_size, fit.frame, problem.knots))
+    return replace(found, nonlinear=nonlinear_parameters(found.selected, fit.frame, problem.knots))
 
 
 def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
@@ -244,9 +243,11 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
     root = (turn[determined].T / sizes[determined]) / scale[:, np.newaxis]
     # Baseline, constants of the fitted part and nuisances on the held-out rows.
     there = problem.on(held_out).rows
-    moments = np.column_stack([problem.frame.columns(problem.baseline)[held_out.rows], _levels(problem, held_out)])
-    unknowns = there.nuisance_design[: 2 * there.rates, 2 * len(held_out.levels) :]
-    of_moments = np.concatenate([there.white_moments(moments), np.zeros((there.rates, moments.shape[1]))])
+    levels = np.zeros((problem.frame.observed.size, 2 * len(problem.rows.part.levels)), dtype=complex)
+    levels[held_out.rows] = _levels(problem, held_out)
+    of_moments = there.of_moments(np.column_stack([problem.frame.columns(problem.baseline), levels]))
+    of_moments, unknowns = of_moments[: 2 * there.rates], there.nuisance_design[: 2 * there.rates]
+    unknowns = unknowns[:, 2 * len(held_out.levels) :]
     directions, errors, _ = np.linalg.svd(np.column_stack([of_moments, unknowns]) @ root, full_matrices=False)
     return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
 

@@ -224,13 +224,13 @@ def beside_processes(
     mechanisms = tuple(model.mechanisms[name] for name in dict.fromkeys(column.mechanism for column in added))
     frame = problem.frame.with_mechanisms(mechanisms)
     point = solved(Reduced(problem, frame), "model", mechanisms, (*base, *added), 1)
-    point = replace(point, nonlinear=nonlinear_parameters(point.columns, count, frame, problem.knots))
+    point = replace(point, nonlinear=nonlinear_parameters(point.selected, frame, problem.knots))
     rows, start = rows_under_own_noise(problem, point)
     every, motions = rows.terms(point), rows.frame.motions
     terms, families = dict[str, Terms](), dict[str, str]()
     for name in (mechanism.name for mechanism in mechanisms):  # its terms, and what its knots and delays move
         places = [k for k, column in enumerate(added) if column.mechanism == name]
-        moves = [k for k, each in enumerate(point.nonlinear) if {j - count for j in each.columns} <= set(places)]
+        moves = [k for k, each in enumerate(point.nonlinear) if set(each.columns) <= set(places)]
         terms[name] = every.only([*places, *(len(added) + k for k in moves)])
         families[name] = _family_of(point, motions, name)
     if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it

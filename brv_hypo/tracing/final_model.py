@@ -32,9 +32,10 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.identification import identify
 from brv_hypo.inference.derivatives import Along, Derivative, along_flight, along_flights, damping
 from brv_hypo.inference.evidence import Evidence
+from brv_hypo.inference.fit import Regressed
 from brv_hypo.inference.refinement import FINAL
-from brv_hypo.inference.uncertainty import Regressed, ResidualMoments
 from brv_hypo.io.text import number
+from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism

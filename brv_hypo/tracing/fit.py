@@ -37,9 +37,8 @@ from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
-from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
 from brv_hypo.linearisation.channels import Noise, Part, Rows, part, split, whole
-from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels
+from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances
 from brv_hypo.linearisation.propagated_motion import linearisation_point
@@ -283,7 +282,7 @@ class Fit:
         residual, fitted, efficiency = problem.raw_response - design @ values, design[:, free], problem.efficiency
         if not free.all():
             efficiency = problem.efficiency_of(residual)
-        elif nonlinear := nonlinear_parameters(columns, 0, frame, problem.knots):
+        elif nonlinear := nonlinear_parameters(columns, frame, problem.knots):
             slopes = prediction_slopes(nonlinear, columns, self.values, frame)
             fitted = np.column_stack([fitted, problem.rows.of_moments(slopes)])
         covariance, count = np.zeros((free.size, free.size)), int(free.sum())
@@ -356,7 +355,7 @@ class Fit:
     def at_best_knots(self, steps: Steps = ROUGH) -> Fit:
         """The same with knots and delays where its regression has them."""
         columns, problem = self.model.columns, self.problem
-        nonlinear = nonlinear_parameters(columns, 0, problem.frame, problem.knots)
+        nonlinear = nonlinear_parameters(columns, problem.frame, problem.knots)
         if not nonlinear:
             return self
         reduced = Reduced(replace(problem, baseline=()), problem.frame)

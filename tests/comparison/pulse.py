@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, renewed
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, renewed, with_errors
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.mechanisms import find
 from brv_hypo.simulation import SimulatedFlight
 from tests.chains import prepared

@@ -19,7 +19,7 @@ def with_delay(pair: Pair, factor: float) -> Pair:
     """The same where its delay is another, all else fitted to that."""
     problem, (fit, own) = judged_cone("lag").problem, pair
     delay = next(each for each in fit.nonlinear if each.kind == "theta")
-    columns = delay.moved(fit.columns, factor * delay.value)[fit.baseline_size :]
+    columns = delay.moved(fit.selected, factor * delay.value)
     there = _with_columns(problem, fit, columns)
     return there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
 

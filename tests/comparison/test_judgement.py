@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from brv_hypo.comparison import CompareConfig, compare
 from brv_hypo.comparison.judgement import Judged, explained, judged, processes
-from brv_hypo.comparison.preparation import with_processes
+from brv_hypo.comparison.preparation import linearised_about
 from brv_hypo.comparison.result import ProcessEstimate
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference import Evidence
@@ -145,12 +145,13 @@ def check_louder(flight: Flight, least: float, patch: pytest.MonkeyPatch) -> Non
 def test_accelerometers_three_times_as_loud_as_stated_have_rows_at_unit_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """The mean square of both is (1 + 9) / 2, of channels that have 0.85 of what this record states: 1.9 squared."""
 
-    def quiet(*given: Any) -> Problem:
-        whole = with_processes(*given)
+    def quiet(*given: Any) -> tuple[Problem, Problem]:
+        whole, without_processes = linearised_about(*given)
         force = whole.rows.noise.force
-        return whole.under(replace(whole.rows.noise, force=replace(force, sigma=force.sigma / 3.0)))
+        noise = replace(whole.rows.noise, force=replace(force, sigma=force.sigma / 3.0))
+        return whole.under(noise), without_processes
 
-    monkeypatch.setattr("brv_hypo.comparison.judgement.with_processes", quiet)
+    monkeypatch.setattr("brv_hypo.comparison.judgement.linearised_about", quiet)
     check_louder(flown("research_cone").flight.window(0.0, 2.5), 1.8, monkeypatch)
 
 

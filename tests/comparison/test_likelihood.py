@@ -7,8 +7,7 @@ import pytest
 from brv_hypo.comparison import CompareConfig
 from brv_hypo.comparison.compare import identify_credible
 from brv_hypo.comparison.result import Verdict
-from brv_hypo.inference.fit import fit_hypothesis
-from brv_hypo.inference.uncertainty import with_others
+from brv_hypo.inference.fit import fit_hypothesis, with_others
 from tests.chains import prepared
 from tests.studies.independent.instrument_errors import told
 from tests.studies.independent.study import drawn_flight

@@ -49,7 +49,7 @@ def test_knot_and_width_of_an_onset_move_apart_from_each_other() -> None:
     best, asked = fitted("bodyfixed"), problem()
     column = best.selected[0]
     onset = column.at(column.theta, TimeBasis("ramp", 2.0, 2.4))
-    knot, width = nonlinear_parameters((onset,), 0, best.frame, asked.knots)
+    knot, width = nonlinear_parameters((onset,), best.frame, asked.knots)
     assert (knot.kind, knot.value, width.kind) == ("knot", pytest.approx(2.2), "width")
     assert width.value == pytest.approx(0.4)
     assert ends(knot.moved((onset,), 2.5)) == pytest.approx((2.3, 2.7))

@@ -11,10 +11,9 @@ import pytest
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison import CompareConfig
-from brv_hypo.comparison.preparation import cleaned, shared_problem, with_processes
+from brv_hypo.comparison.preparation import linearised_about, shared_problem
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference import Rows, rows_of
-from brv_hypo.inference.build import point_of
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.rows import SETTLING
 from brv_hypo.mechanisms import Mechanism, MomentProcess, Term, registry, use_plugin_files
@@ -40,10 +39,8 @@ def of_baseline(*flights: Flight) -> Rows:
     config = CompareConfig(mechanisms=("damping",), knot_count=3)
     problem, chosen = shared_problem([reconstruct(flight) for flight in flights], config)
     fit = fit_hypothesis(problem, "none", ())
-    point = point_of(problem, fit.frame, fit.columns)
-    records = cleaned(problem, point, chosen)
-    assert records is not None
-    return rows_of(with_processes(point, records, chosen, config), fit)
+    whole, _ = linearised_about(problem, fit, chosen, config)
+    return rows_of(whole, fit)
 
 
 @cache

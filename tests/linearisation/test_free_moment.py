@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.inference.free_moment import ORDINARY, SHAPES, free_moment
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.unmodelled import ORDINARY, SHAPES, free_moment
 from brv_hypo.model.baseline import StaticMoment
 from tests.chains import prepared
 

@@ -74,7 +74,7 @@ def both(seed: int) -> Rows:
     """The carried histories (rows, effects), by label."""
     found = problem(seed).rows.nuisances
     places = [place for _, place in sorted(carried(found).items())]
-    histories = found.histories.of(np.eye(len(found.items))[:, places])
+    histories = found.histories(np.eye(len(found.items))[:, places])
     return Rows(histories.rates, histories.force)
 
 

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from brv_hypo.comparison.compare import criteria_of
 from brv_hypo.comparison.verdict import OTHER, probabilities
-from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, renewed
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, renewed, with_errors
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.mechanisms import Mechanism, Parameter, Term, find
 from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS, Alias, renamed
 from brv_hypo.motion.motion import Motion

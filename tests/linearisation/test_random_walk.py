@@ -37,7 +37,7 @@ def test_the_noise_of_each_unknown_is_about_one_row_of_noise():
     (own,), (loose,) = rows.of_flights, problem.untied().rows.of_flights
     lengths = np.linalg.norm(own.own_noise, axis=0)
     assert np.all((lengths > 0.1) & (lengths < 1.3))  # the noise's level is found twice, its colour once
-    assert rows.nuisances.correlated.size == own.own_noise.shape[1] > 0
+    assert rows.nuisances.flights[0].walks.size == own.own_noise.shape[1] > 0
     assert loose.own_noise.shape[1] == 0
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from brv_hypo.inference.fit import self_consistent
+from brv_hypo.inference.fit import self_consistent, with_errors
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.model.term import TimeBasis
 from tests.comparison.pulse import fitted, problem
 
@@ -21,7 +20,7 @@ def test_a_knot_stays_within_the_record(place: float) -> None:
         column.at(column.theta, TimeBasis(column.time_basis.kind, start + place * (stop - start)))
         for column in best.selected
     )
-    for knot in nonlinear_parameters(columns, 0, best.frame, told.knots):
+    for knot in nonlinear_parameters(columns, best.frame, told.knots):
         assert start <= knot.bounds[0] <= knot.value <= knot.bounds[1] <= stop
         assert knot.bounds[0] < knot.bounds[1]
 

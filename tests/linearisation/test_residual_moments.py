@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from brv_hypo.inference.uncertainty import residual_moments
+from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.motion.signals import differentiate
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.baseline import start_model

@@ -9,8 +9,15 @@ import pytest
 
 from brv_hypo.constants import OUTSIDE
 from brv_hypo.inference.fit import fit_hypothesis
-from brv_hypo.inference.free_moment import SHAPES, shape_of
-from brv_hypo.inference.unmodelled import RATE, TurningMoment, UnmodelledMoment, turning_moments, unmodelled_moments
+from brv_hypo.inference.unmodelled import (
+    RATE,
+    SHAPES,
+    TurningMoment,
+    UnmodelledMoment,
+    shape_of,
+    turning_moments,
+    unmodelled_moments,
+)
 from brv_hypo.mechanisms import Parameter, Term, find
 from brv_hypo.model.term import candidates, theta_grid
 from brv_hypo.motion.motion import Motion

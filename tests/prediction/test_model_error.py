@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from brv_hypo.flight import load_flight, save_flight
 from brv_hypo.flight.record import Flight
-from brv_hypo.inference.uncertainty import ResidualMoments, residual_moments
+from brv_hypo.linearisation.frame import ResidualMoments, residual_moments
 from brv_hypo.mechanisms import find
 from brv_hypo.mechanisms.yaml_mechanism import Factor, MechanismFile, YamlTerm, mechanism_of
 from brv_hypo.model.model import Model, ModelError, SavedColumn, SavedModel
