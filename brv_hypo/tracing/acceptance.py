@@ -1,26 +1,20 @@
-"""What makes a candidate acceptable: how it fits the fitted part, and whether the blocks held out agree with it.
+"""Which candidate joins a model: the test on the blocks held out, beside all processes, and in repetitions.
 
-A `Candidate` is an effect as fitted beside a model, with its F-ratio and what its search costs. `Tried` is a candidate
-with what it does to the held-out error: `accepted` is the one test by which it joins the model. `choose` tries the
-candidates of a step, best first.
+`Tried` is a candidate with what it does to the held-out error: `accepted` is the one test by which it joins the model.
+`choose` tries the candidates of a step, best first, and says how many repetitions name the one that is accepted.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.comparison.intervals import intervals, within_bounds
 from brv_hypo.constants import (
-    CONFOUNDED_COSINE,
-    CONFOUNDED_GAIN,
-    CONFOUNDED_NEAR,
     FINDING_REPEATED,
     FINDING_SIGMAS,
     HELD_OUT_CLUSTER,
@@ -30,154 +24,36 @@ from brv_hypo.constants import (
     LOOP_BEYOND_DOUBT,
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
-    LOOP_SCHEDULE,
+    LOOP_REPEATED_BLOCKS,
+    LOOP_REPEATED_KNOTS,
+    LOOP_RIVALS,
     LOOP_TRIES,
+    LOOP_WITH_EVIDENCE,
+    REPEATED_ERRORS,
 )
-from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.reduced import Reduced
-from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.uncertainty import with_errors
-from brv_hypo.linearisation.channels import Part, Rows
+from brv_hypo.linearisation.channels import Part, Rows, split
 from brv_hypo.linearisation.linear import lengths
-from brv_hypo.mechanisms.contract import Component, RecordEffect
-from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
-from brv_hypo.model.term import Regressor
+from brv_hypo.model.term import default_knots
 from brv_hypo.thresholds import SPECIFIC
+from brv_hypo.tracing.additions import with_candidate
 from brv_hypo.tracing.baseline import has_schedule
+from brv_hypo.tracing.candidates import (
+    Candidate,
+    adjusted,
+    best_first,
+    confounded,
+    fitted_again,
+    nearly_equal,
+    ranked,
+    schedules_first,
+)
+from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.fit import Fit, has_tolerance
-from brv_hypo.tracing.result import Kind, Status
+from brv_hypo.tracing.result import Status
 
 _SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
-
-
-# ---- The fitted part ----
-
-
-class History(NamedTuple):
-    """What one typical size of a component of a record effect makes of a flight; `rows` (frame rows,)."""
-
-    flight: int
-    component: Component
-    effect: RecordEffect
-    rows: Rows
-
-
-Variant = Mapping[str, History]
-"""A record effect as it may be set: its histories by the names of their columns."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
-
-    `explains` is the share of the weighed squares that it saves, `fall` their fall in effective samples.
-    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the fall
-    of the whitened rates' squares. `variant` are the histories of a record effect, `file` a description in generic
-    terms. `evidence` is the log evidence that it gains beside all processes, nats; None where it is not known.
-    """
-
-    name: str
-    kind: Kind
-    fit: HypothesisFit
-    gain: float
-    f_ratio: float
-    p_value: float
-    contribution: FloatArray
-    in_rates: float
-    fall: float
-    explains: float
-    variant: Variant = field(default_factory=dict)
-    file: MechanismFile | None = None
-    evidence: float | None = None
-
-    @property
-    def effect(self) -> RecordEffect | None:
-        """The record effect with its settings; None for moments."""
-        return next((history.effect for history in self.variant.values()), None)
-
-
-def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind) -> Candidate:
-    """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves within its bounds."""
-    fit = _within_bounds(problem, fit)
-    extra, free = fit.parameters - null.parameters, fit.samples - fit.parameters
-    f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / free)
-    chance = float(stats.f.sf(f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
-    chosen = len({column.choice for column in fit.selected})
-    before, after = (each.residual[: problem.rows.rates] for each in (null, fit))
-    return Candidate(
-        name=name,
-        kind=kind,
-        fit=fit,
-        gain=null.information - fit.information,
-        f_ratio=f_ratio,
-        p_value=min(chance * math.comb(fit.searched, min(chosen, fit.searched)), 1.0),
-        contribution=null.residual - fit.residual,
-        in_rates=float((before @ before - after @ after) / (fit.rss / fit.samples)),
-        fall=f_ratio * extra * fit.efficiency,
-        explains=1.0 - fit.rss / null.rss,
-    )
-
-
-def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with what it would lose by values that a body may have, all where they are absurd: outside the bounds by
-    more than these are wide, however large their errors. Of several flights, whose values differ, as it is.
-    """
-    bounds = {mechanism.name: mechanism.bounds for mechanism in fit.mechanisms}
-    if len(problem.records) > 1 or not any(bounds.values()):
-        return fit
-    fit = with_errors(problem, replace(fit, bound_cost=0.0))
-    values = [(net.value, bounds[net.mechanism].get(net.name)) for each in intervals(fit) for net in each.values]
-    absurd = any(max(at[0] - value, value - at[1]) > at[1] - at[0] for value, at in values if at)
-    return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
-
-
-def fitted_again(
-    problem: Problem, null: HypothesisFit, candidate: Candidate, columns: tuple[Regressor, ...] | None = None
-) -> Candidate:
-    """A candidate under the problem's noise, with its own columns or with others."""
-    fit = solved_again(problem, candidate.fit, columns)
-    found = candidate_of(problem, null, fit, candidate.name, candidate.kind)
-    return replace(found, variant=candidate.variant, file=candidate.file)
-
-
-def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor, ...] | None = None) -> HypothesisFit:
-    """A fit under the problem's noise, with its own columns or with others."""
-    every = (*problem.baseline, *(fit.selected if columns is None else columns))
-    found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
-    if columns is None:
-        return replace(found, nonlinear=fit.nonlinear)
-    return replace(found, nonlinear=nonlinear_parameters(every, found.baseline_size, fit.frame, problem.knots))
-
-
-def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
-    """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
-    found: dict[str, float] = {}
-    running = 0.0
-    for rank, candidate in enumerate(sorted(tried, key=lambda candidate: candidate.p_value)):
-        running = max(running, min((len(tried) - rank) * candidate.p_value, 1.0))
-        found[candidate.name] = running
-    return found
-
-
-def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
-    """Those that this flight cannot tell from the leader: nearly as good a fit, and as likely beside processes."""
-    return tuple(o.name for o in others if o.name != leader.name and o.gain > 0.0 and _is_equal(leader, o))
-
-
-def _is_equal(leader: Candidate, other: Candidate) -> bool:
-    explains = other.gain > CONFOUNDED_GAIN * leader.gain
-    if leader.evidence is not None and other.evidence is not None:
-        return explains and abs(leader.evidence - other.evidence) < SPECIFIC
-    return abs(leader.gain - other.gain) < CONFOUNDED_NEAR or (explains and nearly_equal(leader, other))
-
-
-def nearly_equal(one: Candidate, other: Candidate) -> bool:
-    """Whether two candidates predict nearly the same."""
-    a, b = one.contribution, other.contribution
-    return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
-
 
 # ---- The blocks held out ----
 
@@ -253,8 +129,8 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate with the model that it makes, and what it did to the held-out part: `agreement` in both channels,
-    `ratio` of the moments' mean squares.
+    """A candidate with the model that it makes (`fit`), and what it did to the held-out part: `agreement` in both
+    channels, `ratio` of the moments' mean squares.
 
     `before` is the regression without the effect, `after` with its columns: an effect with a tolerance is fixed at zero
     before, though every other fit has it within its tolerance.
@@ -273,8 +149,8 @@ class Tried:
     """Whether every fit has it within its tolerance."""
     gain: float | None = None
     """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
-    of_majority: bool = True
-    """Whether it is of the family of processes that explains most of the residual, if one does."""
+    may_be_named: bool = True
+    """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
 
     @property
     def accepted(self) -> bool:
@@ -282,11 +158,10 @@ class Tried:
 
         What the evidence does not want beside them is refused where another family explains most of the residual.
         """
-        least = 0.0 if self.has_tolerance else -SPECIFIC
-        if self.gain is None:
+        if not self.agrees or self.gain is None:
             return self.agrees
-        may_be_named = self.of_majority or self.gain >= SPECIFIC or self.candidate.kind == "discovered"
-        return self.agrees and self.gain > least and may_be_named
+        least = 0.0 if self.has_tolerance else -SPECIFIC
+        return self.gain > least and (self.may_be_named or self.candidate.kind == "discovered")
 
     @property
     def agrees(self) -> bool:
@@ -318,6 +193,12 @@ class Tried:
         return "finding" if lowers and wanted and named_in >= FINDING_REPEATED else "hint"
 
 
+def with_columns(fit: Fit, candidate: Candidate) -> Fit:
+    """The same regression with a candidate's columns."""
+    own = candidate.fit
+    return replace(fit, model=fit.model.but(columns=own.columns), data=replace(fit.data, frame=own.frame))
+
+
 # ---- Which is added ----
 
 
@@ -331,6 +212,11 @@ class Choice:
     ranked: tuple[Candidate, ...]
     tried: tuple[Tried, ...]
     named_in: float | None = None
+
+    @cached_property
+    def chances(self) -> dict[str, float]:
+        """Adjusted p-values of the candidates."""
+        return adjusted(self.ranked)
 
     @property
     def accepted(self) -> Tried | None:
@@ -358,25 +244,48 @@ class Choice:
         return tuple(sorted(self.ranked, key=lambda candidate: rank.get(candidate.name, 2)))
 
 
-def choose(
-    fit: Fit,
-    candidates: Sequence[Candidate],
-    add: Callable[[Candidate], Fit],
-    weighed: Callable[[Fit], tuple[float, bool]],
-) -> Choice:
-    """Try the candidates that count on the held-out part, the best first, until one is taken.
+def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
+    """What is chosen of the candidates beside a fit, and how many repetitions name it."""
+    beside = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given)
+    choice = first_accepted(fit, with_evidence(fit, candidates, beside), beside)
+    if choice.accepted is None:
+        return choice
+    chosen = choice.accepted.candidate
+    offered = [each for each in choice.ranked if each.name not in choice.unwanted]
+    if chosen.follows is not None and not has_schedule(fit.model):
+        offered = list(schedules_first(offered))
+    return replace(choice, named_in=named_in(beside, offered, chosen, fit))
+
+
+def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
+    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
+
+    So are all that change in time: on a coarse grid any of them may look like nothing.
+    """
+    found = []
+    for place, candidate in enumerate(candidates):
+        changes = any(m.time_variation != ("constant",) for m in candidate.fit.mechanisms)
+        leads = place < LOOP_WITH_EVIDENCE and candidate.gain > 0.0
+        if changes or leads or candidate.kind == "discovered":
+            gain, columns = beside.likeliest(candidate.fit)
+            if set(columns) != set(candidate.fit.selected):
+                candidate = fitted_again(fit.problem, fit.null, candidate, columns)
+            candidate = replace(candidate, evidence=gain)
+        found.append(candidate)
+    return found
+
+
+def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
+    """Try the candidates that count on the held-out part, the best first, until one is accepted.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
-    tolerance that every fit allows it. `weighed`: what the last effect of a model gains beside all processes, and
-    whether no other family explains most of the residual.
+    tolerance that every fit allows it.
     """
     significance, problem = fit.data.config.significance, fit.problem
-    ranked = _ranked(candidates, {column.mechanism for column in problem.baseline})
-    first = () if has_schedule(fit.model) else schedules_first(ranked)
-    ranked = (*first, *(candidate for candidate in ranked if candidate not in first))
-    chances, tried = adjusted(ranked), list[Tried]()
-    for candidate in ranked:
+    order = ranked(candidates, {column.mechanism for column in problem.baseline}, has_schedule(fit.model))
+    chances, tried = adjusted(order), list[Tried]()
+    for candidate in order:
         if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
             continue
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
@@ -386,79 +295,60 @@ def choose(
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             break
-        found = _try(fit, candidate, certain, add)
-        if found.agrees:
-            gain, of_majority = weighed(found.fit)
-            found = replace(found, gain=gain, of_majority=of_majority)
-        tried.append(found)
-        if found.accepted or len(tried) == LOOP_TRIES:
+        tried.append(_try(fit, candidate, certain, beside))
+        if tried[-1].accepted or len(tried) == LOOP_TRIES:
             break
-    return Choice(ranked, tuple(tried))
+    return Choice(order, tuple(tried))
 
 
-def _try(fit: Fit, candidate: Candidate, certain: bool, add: Callable[[Candidate], Fit]) -> Tried:
-    added, before, after = add(candidate), fit, with_columns(fit, candidate)
+def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried:
+    """A candidate added to the model; weighed beside processes where the held-out part agrees with it."""
+    added, before, after = with_candidate(fit, candidate), fit, with_columns(fit, candidate)
     if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
         others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
         before = replace(fit, others=np.array(others))
     agrees = agreement(fit.problem, fit.data.held_out, before.rest, after.rest)
     new, old = added.held_out, before.held_out
     ratio, error = new.mean_square / old.mean_square, jackknife_error(new.left_out / old.left_out)
-    return Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
+    tried = Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
+    if not tried.agrees:
+        return tried
+    there, own = beside_processes(added, fit.model, added.data.fitted), added.model.added[-1]
+    gain = there.gain(own)
+    gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
+    named = gain >= SPECIFIC or beside.majority in (None, there.families[own])
+    return replace(tried, gain=gain, may_be_named=named)
 
 
-def with_columns(fit: Fit, candidate: Candidate) -> Fit:
-    """The same regression with a candidate's columns."""
-    own = candidate.fit
-    return replace(fit, model=fit.model.but(columns=own.columns), data=replace(fit.data, frame=own.frame))
+# ---- Repetitions ----
 
 
-def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The schedules that explain not much less than the best candidate, in their order; see `is_schedule`."""
-    most = max((candidate.gain for candidate in ranked), default=0.0)
-    return tuple(c for c in ranked if is_schedule(c) and c.gain >= LOOP_SCHEDULE * most)
+def named_in(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> float:
+    """Share of the repetitions in which an effect gains most beside all processes, a generic description far more."""
+    rivals = [each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]
+    best = []
+    for problem in _repetitions(beside.rows.problem, fit):
+        again = beside.under(problem)
+        gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
+        gains[own.name] = again.gain_of(own.fit)
+        best.append(min((own, *rivals), key=best_first((own, *rivals), gains)))
+    return float(np.mean([each is own for each in best]))
 
 
-def is_schedule(candidate: Candidate) -> bool:
-    """Whether a candidate's terms are a schedule of the flight's."""
-    return any(mechanism.follows is not None for mechanism in candidate.fit.mechanisms)
-
-
-def follows_mach(candidate: Candidate) -> bool:
-    """Whether they are one by Mach number, which a model may have smooth."""
-    return any(mechanism.follows == "mach" for mechanism in candidate.fit.mechanisms)
-
-
-def best_first(
-    offered: Sequence[Candidate], evidences: Mapping[str, float]
-) -> Callable[[Candidate], tuple[float, float]]:
-    """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
-
-    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`.
-    """
-    most = max((evidences[each.name] for each in offered if each.name in evidences), default=-np.inf)
-    equal = {name for name, own in evidences.items() if own > most - SPECIFIC}
-    return lambda each: (-np.inf if each.name in equal else -evidences.get(each.name, -np.inf), -each.gain)
-
-
-def _ranked(candidates: Sequence[Candidate], known: Collection[str]) -> tuple[Candidate, ...]:
-    """The candidates, the leader first.
-
-    The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
-    description in generic terms a name.
-    """
-    named = [each for each in candidates if each.kind != "discovered"]
-    evidences = {each.name: each.evidence for each in named if each.evidence is not None}
-    order = best_first(named, evidences)
-    better = dict.fromkeys(known, CONFOUNDED_NEAR)
-    ranked = sorted(named, key=lambda each: (order(each)[0], order(each)[1] - better.get(each.name, 0.0)))
-
-    def is_beaten(candidate: Candidate, by: Candidate) -> bool:
-        if candidate.evidence is not None and by.evidence is not None:
-            return by.evidence - candidate.evidence >= SPECIFIC
-        return by.gain - candidate.gain >= CONFOUNDED_NEAR
-
-    for described in (each for each in candidates if each.kind == "discovered"):
-        place = next((k for k, each in enumerate(ranked) if is_beaten(each, described)), len(ranked))
-        ranked.insert(place, described)
-    return tuple(ranked)
+def _repetitions(problem: Problem, fit: Fit) -> Iterator[Problem]:
+    """The problem with other blocks, other knots, and another inertia and dynamic pressure."""
+    data, config = fit.data, fit.data.config
+    for share in LOOP_REPEATED_BLOCKS:
+        fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
+        yield problem.on(fitted)
+    start, stop = float(data.frame.time.min()), float(data.frame.time.max())
+    for more in LOOP_REPEATED_KNOTS:
+        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
+    nuisances = problem.rows.nuisances
+    for effect in REPEATED_ERRORS:
+        for side in (-1.0, 1.0):
+            items = tuple(
+                replace(item, present=item.present + side) if item.name == effect else item for item in nuisances.items
+            )
+            if items != nuisances.items:
+                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))

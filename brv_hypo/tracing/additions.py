@@ -21,7 +21,8 @@ from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, fitted_again, solved_again
+from brv_hypo.tracing.baseline import has_schedule, scheduled
+from brv_hypo.tracing.candidates import Candidate, History, Variant, candidate_of, fitted_again, solved_again
 from brv_hypo.tracing.description import discover
 from brv_hypo.tracing.fit import Fit, converged, fitted_about, with_efficiency
 
@@ -34,14 +35,16 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
     """The model with a candidate added, fitted to the fitted part of the flights.
 
     Without an error of the record that it lacked, other errors had taken up some of it: with it they are estimated
-    anew, where that fits better.
+    anew, where that fits better. So they are beside a first schedule by Mach number, which the model then has smooth.
     """
     found = candidate.fit
     if candidate.effect is None:
         known = {mechanism.name: mechanism for mechanism in found.mechanisms}
         model = fit.model + Model(mechanisms=known, columns=found.selected, added=(candidate.name,))
-        problem = replace(fit.problem, frame=found.frame, baseline=model.columns)
-        return Fit(model, replace(fit.data, frame=found.frame), problem, fit.linear)
+        data = replace(fit.data, frame=found.frame)
+        if candidate.follows == "mach" and not has_schedule(fit.model):
+            return converged(data.originals, scheduled(model, data), data.config)
+        return Fit(model, data, replace(fit.problem, frame=found.frame, baseline=model.columns), fit.linear)
     applied = []
     for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):
         number, (name, units, size), effect, _ = candidate.variant[column.term]
@@ -137,7 +140,7 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
     if not found:
         return None
     best, variant = min(found, key=lambda pair: pair[0].information)
-    return replace(candidate_of(problem, fit.null, best, best.name, effect.kind), variant=variant)
+    return candidate_of(problem, fit.null, best, next(iter(variant.values())).effect.kind, variant)
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
@@ -176,7 +179,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
         searched = len({column for offer in offered for column in offer})
         own = mechanism.name, (mechanism,), frame
         fits = [each for offer in offered for each in forward(problem, *own, offer, searched)]
-    return candidate_of(problem, fit.null, likeliest(fits), mechanism.name, "mechanism") if fits else None
+    return candidate_of(problem, fit.null, likeliest(fits), "mechanism") if fits else None
 
 
 def _offered(

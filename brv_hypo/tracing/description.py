@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -49,7 +49,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.tracing.acceptance import Candidate, candidate_of
+from brv_hypo.tracing.candidates import Candidate, candidate_of
 
 # ---- The dictionary ----
 
@@ -226,7 +226,7 @@ def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | No
     fit = min(found, key=_information).fit
     terms = as_terms(fit.selected, fit.values[fit.baseline_size :], fit.mechanisms[0])
     file = file_of(name, fit.mechanisms[0].title, terms)
-    return replace(candidate_of(problem, null, fit, name, "discovered"), file=file)
+    return candidate_of(problem, null, fit, "discovered", file=file)
 
 
 def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
