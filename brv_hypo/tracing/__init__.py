@@ -3,11 +3,10 @@
 result         settings, and the result: steps, findings and hints, the model, its residual
 fit            flights read as a model reads them; the model fitted to them; held-out errors
 baseline       what a trace starts from: constant slope, its schedule by Mach number, or a table
-candidates     an effect as fitted: its F-ratio and p-value, what it is confounded with, which leads
+families       the model beside all processes: which family holds the residual, which effects are wanted
+acceptance     a candidate's F-ratio and p-value, the test on the blocks held out, and which is added
 description    the dictionary of generic terms, and the entry that describes a residual best
 additions      every candidate beside a model
-families       the model beside all processes: which family holds the residual, which effects are wanted
-acceptance     the test on the blocks held out, beside processes and in repetitions: which candidate is added
 final_model    coefficients on the whole record, and the result as it is gathered
 trace          the loop, and what each of its steps says
 """

@@ -9,7 +9,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from brv_hypo.constants import MODEL_TRIFLE, RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
+from brv_hypo.constants import RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
 from brv_hypo.inference.noise import estimated_noise, raised_noise
 from brv_hypo.inference.problem import Problem, given_column
@@ -19,45 +19,15 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.model import Applied, Model
+from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.baseline import has_schedule, scheduled
-from brv_hypo.tracing.candidates import Candidate, History, Variant, candidate_of, fitted_again, solved_again
+from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, fitted_again, solved_again
 from brv_hypo.tracing.description import discover
-from brv_hypo.tracing.fit import Fit, converged, fitted_about, with_efficiency
+from brv_hypo.tracing.fit import Fit, with_efficiency
 
 _SPENT = 1e-6  # of a column that is left beside others, below which it says nothing
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
-
-
-def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
-    """The model with a candidate added, fitted to the fitted part of the flights.
-
-    Without an error of the record that it lacked, other errors had taken up some of it: with it they are estimated
-    anew, where that fits better. So they are beside a first schedule by Mach number, which the model then has smooth.
-    """
-    found = candidate.fit
-    if candidate.effect is None:
-        known = {mechanism.name: mechanism for mechanism in found.mechanisms}
-        model = fit.model + Model(mechanisms=known, columns=found.selected, added=(candidate.name,))
-        data = replace(fit.data, frame=found.frame)
-        if candidate.follows == "mach" and not has_schedule(fit.model):
-            return converged(data.originals, scheduled(model, data), data.config)
-        return Fit(model, data, replace(fit.problem, frame=found.frame, baseline=model.columns), fit.linear)
-    applied = []
-    for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):
-        number, (name, units, size), effect, _ = candidate.variant[column.term]
-        applied.append(Applied(effect=effect, component=name, units=units, size=size, value=value, flight=number))
-    model = fit.model + Model(applied=tuple(applied), added=(candidate.name,))
-    freed = {(each.flight, each.effect.name, each.component) for each in applied}
-    corrections = [
-        {name: value for name, value in known.items() if (number, *name) not in freed}
-        for number, known in enumerate(fit.data.corrections)
-    ]
-    own = fitted_about(fit.data.again(model, corrections), model, fit.values, fit.problem.rows.noise)
-    anew = converged(fit.data.originals, model, fit.data.config)
-    return anew if anew.errors.mean_square * MODEL_TRIFLE < own.errors.mean_square else own
 
 
 def analyse_step(

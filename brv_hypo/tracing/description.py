@@ -49,7 +49,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.tracing.candidates import Candidate, candidate_of
+from brv_hypo.tracing.acceptance import Candidate, candidate_of
 
 # ---- The dictionary ----
 

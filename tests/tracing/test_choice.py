@@ -16,8 +16,7 @@ from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing import acceptance
-from brv_hypo.tracing.acceptance import Agreement, Choice, Tried, first_accepted
-from brv_hypo.tracing.candidates import Candidate
+from brv_hypo.tracing.acceptance import Agreement, Candidate, Choice, Tried, first_accepted
 from brv_hypo.tracing.fit import MomentErrors
 from brv_hypo.tracing.result import TraceConfig
 from brv_hypo.tracing.trace import rests_on_hints

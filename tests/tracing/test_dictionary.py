@@ -13,7 +13,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms.conformance import sample_motion
 from brv_hypo.mechanisms.yaml_mechanism import Factor, Turn, YamlMechanism, YamlTerm, mechanism_of
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.tracing.candidates import Candidate
+from brv_hypo.tracing.acceptance import Candidate
 from brv_hypo.tracing.description import discover, entries
 from tests.chains import prepared
 

@@ -16,8 +16,8 @@ from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.motion.smoother import BENT
 from brv_hypo.tracing import TraceConfig
+from brv_hypo.tracing.acceptance import schedules_first
 from brv_hypo.tracing.baseline import has_schedule, scheduled, start_model, starting_columns, static_moment
-from brv_hypo.tracing.candidates import schedules_first
 from brv_hypo.tracing.fit import correct, next_corrections
 from tests.flights import nominal
 
