@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import intervals, within_bounds
@@ -45,6 +46,7 @@ from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
+from brv_hypo.inference.rows import rows_of
 from brv_hypo.inference.uncertainty import with_errors
 from brv_hypo.linearisation.channels import Part, Rows, split
 from brv_hypo.linearisation.linear import lengths
@@ -55,7 +57,7 @@ from brv_hypo.model.term import Regressor, default_knots
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule, scheduled
 from brv_hypo.tracing.families import Beside, beside_processes
-from brv_hypo.tracing.fit import Fit, converged, fitted_about, has_tolerance
+from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
 
 _SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
@@ -174,12 +176,8 @@ def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor,
 
 def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
     """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
-    found: dict[str, float] = {}
-    running = 0.0
-    for rank, candidate in enumerate(sorted(tried, key=lambda candidate: candidate.p_value)):
-        running = max(running, min((len(tried) - rank) * candidate.p_value, 1.0))
-        found[candidate.name] = running
-    return found
+    chances = multipletests([each.p_value for each in tried], method="holm")[1].tolist() if tried else ()
+    return dict(zip((each.name for each in tried), chances, strict=True))
 
 
 # ---- Which are alike, which leads ----
@@ -272,8 +270,9 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
         {name: value for name, value in known.items() if (number, *name) not in freed}
         for number, known in enumerate(fit.data.corrections)
     ]
-    own = fitted_about(fit.data.again(model, corrections), model, fit.values, fit.problem.rows.noise)
-    anew = converged(fit.data.originals, model, fit.data.config)
+    flights, config = fit.data.originals, fit.data.config
+    data = correct(flights, model, config, corrections)
+    own, anew = fitted_about(data, model, fit.values, fit.problem.rows.noise), converged(flights, model, config)
     return anew if anew.errors.mean_square * MODEL_TRIFLE < own.errors.mean_square else own
 
 
@@ -547,7 +546,7 @@ def named_in(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: 
     rivals = [each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]
     best = []
     for problem in _repetitions(beside.rows.problem, fit):
-        again = beside.under(problem)
+        again = replace(beside, rows=rows_of(problem, beside.point))
         gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
         gains[own.name] = again.gain_of(own.fit)
         best.append(min((own, *rivals), key=best_first((own, *rivals), gains)))
