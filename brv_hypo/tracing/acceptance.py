@@ -157,23 +157,6 @@ def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
 
 
-def fitted_again(
-    problem: Problem, null: HypothesisFit, candidate: Candidate, columns: tuple[Regressor, ...] | None = None
-) -> Candidate:
-    """A candidate under the problem's noise, with its own columns or with others."""
-    fit = solved_again(problem, candidate.fit, columns)
-    return candidate_of(problem, null, fit, candidate.kind, candidate.variant, candidate.file)
-
-
-def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor, ...] | None = None) -> HypothesisFit:
-    """A fit under the problem's noise, with its own columns or with others."""
-    every = (*problem.baseline, *(fit.selected if columns is None else columns))
-    found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
-    if columns is None:
-        return replace(found, nonlinear=fit.nonlinear)
-    return replace(found, nonlinear=nonlinear_parameters(every, found.baseline_size, fit.frame, problem.knots))
-
-
 def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
     """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
     chances = multipletests([each.p_value for each in tried], method="holm")[1].tolist() if tried else ()
@@ -487,10 +470,18 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
         if changes or leads or candidate.kind == "discovered":
             gain, columns = beside.likeliest(candidate.fit)
             if set(columns) != set(candidate.fit.selected):
-                candidate = fitted_again(fit.problem, fit.null, candidate, columns)
+                candidate = _with_other(columns, candidate, fit)
             candidate = replace(candidate, evidence=gain)
         found.append(candidate)
     return found
+
+
+def _with_other(columns: tuple[Regressor, ...], candidate: Candidate, fit: Fit) -> Candidate:
+    """A candidate with these columns."""
+    own, problem, every = candidate.fit, fit.problem, (*fit.problem.baseline, *columns)
+    found = solved(Reduced(problem, own.frame), own.name, own.mechanisms, every, own.searched)
+    found = replace(found, nonlinear=nonlinear_parameters(every, found.baseline_size, own.frame, problem.knots))
+    return candidate_of(problem, fit.null, found, candidate.kind, candidate.variant, candidate.file)
 
 
 def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:

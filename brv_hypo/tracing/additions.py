@@ -21,7 +21,7 @@ from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, fitted_again, solved_again
+from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of
 from brv_hypo.tracing.description import discover
 from brv_hypo.tracing.fit import Fit, with_efficiency
 
@@ -52,7 +52,9 @@ def analyse_step(
     found = [candidate for candidate in tried if candidate is not None]
     if found:
         fit = replace(fit, problem=with_efficiency(fit.problem, likeliest([each.fit for each in found])))
-        found = [fitted_again(fit.problem, fit.null, candidate) for candidate in found]
+        fits = [replace(each.fit, efficiency=fit.problem.efficiency) for each in found]
+        pairs = zip(fits, found, strict=True)
+        found = [candidate_of(fit.problem, fit.null, own, each.kind, each.variant) for own, each in pairs]
         for place, candidate in enumerate(found):
             if len(catalogue.get(candidate.name, ())) > 1:
                 fit, found[place] = _closer(fit, candidate)
@@ -140,15 +142,16 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
     """
     problem = fit.problem
     if len(problem.records) == 1:
-        found = fit_hypothesis(sharp, mechanism.name, (mechanism,))
-        fits = [solved_again(problem, found)] if found.selected else []
+        own = fit_hypothesis(sharp, mechanism.name, (mechanism,))
+        again = solved(Reduced(problem, own.frame), own.name, own.mechanisms, own.columns, own.searched)
+        fits = [replace(again, nonlinear=own.nonlinear)] if own.selected else []
     else:
         frame, grid = problem.frame.with_mechanisms([mechanism]), theta_grid(mechanism)
         together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
         offered = [_offered(problem, frame, mechanism, thetas) for thetas in together]
         searched = len({column for offer in offered for column in offer})
-        own = mechanism.name, (mechanism,), frame
-        fits = [each for offer in offered for each in forward(problem, *own, offer, searched)]
+        named = mechanism.name, (mechanism,), frame
+        fits = [each for offer in offered for each in forward(problem, *named, offer, searched)]
     return candidate_of(problem, fit.null, likeliest(fits), "mechanism") if fits else None
 
 
