@@ -157,6 +157,13 @@ def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
 
 
+def solved_again(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """A fit on the problem's rows, under its noise."""
+    every = (*problem.baseline, *fit.selected)
+    found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
+    return replace(found, nonlinear=fit.nonlinear)
+
+
 def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
     """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
     chances = multipletests([each.p_value for each in tried], method="holm")[1].tolist() if tried else ()
@@ -431,6 +438,11 @@ class Choice:
         return tuple(each.candidate.name for each in self.tried if each.agrees and not each.accepted)
 
     @property
+    def refuted(self) -> tuple[str, ...]:
+        """Those with which the held-out part does not agree."""
+        return tuple(each.candidate.name for each in self.tried if not each.agrees)
+
+    @property
     def leading(self) -> Tried | None:
         """What is added or, where nothing is, the best that counts."""
         return self.accepted or (self.tried[0] if self.tried else None)
@@ -455,7 +467,11 @@ def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
     offered = [each for each in choice.ranked if each.name not in choice.unwanted]
     if chosen.follows is not None and not has_schedule(fit.model):
         offered = list(schedules_first(offered))
-    return replace(choice, named_in=named_in(beside, offered, chosen, fit))
+    if choice.refuted:
+        share = explains_most_in(fit, [each for each in offered if each.name not in choice.refuted], chosen)
+    else:
+        share = named_in(beside, offered, chosen, fit)
+    return replace(choice, named_in=share)
 
 
 def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
@@ -493,8 +509,9 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
     """
     significance, problem = fit.data.config.significance, fit.problem
     order = ranked(candidates, {column.mechanism for column in problem.baseline}, has_schedule(fit.model))
-    chances, tried = adjusted(order), list[Tried]()
-    for candidate in order:
+    chances, tried, waiting = adjusted(order), list[Tried](), list(order)
+    while waiting and len(tried) < LOOP_TRIES:
+        candidate = waiting.pop(0)
         if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
             continue
         certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
@@ -503,10 +520,12 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
         if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
-            break
+            continue
         tried.append(_try(fit, candidate, certain, beside))
-        if tried[-1].accepted or len(tried) == LOOP_TRIES:
+        if tried[-1].accepted:
             break
+        if not tried[-1].agrees:
+            waiting.sort(key=lambda each: (each.kind == "discovered", -each.gain))
     return Choice(order, tuple(tried))
 
 
@@ -541,6 +560,17 @@ def named_in(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: 
         gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
         gains[own.name] = again.gain_of(own.fit)
         best.append(min((own, *rivals), key=best_first((own, *rivals), gains)))
+    return float(np.mean([each is own for each in best]))
+
+
+def explains_most_in(fit: Fit, offered: Sequence[Candidate], own: Candidate) -> float:
+    """Share of the repetitions in which an effect explains more than every other name, processes apart."""
+    named = sorted((each for each in offered if each.kind != "discovered"), key=lambda each: -each.gain)
+    rivals = [each for each in offered if each is own or each in named[: LOOP_RIVALS + 1]]
+    best = [
+        min(rivals, key=lambda each: solved_again(problem, each.fit).information)
+        for problem in _repetitions(fit.problem, fit)
+    ]
     return float(np.mean([each is own for each in best]))
 
 

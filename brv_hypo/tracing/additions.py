@@ -21,7 +21,7 @@ from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of
+from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, solved_again
 from brv_hypo.tracing.description import discover
 from brv_hypo.tracing.fit import Fit, with_efficiency
 
@@ -143,8 +143,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
     problem = fit.problem
     if len(problem.records) == 1:
         own = fit_hypothesis(sharp, mechanism.name, (mechanism,))
-        again = solved(Reduced(problem, own.frame), own.name, own.mechanisms, own.columns, own.searched)
-        fits = [replace(again, nonlinear=own.nonlinear)] if own.selected else []
+        fits = [solved_again(problem, own)] if own.selected else []
     else:
         frame, grid = problem.frame.with_mechanisms([mechanism]), theta_grid(mechanism)
         together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]

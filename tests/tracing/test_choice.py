@@ -96,6 +96,21 @@ def test_what_explains_far_less_does_not_stand_in_a_refused_ones_place(monkeypat
     assert result.reported[0].name == "lag"
 
 
+def test_once_the_evidence_s_leader_is_refuted_what_explains_most_is_tried_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    evidences = {"lag": 500.0, "damping": 200.0, "inplane": 100.0, "bias": 5.0}
+    gains = {"lag": 85.0, "damping": 70.0, "inplane": 40.0, "bias": 190.0}
+    found = [
+        replace(candidate(name, gains[name], np.eye(4)[k]), evidence=evidences[name])
+        for k, name in enumerate(evidences)
+    ]
+    result = chosen(found, "bias", monkeypatch)
+    assert [one.candidate.name for one in result.tried] == ["lag", "bias"]
+    assert result.refuted == ("lag",)
+    assert result.accepted is not None
+
+
 def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [candidate(f"effect {k}", 90.0 - 4.0 * k, np.eye(6)[k]) for k in range(6)]
     result = chosen(found, "effect 5", monkeypatch)
