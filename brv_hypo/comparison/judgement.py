@@ -137,7 +137,7 @@ def judged(
         fits = _linearised(problem, [replace(each, log_evidence=None) for each in fits])
         rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == fit.name))
         null, at = maximised(rows, rows.terms(None), start), rows.frame_of(fit)
-        first = [maximised(rows, rows.terms(each), start) if each.selected else null for each in fits]
+        first = [maximised(rows, rows.terms(each), start, null.at) if each.selected else null for each in fits]
         offered = [
             in_one_region(problem, (each, own), null, at) if each.selected else [(each, own)]
             for each, own in zip(fits, first, strict=True)

@@ -25,18 +25,20 @@ from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
 # Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
 SPENT = 1e-8
 _DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
-# Condition number of a region's scaled information above which its terms cannot be distinguished.
+# Condition number of a region's information, of unit columns, above which its terms cannot be distinguished.
 _WORST_CONDITION = 1e10
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One region and theta: `peak` 2 ln L that it gains, `estimate` (terms,), its information and moments' Gram."""
+    """One region and theta: `peak` 2 ln L that it gains, `estimate` (terms,), its information and moments' Gram, which
+    is None of the likeliest alone.
+    """
 
     peak: float
     estimate: FloatArray
     information: FloatArray
-    gram: FloatArray
+    gram: FloatArray | None
     theta: Theta
     region: tuple[float, float]
     """From where to where it acts, s."""
@@ -45,6 +47,7 @@ class Shape:
 
     def largest(self, allowed: float) -> float:
         """The largest rms moment within a fall of 2 ln L by `allowed` from the estimate."""
+        assert self.gram is not None
         size = math.sqrt(max(float(self.estimate @ self.gram @ self.estimate), 0.0))
         spread = float(np.asarray(eigh(self.gram, self.information, eigvals_only=True))[-1])
         return size + math.sqrt(max(allowed * spread, 0.0))
@@ -189,31 +192,44 @@ def _shapes(
         )
         for name, units in names
     ]
-    moments, count, terms = frame.moments(parts), edges.size - 1, len(names)
+    count, terms = edges.size - 1, len(names)
     products = evidences[0].with_moments(evidences[0].rows.rates_of_moments(frame, parts))
     ends, every = _every_region(count, widths)
     part = float(np.min(np.diff(edges)))
     # Squares of the parts: of rounding the size is enough.
     before = every**2 @ np.diag(products.across)[-len(parts) :].reshape(count, terms)
-    gram_of_parts = np.real(np.conj(moments).T @ moments) / moments.shape[0]
+    moments = frame.moments(parts) if most is None else None
 
-    def over_regions(of_parts: FloatArray, inside: FloatArray) -> FloatArray:
-        """Scalar products of the parts as those of the terms over each region (regions, terms, terms)."""
-        first = (inside @ of_parts.reshape(count, -1)).reshape(-1, terms, count, terms)
-        return np.asarray(np.sum(first * inside[:, np.newaxis, :, np.newaxis], axis=2), dtype=float)
+    def over_regions(of_parts: FloatArray, chosen: IntArray) -> FloatArray:
+        """Scalar products of the parts as those of the terms over each of some regions (regions, terms, terms)."""
+        pairs = of_parts.reshape(count, terms, count, terms).transpose(0, 2, 1, 3)
+        summed = np.zeros((count + 1, count + 1, terms, terms))
+        np.cumsum(np.cumsum(pairs, axis=0), axis=1, out=summed[1:, 1:])
+        first, last, width = ends[chosen].T.astype(int)
+        found: FloatArray = summed[last, last] - summed[first, last] - summed[last, first] + summed[first, first]
+        if np.any(wide := width > 0):
+            inside = every[chosen[wide]]
+            shares = (inside @ pairs.reshape(count, -1)).reshape(-1, count, terms, terms)
+            found[wide] = np.einsum("rp,rpab->rab", inside, shares)
+        return found
 
     def of(evidence: Evidence) -> list[Shape]:
         of_parts, against_y = evidence.projected(products)
-        information, right = over_regions(of_parts, every), every @ against_y.reshape(count, terms)
+        information = over_regions(of_parts, np.arange(len(every)))
+        right = every @ against_y.reshape(count, terms)
         scale = np.diagonal(information, axis1=1, axis2=2)
         kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
-        kept = kept[np.linalg.cond(information[kept] / scale[kept, np.newaxis]) <= _WORST_CONDITION]
+        unit = information[kept] / np.sqrt(scale[kept, np.newaxis] * scale[kept, :, np.newaxis])
+        sizes = np.linalg.eigvalsh(unit)
+        kept = kept[sizes[:, 0] * _WORST_CONDITION >= sizes[:, -1]]
         estimate = np.linalg.solve(information[kept], right[kept][..., np.newaxis])[..., 0]
         peak = np.einsum("ra,rab,rb->r", estimate, information[kept], estimate)
         if most is not None:
             first = np.argsort(-peak, kind="stable")[:most]
             kept, estimate, peak = kept[first], estimate[first], peak[first]
-        gram = over_regions(gram_of_parts, every[kept])
+        gram: Sequence[FloatArray | None] = [None] * kept.size
+        if moments is not None:
+            gram = list(over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0], kept))
         return [
             Shape(
                 float(peak[k]),

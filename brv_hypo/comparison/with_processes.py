@@ -57,7 +57,7 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.ordinary) if null.has_large_processes else (null,)
-    return [pair, *_bracketed(problem, pair), *acting(problem, like, fit.mechanisms, beside)]
+    return [pair, *_bracketed(problem, pair), *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]])]
 
 
 def _bracketed(problem: Problem, pair: Pair) -> list[Pair]:
@@ -95,7 +95,7 @@ def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
     if len(fit.mechanisms) == 1:
         time = fit.frame.coefficient_time
         own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own)
+        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
         pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
     return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
 
@@ -193,6 +193,7 @@ def acting(
     nulls: Sequence[Evidence],
     edges: FloatArray | None = None,
     onsets: Sequence[float] = ONSETS,
+    starts: Sequence[Evidence] = (),
 ) -> list[Pair]:
     """Beside each of some evidences one of several mechanisms, that which explains most between two times, as a
     hypothesis like another; without those beside which none is determined.
@@ -208,11 +209,18 @@ def acting(
         found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
         likely = [sorted(each, key=lambda one: -one[1].peak)[:count] for each in found]
         every = list(dict.fromkeys((mechanism, shape.theta) for each in likely for mechanism, shape in each))
-    return [_between(problem, like, *each[0], null, times) for each, null in zip(likely, nulls, strict=True) if each]
+    beside = [(each[0], null) for each, null in zip(likely, nulls, strict=True) if each]
+    return [_between(problem, like, *one, times, null, (*nulls, *starts)) for one, null in beside]
 
 
 def _between(
-    problem: Problem, like: HypothesisFit, mechanism: Mechanism, best: Shape, null: Evidence, times: FloatArray
+    problem: Problem,
+    like: HypothesisFit,
+    mechanism: Mechanism,
+    best: Shape,
+    times: FloatArray,
+    null: Evidence,
+    starts: Sequence[Evidence],
 ) -> Pair:
     """A mechanism acting in a region between some times, its ends placed between those and moved."""
     frame = like.frame.with_mechanisms([mechanism])
@@ -225,13 +233,13 @@ def _between(
         best = max([best, *(each for each in nearer if np.ptp(each.region) > shortest)], key=attrgetter("peak"))
     columns = _acting_between(mechanism, best, frame)
     own = replace(like, name=mechanism.name, mechanisms=(mechanism,), frame=frame)
-    return moved(problem, fitted(problem, own, columns, null))
+    return moved(problem, fitted(problem, own, columns, *starts))
 
 
-def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], start: Evidence) -> Pair:
-    """The hypothesis of a fit with other columns, beside processes."""
-    fit = _with_columns(problem, like, selected)
-    return fit, maximised(start.rows, start.rows.terms(fit), start.at)
+def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], *starts: Evidence) -> Pair:
+    """The hypothesis of a fit with other columns, beside processes, from the amplitudes of other evidences."""
+    fit, rows = _with_columns(problem, like, selected), starts[0].rows
+    return fit, maximised(rows, rows.terms(fit), *(each.at for each in starts))
 
 
 def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor]) -> HypothesisFit:

@@ -312,17 +312,16 @@ class Evidence(_Integrated):
         return found[:, :-1] / self.noise**2, found[:, -1] / self.noise**2
 
 
-def maximised(rows: Rows, terms: Terms, start: FloatArray | None = None) -> Evidence:
-    """The evidence of terms at its most probable amplitudes, from ordinary ones, or from the `start` of noise and
-    processes.
+def maximised(rows: Rows, terms: Terms, *starts: FloatArray) -> Evidence:
+    """The evidence of terms at its most probable amplitudes, from the likeliest of some `starts`, without any from
+    ordinary ones. A start is the logarithms of noise and processes, and perhaps of the mechanism.
     """
     surface = _Surface(rows, terms, rows.products.beside(rows, terms.x))
     centre, _ = surface.prior
-    ordinary = centre[: 1 + len(rows.groups)] if start is None else start
+    begun = [np.append(each[: centre.size], centre[each.size :]) for each in starts or [centre]]
     options: Any = {"gtol": _SLOPE, "max_trust_radius": _LARGEST_STEP}
-    begun = np.append(ordinary, centre[ordinary.size :])
-    own = (surface.slope, surface.curvature)
-    best: Any = minimize(surface.cost, begun, jac=own[0], hess=own[1], method="trust-exact", options=options)
+    own, first = (surface.slope, surface.curvature), min(begun, key=surface.cost)
+    best: Any = minimize(surface.cost, first, jac=own[0], hess=own[1], method="trust-exact", options=options)
     return surface.evidence(best.x - np.linalg.solve(best.hess, best.jac))
 
 

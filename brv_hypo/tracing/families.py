@@ -65,7 +65,7 @@ class Beside:
         for name in names:
             terms = terms.beside(self.terms[name])
         rows = self.rows if families is None else self.rows.only(families)
-        return maximised(rows, terms, self.start if families is None else None)
+        return maximised(rows, terms, *([self.start] if families is None else []))
 
     def gain(self, name: str, in_place: bool = False) -> float:
         """By how much an effect raises the log evidence beside the others; `in_place` of its family's processes."""
