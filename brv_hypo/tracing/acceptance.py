@@ -164,12 +164,6 @@ def solved_again(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(found, nonlinear=fit.nonlinear)
 
 
-def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
-    """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
-    chances = multipletests([each.p_value for each in tried], method="holm")[1].tolist() if tried else ()
-    return dict(zip((each.name for each in tried), chances, strict=True))
-
-
 # ---- Which are alike, which leads ----
 
 
@@ -423,8 +417,9 @@ class Choice:
 
     @cached_property
     def chances(self) -> dict[str, float]:
-        """Adjusted p-values of the candidates."""
-        return adjusted(self.ranked)
+        """p-values, adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
+        known = {each.name: each.p_value for each in self.ranked}
+        return dict(zip(known, multipletests([*known.values()], method="holm")[1].tolist(), strict=True))
 
     @property
     def accepted(self) -> Tried | None:
@@ -468,10 +463,10 @@ def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
     if chosen.follows is not None and not has_schedule(fit.model):
         offered = list(schedules_first(offered))
     if choice.refuted:
-        share = explains_most_in(fit, [each for each in offered if each.name not in choice.refuted], chosen)
+        leaders = most_explaining(fit, [each for each in offered if each.name not in choice.refuted], chosen)
     else:
-        share = named_in(beside, offered, chosen, fit)
-    return replace(choice, named_in=share)
+        leaders = likeliest_beside(beside, offered, chosen, fit)
+    return replace(choice, named_in=float(np.mean([each is chosen for each in leaders])))
 
 
 def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
@@ -509,12 +504,12 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
     """
     significance, problem = fit.data.config.significance, fit.problem
     order = ranked(candidates, {column.mechanism for column in problem.baseline}, has_schedule(fit.model))
-    chances, tried, waiting = adjusted(order), list[Tried](), list(order)
+    choice, tried, waiting = Choice(order, ()), list[Tried](), list(order)
     while waiting and len(tried) < LOOP_TRIES:
         candidate = waiting.pop(0)
-        if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
+        if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or choice.chances[candidate.name] > significance:
             continue
-        certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
+        certain = choice.chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
         if fit.residual.white and not certain and not has_tolerance(problem, candidate.name):
             continue
         if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
@@ -526,7 +521,7 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
             break
         if not tried[-1].agrees:
             waiting.sort(key=lambda each: (each.kind == "discovered", -each.gain))
-    return Choice(order, tuple(tried))
+    return replace(choice, tried=tuple(tried))
 
 
 def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried:
@@ -551,27 +546,24 @@ def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried
 # ---- Repetitions ----
 
 
-def named_in(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> float:
-    """Share of the repetitions in which an effect gains most beside all processes, a generic description far more."""
-    rivals = [each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]
-    best = []
+def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> Iterator[Candidate]:
+    """Of each repetition what gains most beside all processes, a generic description far more than its rivals."""
+    rivals = [own, *[each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]]
     for problem in _repetitions(beside.rows.problem, fit):
         again = replace(beside, rows=rows_of(problem, beside.point))
-        gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
-        gains[own.name] = again.gain_of(own.fit)
-        best.append(min((own, *rivals), key=best_first((own, *rivals), gains)))
-    return float(np.mean([each is own for each in best]))
+        gains = {each.name: again.gain_of(each.fit) for each in rivals}
+        for each in rivals[1:]:
+            gains[each.name] -= SPECIFIC if each.kind == "discovered" else 0.0
+        yield min(rivals, key=best_first(rivals, gains))
 
 
-def explains_most_in(fit: Fit, offered: Sequence[Candidate], own: Candidate) -> float:
-    """Share of the repetitions in which an effect explains more than every other name, processes apart."""
+def most_explaining(fit: Fit, offered: Sequence[Candidate], own: Candidate) -> Iterator[Candidate]:
+    """Of each repetition what explains more than every other name, processes apart."""
     named = sorted((each for each in offered if each.kind != "discovered"), key=lambda each: -each.gain)
     rivals = [each for each in offered if each is own or each in named[: LOOP_RIVALS + 1]]
-    best = [
-        min(rivals, key=lambda each: solved_again(problem, each.fit).information)
-        for problem in _repetitions(fit.problem, fit)
-    ]
-    return float(np.mean([each is own for each in best]))
+    for problem in _repetitions(fit.problem, fit):
+        criteria = [solved_again(problem, each.fit).information for each in rivals]
+        yield rivals[int(np.argmin(criteria))]
 
 
 def _repetitions(problem: Problem, fit: Fit) -> Iterator[Problem]:

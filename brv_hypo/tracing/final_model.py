@@ -30,7 +30,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import identify
-from brv_hypo.inference.derivatives import Along, Derivative, along_flight, along_flights, damping
+from brv_hypo.inference.derivatives import Along, Derivative, along_flight, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.refinement import FINAL
 from brv_hypo.inference.uncertainty import Regressed, ResidualMoments
@@ -52,8 +52,6 @@ from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, St
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 # What a static moment may be a function of.
 _FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds")
-# Differences of the angle of attack, rad: the moment of a power of it is linear over less than 1e-7 of itself.
-_STEP = 1e-4
 _ALWAYS = TimeBasis("constant")
 
 
@@ -363,11 +361,11 @@ def slopes_at(
     out, mechanisms = np.zeros((motion.time.size, len(columns))), data.frame.mechanisms
     places = [j for j, c in enumerate(columns) if c.acts_on(number) and _is_static(mechanisms[c.mechanism])]
     chosen = [columns[j] for j in places]
-    more, less = (
-        evaluated(chosen, mechanisms, replace(motion, alpha=alpha + side, history=None)) for side in (_STEP, 0.0)
-    )
-    for j, column, high, low in zip(places, chosen, more, less, strict=True):
-        out[:, j] = (high.in_plane - low.in_plane) / _STEP * column.time_basis(motion.coefficient_time)
+    less, more, step, _ = slope(motion, alpha)
+    assert less is not None  # a derivative is between two motions
+    low, high = (evaluated(chosen, mechanisms, each) for each in (less, more))
+    for j, column, before, after in zip(places, chosen, low, high, strict=True):
+        out[:, j] = (after.in_plane - before.in_plane) / step * column.time_basis(motion.coefficient_time)
     return out
 
 
