@@ -196,14 +196,14 @@ def _frozen(
     """
     model = restored(content, (flight,), frozen=True)
     columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
-    asked = {column for column in columns if {column.mechanism, column.term} & set(refit)}
+    to_refit = {column for column in columns if {column.mechanism, column.term} & set(refit)}
     if not here:  # without what belongs to the times and to the instruments of its own flights
-        kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in asked)
+        kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
         model = model.but(columns=kept, applied=())
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
     model, effects = _with_refitted(model, refit, flight, config)
     values = [each.value if here or each.elsewhere is None else each.elsewhere for each in content.columns]
-    known = place.keys() - asked
+    known = place.keys() - to_refit
     fixed = np.array([values[place[c]] if c in known else np.nan for c in model.columns], dtype=float)
 
     def read_with(corrections: Errors) -> Fit:

@@ -156,12 +156,12 @@ def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
             continue
         worst = int(np.argmax(np.where(chosen, values / np.maximum(errors, 1e-300), -np.inf)))
         said = "is unstable" if values[worst] > STABLE_SIGMAS * errors[worst] else "is not significantly stable"
-        told = f"the {moment} {said} {_when(slope, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
+        words = f"the {moment} {said} {_when(slope, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
         time, alpha = f"{slope.time_s[worst]:.0f} s", f"{np.degrees(slope.alpha_rad[worst]):.2g} deg"
         if where is beyond:
-            sentences.append(f"At the angle flown {told}{time} and {alpha}.")
+            sentences.append(f"At the angle flown {words}{time} and {alpha}.")
         else:
-            sentences.append(f"At alpha = 0 {told}{time}, and {_sized(*flown[:, worst])} at the {alpha} flown there.")
+            sentences.append(f"At alpha = 0 {words}{time}, and {_sized(*flown[:, worst])} at the {alpha} flown there.")
     return " ".join(sentences)
 
 
