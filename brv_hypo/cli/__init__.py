@@ -3,6 +3,6 @@
 main         `run`: the console script; which commands there are; mechanisms, config and docs
 analyses     the commands compare, trace, predict and study
 flights      the commands inspect, import, reconstruct, simulate and demo
-options      the options that commands share, and what a shell completes
-session      where a command's results go: terminal, JSON, report, files; how it ends: messages, exit codes, signals
+session      options that commands share; where a command's results go: terminal, JSON, report, files; how it ends:
+             messages, exit codes, signals
 """

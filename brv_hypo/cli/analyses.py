@@ -7,9 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
-from brv_hypo.cli import options
-from brv_hypo.cli.session import Session, as_json, in_session
+from brv_hypo.cli.session import (
+    ANALYSIS,
+    AcceptRecord,
+    FlightFile,
+    FlightFiles,
+    Seed,
+    Session,
+    as_json,
+    complete_hypotheses,
+    complete_studies,
+    in_session,
+)
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.io.files import write_whole
 from brv_hypo.io.mappings import YAML_ENDINGS, read_json
@@ -26,38 +37,33 @@ COMPARED, TRACED = 12.0, 40.0
 
 Mechanisms = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--mechanisms",
         metavar="NAME,NAME",
-        autocompletion=options.hypotheses,
+        autocompletion=complete_hypotheses,
         help="Hypotheses, a plus joining several, as in lag,sticking+bodyfixed; installed: all; left out: the five "
         "that come along.",
     ),
 ]
 
 
-@in_session("json", "report", "figures", "force", "plugin")
+@in_session(*ANALYSIS)
 def compare(
     session: Session,
-    flights: options.FlightFiles,
+    flights: FlightFiles,
     mechanisms: Mechanisms = None,
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
-    accept_record: options.AcceptRecord = False,
-    seed: options.Seed = None,
+    accept_record: AcceptRecord = False,
+    seed: Seed = None,
 ) -> None:
     """Fit competing mechanisms, rank them and give a verdict."""
     session.claim()
     from brv_hypo.comparison import CompareConfig
     from brv_hypo.comparison import compare as rank
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.settings import settings_of
 
     accepted = {"accept_record": True} if accept_record else {}
-    settings = settings_of(CompareConfig, config, chosen(mechanisms) | accepted)
-    records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
+    settings = settings_of(CompareConfig, session.config, chosen(mechanisms) | accepted)
+    records = [session.load(path) for path in flights]
     with session.progress("comparing", COMPARED * len(records)) as progress:
         comparison = rank(records, settings, progress=progress)
     report_comparison(session, comparison, settings)
@@ -67,14 +73,12 @@ def report_comparison(session: Session, comparison: Comparison, settings: Compar
     """To the terminal, and to JSON, HTML and picture files where they were asked for."""
     from brv_hypo.report.comparison import comparison_document
 
-    document = comparison_document(comparison)
-    session.present(document)
-    session.write_json(comparison)
+    records = [flight.path for flight in comparison.flights]
+    session.deliver(comparison_document(comparison), comparison, settings, records)
     if session.quiet or session.json_only:
         for warning in comparison.warnings:
             if "is left out" in warning:
                 session.warn(warning)
-    session.write_report(document, settings, [flight.path for flight in comparison.flights])
     if comparison.verdict.outcome == "record fault":
         raise typer.Exit(UnanswerableError.exit_code)
 
@@ -92,46 +96,37 @@ def chosen(mechanisms: str | None) -> dict[str, tuple[str, ...]]:
     return {"mechanisms": names}
 
 
-@in_session("json", "report", "figures", "force", "plugin")
+@in_session(*ANALYSIS)
 def trace(
     session: Session,
-    flights: options.FlightFiles,
+    flights: FlightFiles,
     model: Annotated[
         Path | None,
-        typer.Option(
-            "--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."
-        ),
+        Option("--model", metavar="MODEL.json", help="Start from a model, or from that of a comparison or trace."),
     ] = None,
     aero: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
         ),
     ] = None,
     mechanism_file: Annotated[
         Path | None,
-        typer.Option(
-            "--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."
-        ),
+        Option("--write-mechanism", metavar="FILE.yaml", help="Write what was discovered as a mechanism for compare."),
     ] = None,
     model_file: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--write-model", metavar="FILE.yaml", help="Write the whole model, to read, edit, and use again by --model."
         ),
     ] = None,
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
-    seed: options.Seed = None,
+    seed: Seed = None,
 ) -> None:
     """Trace the residual of a model to its effects, one by one.
 
     Several flights share the terms by Mach number and angle of attack; trim and instruments are of each.
     """
     session.claim(mechanism_file, model_file)
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.mechanisms.yaml_mechanism import mechanism_text
     from brv_hypo.model.aero_table import read_aero_table
     from brv_hypo.model.model import model_text
@@ -143,13 +138,11 @@ def trace(
     chosen: dict[str, Any] = {} if model is None else {"start": starting_model(model, session)}
     if aero is not None:
         chosen["aero"] = read_aero_table(aero)
-    settings = settings_of(TraceConfig, config, chosen)
-    records = [load_flight(path, instruments=instruments).window(start, stop) for path in flights]
+    settings = settings_of(TraceConfig, session.config, chosen)
+    records = [session.load(path) for path in flights]
     with session.progress("tracing", TRACED * len(records)) as progress:
         result = traced(records, settings, progress=progress)
-    document = trace_document(result)
-    session.present(document)
-    session.write_json(result)
+    session.deliver(trace_document(result), result, settings, [record.path for record in records])
     if model_file is not None:
         write_whole(model_file, model_text(result.model.definition))
         session.show(f"Wrote {model_file}: `brv-hypo predict FLIGHT.h5 --model {model_file}` predicts with it.")
@@ -160,7 +153,6 @@ def trace(
             write_whole(mechanism_file, mechanism_text(result.discovered))
             compared = f"brv-hypo compare FLIGHT.h5 --mechanisms {mechanism_file}"
             session.show(f"Wrote {mechanism_file}: `{compared}` compares it.")
-    session.write_report(document, settings, [record.path for record in records])
 
 
 def starting_model(path: Path, session: Session) -> str | SavedModel:
@@ -187,44 +179,36 @@ def starting_model(path: Path, session: Session) -> str | SavedModel:
     return start
 
 
-@in_session("json", "report", "figures", "force", "plugin")
+@in_session(*ANALYSIS)
 def predict(
     session: Session,
-    flight: options.FlightFile,
+    flight: FlightFile,
     model: Annotated[
-        Path, typer.Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
+        Path, Option("--model", metavar="MODEL", help="The model: what `trace --write-model` or `--json` wrote.")
     ],
     refit: Annotated[
         str,
-        typer.Option(
+        Option(
             "--refit",
             metavar="NAME,...",
             help="What belongs to this vehicle and is fitted here: mechanisms, coefficients, errors of the record; "
             "instruments stands for all of these.",
         ),
     ] = "",
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
 ) -> None:
     """Predict a flight with a model whose coefficients are frozen."""
     session.claim()
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.prediction import predict as predicted
     from brv_hypo.report.trace import prediction_document
     from brv_hypo.settings import settings_of
     from brv_hypo.tracing import TraceConfig
 
-    settings = settings_of(TraceConfig, config)
+    settings = settings_of(TraceConfig, session.config)
     names = tuple(name for name in (part.strip() for part in refit.split(",")) if name)
-    record = load_flight(flight, instruments=instruments).window(start, stop)
+    record = session.load(flight)
     with session.progress("predicting") as progress:
         result = predicted(record, model, names, settings, progress=progress)
-    document = prediction_document(result)
-    session.present(document)
-    session.write_json(result)
-    session.write_report(document, settings, [flight, model])
+    session.deliver(prediction_document(result), result, settings, [flight, model])
 
 
 RESULTS, SUMMARY, REPORT = "results.csv", "summary.json", "report.html"
@@ -235,22 +219,18 @@ def study(
     session: Session,
     config: Annotated[
         str,
-        typer.Argument(
-            metavar="STUDY.yaml", autocompletion=options.studies, help="Study, or the name of one that comes along."
+        Argument(
+            metavar="STUDY.yaml", autocompletion=complete_studies, help="Study, or the name of one that comes along."
         ),
     ],
     output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there."),
+        Path, Option("-o", "--output", metavar="DIR", help="Folder of the study; an interrupted one goes on there.")
     ],
-    jobs: Annotated[
-        int, typer.Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")
-    ] = -1,
+    jobs: Annotated[int, Option("--jobs", metavar="N", help="Processes at once; -1: one for each processor.")] = -1,
     cluster: Annotated[
-        str | None,
-        typer.Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs."),
+        str | None, Option("--cluster", metavar="ADDRESS", help="Dask scheduler whose workers fly, in place of --jobs.")
     ] = None,
-    seed: options.Seed = None,
+    seed: Seed = None,
 ) -> None:
     """Fly many simulated flights, and judge the verdicts."""
     session.claim()
@@ -267,8 +247,8 @@ def study(
             outcomes = run_study(
                 settings, output, jobs=jobs, cluster=cluster, overwrite=session.force, progress=progress
             )
-    except KeyboardInterrupt as interrupt:
-        raise type(interrupt)(f", and the same command goes on with what {output} holds") from None
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
     document = study_document(summary, outcomes)
     write_whole(output / RESULTS, results_csv(outcomes))
@@ -277,6 +257,6 @@ def study(
     if not summary.compared:
         first = summary.failures[0]
         raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.key}: {first.reason}")
-    session.present(document)
+    session.show(document, conclusion=document.conclusion)
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)

@@ -6,11 +6,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
-from brv_hypo.cli import options
 from brv_hypo.cli.analyses import Mechanisms, chosen, report_comparison
-from brv_hypo.cli.session import Session, in_session
+from brv_hypo.cli.session import (
+    ANALYSIS,
+    RESULT,
+    FlightFile,
+    Output,
+    Seed,
+    Session,
+    complete_configurations,
+    in_session,
+)
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import write_whole
 
@@ -21,21 +29,17 @@ if TYPE_CHECKING:
 # ---- `brv-hypo inspect` and `brv-hypo import`: what a record holds; how a foreign one is brought in ----
 
 
-@in_session("json", "force")
-def inspect(
-    session: Session, flight: options.FlightFile, start: options.Start = None, stop: options.Stop = None
-) -> None:
+@in_session("start", "stop", "json", "force")
+def inspect(session: Session, flight: FlightFile) -> None:
     """Show what a record holds, its faults, and what is usable."""
     session.claim()
     from brv_hypo.flight import inspect_flight, load_flight
     from brv_hypo.motion import try_record
     from brv_hypo.report.listings import inspection_blocks, inspection_data, inspection_line
 
-    windowed = start is not None or stop is not None
-    loaded = load_flight(flight, start=start, stop=stop)
-    inspection = inspect_flight(loaded if windowed else flight)
-    trial = try_record(loaded)[1]
-    session.tell(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
+    inspection = inspect_flight(flight, start=session.start, stop=session.stop)
+    trial = try_record(load_flight(flight, start=session.start, stop=session.stop))[1]
+    session.show(*inspection_blocks(inspection, trial), conclusion=inspection_line(inspection))
     session.write_json(inspection_data(inspection, trial))
 
 
@@ -44,19 +48,17 @@ def import_(
     session: Session,
     data: Annotated[
         list[Path],
-        typer.Argument(
+        Argument(
             metavar="DATA", help="Foreign record: csv, parquet or mat. With --guess, other recorders' files after it."
         ),
     ],
     mapping: Annotated[
-        Path | None, typer.Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
+        Path | None, Option("--map", metavar="MAP.yaml", help="Which column is which channel, in what units.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map.")
+        Path | None, Option("-o", "--output", metavar="FILE", help="Record to write; with --guess, the map.")
     ] = None,
-    guess: Annotated[
-        bool, typer.Option("--guess", help="Write a commented map, from names and physics, instead.")
-    ] = False,
+    guess: Annotated[bool, Option("--guess", help="Write a commented map, from names and physics, instead.")] = False,
 ) -> None:
     """Bring a foreign record in by a map; --guess writes one."""
     if guess == (mapping is not None):
@@ -83,7 +85,7 @@ def _write_guess(session: Session, data: Sequence[Path], output: Path) -> None:
 
     found = guess_map(*data)
     write_whole(output, found.text, overwrite=session.force)
-    session.tell(Texts(found.unsure, "Missing or unsure", warning=True))
+    session.show(Texts(found.unsure, "Missing or unsure", warning=True))
     session.show(
         f"Wrote {output}. Read it, fill in the vehicle, then:\n"
         f"  brv-hypo import {data[0]} -o flight.h5 \\\n    --map {output}"
@@ -103,45 +105,36 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
     save_flight(flight, output, raw=found.raw, overwrite=session.force)
     phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
     faults = [f"{fault.channel}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
-    session.tell(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))
+    session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))
     session.show(f"Wrote {output}: {flight.samples} samples at {flight.sample_rate:.4g} Hz.")
 
 
-@in_session("json", "report", "figures", "force")
+@in_session(*ANALYSIS)
 def reconstruct(
     session: Session,
-    flight: options.FlightFile,
+    flight: FlightFile,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
+        Path | None, Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
     ] = None,
     method: Annotated[
-        str | None,
-        typer.Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar."),
+        str | None, Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar.")
     ] = None,
-    config: options.Config = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    instruments: options.Instruments = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""
     session.claim(output, hdf5=True)
-    from brv_hypo.flight.format import load_flight
     from brv_hypo.model.reconstruction import reconstruct as reconstructed
     from brv_hypo.motion import ReconstructionConfig, write_motion
     from brv_hypo.report.reconstruction import reconstruction_data, reconstruction_document
     from brv_hypo.settings import settings_of
 
-    settings = settings_of(ReconstructionConfig, config, {} if method is None else {"method": method})
-    record = load_flight(flight, instruments=instruments).window(start, stop)
+    settings = settings_of(ReconstructionConfig, session.config, {} if method is None else {"method": method})
     with session.progress("reconstructing") as progress:
-        result = reconstructed(record, settings, progress=progress)
-    document = reconstruction_document(result)
-    session.present(document)
+        result = reconstructed(session.load(flight), settings, progress=progress)
+    data, records = reconstruction_data(result), [result.flight.path]
+    session.deliver(reconstruction_document(result), data, settings, records)
     if output is not None:
         write_motion(result, output, overwrite=session.force)
         session.show(f"Wrote {output}.")
-    session.write_json(reconstruction_data(result))
-    session.write_report(document, settings, [result.flight.path])
 
 
 DEMO = "demo"
@@ -153,18 +146,18 @@ def simulate(
     session: Session,
     config: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="CONFIG.yaml",
-            autocompletion=options.configurations,
+            autocompletion=complete_configurations,
             help="Configuration, or the name of one that comes along.",
         ),
     ],
-    output: options.Output,
+    output: Output,
     plant: Annotated[
         str | None,
-        typer.Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
+        Option("--plant", metavar="NAME,NAME", help="Plant these of the configuration's plantable mechanisms."),
     ] = None,
-    seed: options.Seed = None,
+    seed: Seed = None,
 ) -> None:
     """Fly a vehicle with planted mechanisms and instrument errors."""
     session.claim(output, hdf5=True)
@@ -176,17 +169,15 @@ def simulate(
     session.write_json(simulation_data(flown, output))
 
 
-@in_session("json", "report", "figures", "force", "plugin")
-def demo(
-    session: Session, mechanisms: Mechanisms = None, config: options.Config = None, seed: options.Seed = None
-) -> None:
+@in_session("config", *RESULT)
+def demo(session: Session, mechanisms: Mechanisms = None, seed: Seed = None) -> None:
     """Simulate a flight with planted flow sticking, then compare."""
     session.claim()
     from brv_hypo.comparison import CompareConfig, compare
     from brv_hypo.report.listings import simulation_text
     from brv_hypo.settings import settings_of
 
-    settings = settings_of(CompareConfig, config, chosen(mechanisms))
+    settings = settings_of(CompareConfig, session.config, chosen(mechanisms))
     flown = fly(session, DEMO, seed, ())
     session.show(simulation_text(flown), "")
     with session.progress("comparing") as progress:

@@ -15,9 +15,10 @@ from string import Template
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from brv_hypo.cli import analyses, flights, options
-from brv_hypo.cli.session import Session, in_session, listen, ready
+from brv_hypo.cli import analyses, flights
+from brv_hypo.cli.session import Session, complete_installed, complete_topics, in_session, listen, ready
 from brv_hypo.errors import UsageError
 from brv_hypo.io.files import check_target, make_folder, whole_folder, write_whole
 from brv_hypo.io.text import meant
@@ -45,7 +46,7 @@ def listing(session: Session, context: typer.Context) -> None:
     found = installed()
     plantable = {name: tuple(sets) for name in config_names() if (sets := load_config(name).plantable)}
     tables = (listing_table(found, verbose=session.verbose), plantable_texts(plantable))
-    session.tell(*tables, conclusion="\n".join(found))
+    session.show(*tables, conclusion="\n".join(found))
     if session.json is not None:  # which evaluates every mechanism
         session.write_json(listing_data(found, plantable))
 
@@ -54,12 +55,12 @@ def listing(session: Session, context: typer.Context) -> None:
 @in_session()
 def new_plugin(
     session: Session,
-    name: Annotated[str, typer.Argument(help="Name of the mechanism: lower case letters, digits and _.")],
+    name: Annotated[str, Argument(help="Name of the mechanism: lower case letters, digits and _.")],
     effect: Annotated[
-        bool, typer.Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
+        bool, Option("--effect", help="An effect on the record, of an instrument or the air, instead.")
     ] = False,
     directory: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
+        Path, Option("-o", "--output", metavar="DIR", help="Directory to write the package into.")
     ] = Path(),
 ) -> None:
     """Write a ready plugin package with its tests, to start from."""
@@ -120,9 +121,7 @@ def write_plugin(name: str, parent: Path, *, effect: bool = False) -> Path:
 @in_session("json", "force", "plugin")
 def check(
     session: Session,
-    name: Annotated[
-        str, typer.Argument(autocompletion=options.installed, help="Name of an installed mechanism or effect.")
-    ],
+    name: Annotated[str, Argument(autocompletion=complete_installed, help="Name of an installed mechanism or effect.")],
 ) -> None:
     """Run the conformance kit on an installed mechanism or effect."""
     session.claim()
@@ -133,7 +132,7 @@ def check(
     outcomes = conformance(find_installed(name))
     failed = [outcome.check for outcome in outcomes if not outcome.passed]
     passed = f"'{name}' passes {len(outcomes) - len(failed)} of {len(outcomes)} checks."
-    session.tell(conformance_table(name, outcomes), conclusion=passed)
+    session.show(conformance_table(name, outcomes), conclusion=passed)
     session.write_json(conformance_data(name, outcomes))
     if failed:
         session.warn(f"'{name}' fails {len(failed)} of {len(outcomes)} checks: {', '.join(failed)}")
@@ -152,10 +151,8 @@ ALONG = {
 }
 """What new simulations, studies and maps start from, as they need more than defaults: files that come along with their
 comments, by name and folder; and the command that reads them."""
-KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")
-"""The commands that take settings."""
-RESULTS = ("compare-result", "trace-result", "predict-result")
-"""What --json writes by a schema."""
+KINDS = ("compare", "trace", "reconstruct", "simulate", "study", "import")  # the commands that take settings
+RESULTS = ("compare-result", "trace-result", "predict-result")  # what --json writes by a schema
 
 
 @config_app.callback()
@@ -169,12 +166,10 @@ def new_settings(
     session: Session,
     kind: Annotated[
         str,
-        typer.Argument(
-            help=f"The command that reads the file: {', '.join(KINDS)}; or the name of a file that comes along."
-        ),
+        Argument(help=f"The command that reads the file: {', '.join(KINDS)}; or the name of a file that comes along."),
     ],
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
+        Path | None, Option("-o", "--output", metavar="FILE.yaml", help="File to write; KIND.yaml if left out.")
     ] = None,
 ) -> None:
     """Write a commented file of settings, to change and use."""
@@ -200,7 +195,7 @@ def new_settings(
 @in_session()
 def schema(
     session: Session,
-    kind: Annotated[str, typer.Argument(help=f"Settings of a command, or a result: {', '.join(KINDS + RESULTS)}.")],
+    kind: Annotated[str, Argument(help=f"Settings of a command, or a result: {', '.join(KINDS + RESULTS)}.")],
 ) -> None:
     """Print the JSON schema of settings or of a result."""
     typer.echo(json.dumps(_model(kind, KINDS + RESULTS).model_json_schema(by_alias=True), indent=2))
@@ -228,14 +223,14 @@ def _model(kind: str, known: Sequence[str], files: Iterable[str] = ()) -> type[B
 def docs(
     session: Session,
     topic: Annotated[
-        str | None, typer.Argument(metavar="TOPIC", autocompletion=options.topics, help="What to read about.")
+        str | None, Argument(metavar="TOPIC", autocompletion=complete_topics, help="What to read about.")
     ] = None,
     notebooks: Annotated[
-        Path | None, typer.Option("--notebooks", metavar="DIR", help="Write the notebooks of the gallery.")
+        Path | None, Option("--notebooks", metavar="DIR", help="Write the notebooks of the gallery.")
     ] = None,
-    show: Annotated[bool, typer.Option("--open", help="Open the manual in the browser, at the topic.")] = False,
+    show: Annotated[bool, Option("--open", help="Open the manual in the browser, at the topic.")] = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Write the manual as offline pages.")
+        Path | None, Option("-o", "--output", metavar="DIR", help="Write the manual as offline pages.")
     ] = None,
 ) -> None:
     """Read the manual; without a topic, the list of topics."""
@@ -254,7 +249,7 @@ def docs(
         contents = f"# The manual\n\n`brv-hypo docs TOPIC` shows one of\n\n{listed}\n\n"
         opened = "`brv-hypo docs --open` opens it as pages, with a gallery."
         page = contents + opened if topic is None else reference() if topic == REFERENCE else text(topic)
-        session.tell(ManualText(page), conclusion=page)
+        session.show(ManualText(page), conclusion=page)
 
 
 def _write_notebooks(session: Session, folder: Path) -> None:
@@ -309,7 +304,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def program(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+        bool, Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Which mechanism explains the moments that a spinning entry body flew through?"""

@@ -6,6 +6,7 @@ or not at all. With `--json -` standard output holds JSON and nothing else.
 A refusal, a fault of the program, SIGINT or SIGTERM becomes one message and the contract's exit code (`guarded`). After
 a signal the command unwinds and its workers end; if it does not within the grace period, the process ends all the
 same. `listen` handles the signals, `ready` makes the streams fit for any text, `in_session` makes a function a command.
+Typer evaluates options at start-up, so this module imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import inspect
 import io
 import json as json_format
 import os
+import re
 import shlex
 import signal
 import sys
@@ -28,13 +30,14 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, ParamSpec, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TextIO, get_type_hints
 
 import typer
+from typer import Argument, Option
 
-from brv_hypo.cli import options
 from brv_hypo.errors import BrvHypoError, UsageError
 from brv_hypo.io.files import check_hdf5, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
@@ -43,12 +46,12 @@ from brv_hypo.progress import Report, report_to, silent
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
+    from brv_hypo.flight import Flight
     from brv_hypo.report.document import Document
 
 PLAIN = str.maketrans("–—−─━⁻│┃×·•≤≥…‘’“”", "------||x.*<>.''\"\"") | dict.fromkeys(range(0x250C, 0x2574), "+")
 """Characters that some encodings lack, as ASCII has them; of others, what is left without accents."""
-_closed: set[str] = set()
-"""Streams that the shell had closed."""
+_closed: set[str] = set()  # streams that the shell had closed
 
 
 def ready() -> None:
@@ -83,21 +86,16 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 
 
 GRACE_SECONDS = 1.5  # to unwind in; workers and process are to be gone 2 s after the signal
-CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
+ENDS = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
 LINE = "brv-hypo: {}; no half-written output is left"
-WORDS = {130: "interrupted", 143: "terminated"}
 
 _unwinds = False
-_code: int | None = None  # of the signal that arrived
-
-
-class Terminated(KeyboardInterrupt):
-    """SIGTERM arrived."""
+_signal: int | None = None  # that arrived
 
 
 def listen() -> None:
     """Handle both signals from now on."""
-    for number in CODES:
+    for number in ENDS:
         signal.signal(number, _handle)
 
 
@@ -124,23 +122,24 @@ def end_workers() -> None:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    global _code
-    for each in CODES:  # one is enough: a second must not disturb the unwinding of the first
+    global _signal
+    _signal = number
+    for each in ENDS:  # one is enough: a second must not disturb the unwinding of the first
         signal.signal(each, signal.SIG_IGN)
-    code = _code = CODES[signal.Signals(number)]
+    code, word = ENDS[signal.Signals(number)]
     if not _unwinds:
-        _leave(code)
-    clock = threading.Timer(GRACE_SECONDS, _leave, [code])
+        _leave(code, word)
+    clock = threading.Timer(GRACE_SECONDS, _leave, [code, word])
     clock.daemon = True
     clock.start()
-    raise KeyboardInterrupt if number == signal.SIGINT else Terminated
+    raise KeyboardInterrupt
 
 
-def _leave(code: int) -> None:
+def _leave(code: int, word: str) -> None:
     """End now: workers, temporaries, a line, the process."""
     end_workers()
     remove_open_temporaries()
-    os.write(2, (LINE.format(WORDS[code]) + "\n").encode())
+    os.write(2, (LINE.format(word) + "\n").encode())
     os._exit(code)
 
 
@@ -168,24 +167,23 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             raise
         except BrvHypoError as refusal:
             _end(f"brv-hypo: {refusal}", refusal.exit_code)
-        except KeyboardInterrupt as interrupt:
-            end_workers()
-            code = CODES[signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT]
-            _end(f"{LINE.format(WORDS[code])}{interrupt}", code)
-        except Exception as fault:
-            if _code is not None:  # a library that was just starting may make the signal another error
+        except (KeyboardInterrupt, Exception) as fault:
+            # a library that was just starting may make the signal another error
+            if isinstance(fault, KeyboardInterrupt) or _signal is not None:
                 end_workers()
-                _end(LINE.format(WORDS[_code]), _code)
+                code, word = ENDS[signal.Signals(_signal or signal.SIGINT)]
+                _end(f"{LINE.format(word)}{fault if isinstance(fault, KeyboardInterrupt) else ''}", code)
             if isinstance(fault, OSError) and fault.errno in FULL:
                 # let the interpreter end without another attempt to write what cannot be written
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 reason = f"brv-hypo: an output cannot be written: {fault.strerror}. Choose another."
                 _end(reason, UsageError.exit_code)
-            message = f"brv-hypo: a fault of the program: {type(fault).__name__}: {fault}. Please report it, with "
+            where = "that -v prints"
             if kwargs.get("verbose"):
                 traceback.print_exc()
-                _end(f"{message}the traceback above.", PROGRAM_FAULT)
-            _end(f"{message}the traceback that -v prints.", PROGRAM_FAULT)
+                where = "above"
+            message = f"{type(fault).__name__}: {fault}. Please report it, with the traceback {where}."
+            _end(f"brv-hypo: a fault of the program: {message}", PROGRAM_FAULT)
 
     return run
 
@@ -195,8 +193,7 @@ def _end(message: str, code: int) -> None:
     raise typer.Exit(code) from None
 
 
-LINE_SECONDS = 2.0
-"""Between lines where standard error is no terminal, at least; work of hours has fewer."""
+LINE_SECONDS = 2.0  # between lines where standard error is no terminal, at least; work of hours has fewer
 
 
 @contextmanager
@@ -233,6 +230,48 @@ def _write_lines(reached: list[str], finished: threading.Event) -> None:
             print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
+# ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----
+
+
+def _completion(module: str, names: str, *arguments: str) -> Callable[[str], list[str]]:
+    """What a shell offers of the names in a module, or by a function of it: those that begin as what is typed."""
+
+    def beginning(incomplete: str) -> list[str]:
+        known = getattr(import_module(f"brv_hypo.{module}"), names)
+        return _beginning(incomplete, known(*arguments) if callable(known) else known)
+
+    return beginning
+
+
+complete_topics = _completion("docs", "topics")
+complete_configurations = _completion(
+    "simulation.config", "config_names"
+)  # a shell completes files where none begins so
+complete_studies = _completion("simulation.config", "config_names", "studies")
+complete_grades = _completion("flight.tolerances", "GRADES")
+complete_installed = _completion("mechanisms.registry", "installed")
+
+
+def complete_hypotheses(incomplete: str) -> list[str]:
+    """A list of mechanisms, the last of which is not whole yet; commas and pluses stand between them."""
+    from brv_hypo.mechanisms.registry import mechanisms
+
+    before = re.sub(r"[^,+]*$", "", incomplete)
+    names = sorted(mechanism.name for mechanism in mechanisms())
+    return [before + name for name in _beginning(incomplete[len(before) :], names)]
+
+
+def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+FlightFile = Annotated[Path, Argument(metavar="FLIGHT.h5", help="Flight record, format 1.")]
+FlightFiles = Annotated[list[Path], Argument(metavar="FLIGHT.h5", help="Flight records; several are fitted jointly.")]
+Output = Annotated[Path, Option("-o", "--output", metavar="FILE", help="File to write.")]
+AcceptRecord = Annotated[bool, Option("--accept-record", help="Go on with a record that contradicts itself.")]
+Seed = Annotated[int | None, Option("--seed", metavar="N", min=0, help="Seed of every random draw.")]
+
+
 STANDARD_OUTPUT = "-"
 LONG_SECONDS = 20.0  # what takes longer says so beforehand
 
@@ -241,23 +280,52 @@ LONG_SECONDS = 20.0  # what takes longer says so beforehand
 class Session:
     """How one command talks: what was asked of the common options."""
 
-    json: str | None = None
-    """File, or "-" for standard output."""
-    report: Path | None = None
-    figures: Path | None = None
-    """Folder of the picture files."""
-    force: bool = False
-    """Whether files are overwritten."""
-    quiet: bool = False
-    verbose: bool = False
-    plugin: list[Path] | None = None
-    """Files whose mechanisms are used."""
+    config: Annotated[
+        Path | None, Option("--config", metavar="FILE.yaml", help="Settings other than the defaults.")
+    ] = None
+    start: Annotated[float | None, Option("--start", metavar="T", help="Use the record from T (s).")] = None
+    stop: Annotated[float | None, Option("--stop", metavar="T", help="Use the record up to T (s).")] = None
+    instruments: Annotated[
+        str | None,
+        Option(
+            "--instruments",
+            metavar="GRADE|FILE",
+            autocompletion=complete_grades,
+            help="Tolerances of instruments, vehicle and air in place of the record's: laboratory, tactical, "
+            "industrial, or a YAML file.",
+        ),
+    ] = None
+    json: Annotated[
+        str | None, Option("--json", metavar="FILE|-", help="Write the result as JSON; - is standard output.")
+    ] = None
+    report: Annotated[
+        Path | None, Option("--report", metavar="FILE.html", help="Write a report that any browser opens offline.")
+    ] = None
+    figures: Annotated[
+        Path | None,
+        Option(
+            "--figures", metavar="DIR", help="Write every figure as PNG and SVG into this folder; needs matplotlib."
+        ),
+    ] = None
+    quiet: Annotated[bool, Option("-q", "--quiet", help="Print the conclusion alone.")] = False
+    verbose: Annotated[bool, Option("-v", "--verbose", help="Print every detail; tracebacks too.")] = False
+    force: Annotated[bool, Option("--force", help="Overwrite output files that exist.")] = False
+    plugin: Annotated[
+        list[Path] | None,
+        Option("--plugin", metavar="FILE", help="Use the mechanisms of this .py or .yaml file; repeatable."),
+    ] = None
     stdout: TextIO = field(default_factory=lambda: sys.stdout)
 
     @property
     def json_only(self) -> bool:
         """True where standard output belongs to JSON."""
         return self.json == STANDARD_OUTPUT
+
+    def load(self, path: Path) -> Flight:
+        """The part to use of a record, with the tolerances to use."""
+        from brv_hypo.flight.format import load_flight
+
+        return load_flight(path, instruments=self.instruments).window(self.start, self.stop)
 
     def claim(self, *files: Path | None, hdf5: bool = False) -> None:
         """Refuse now what could not be written later: `files`, the report, the JSON file, picture files.
@@ -295,39 +363,22 @@ class Session:
         for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
             check_target(picture, overwrite=self.force)
 
-    def show(self, *renderables: Any) -> None:
-        """Print for a human reader; silent with -q or where standard output belongs to JSON."""
-        if not self.quiet:
-            self._print(*renderables)
+    def show(self, *parts: Any, conclusion: str = "") -> None:
+        """Print documents, their blocks, or what rich renders; with -q the conclusion alone.
 
-    def present(self, document: Document) -> None:
-        """Print a document; with -q its conclusion alone; nothing where standard output belongs to JSON."""
-        if self.quiet:
-            self._print(document.conclusion)
+        Nothing where standard output belongs to JSON.
+        """
+        if self.json_only or (self.quiet and not conclusion):
             return
-        from brv_hypo.report.terminal import terminal_view
-
-        self._print(terminal_view(document, verbose=self.verbose))
-
-    def tell(self, *blocks: Any, conclusion: str = "") -> None:
-        """Print blocks that are no document, or what rich renders; with -q the conclusion alone."""
-        if self.quiet:
-            self._print(*filter(None, (conclusion,)))
-            return
-        from brv_hypo.report.document import Table, Texts
-        from brv_hypo.report.terminal import blocks_view
-
-        shown = (blocks_view((b,), self.verbose) if isinstance(b, Table | Texts) else b for b in blocks)
-        self._print(*shown)
-
-    def _print(self, *renderables: Any) -> None:
-        if self.json_only:
-            return
-        from brv_hypo.report.terminal import plain_console
+        from brv_hypo.report.document import Document, Table, Texts
+        from brv_hypo.report.terminal import blocks_view, plain_console, terminal_view
 
         console = plain_console()
-        for renderable in renderables:
-            console.print(renderable)
+        for part in (conclusion,) if self.quiet else parts:
+            if isinstance(part, Document):
+                console.print(terminal_view(part, verbose=self.verbose))
+            else:
+                console.print(blocks_view((part,), self.verbose) if isinstance(part, Table | Texts) else part)
 
     def warn(self, message: str) -> None:
         """One line on standard error."""
@@ -344,10 +395,12 @@ class Session:
             write_whole(Path(self.json), text)
             self.show(f"Wrote {self.json}.")
 
-    def write_report(
-        self, document: Document, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
+    def deliver(
+        self, document: Document, result: Any, settings: BaseModel | None = None, records: Iterable[str | Path] = ()
     ) -> None:
-        """The HTML report and the picture files, where they were asked for."""
+        """Print a document; write the result as JSON, report and picture files, where they were asked for."""
+        self.show(document, conclusion=document.conclusion)
+        self.write_json(result)
         if self.report is not None:
             from brv_hypo.report.html import page
 
@@ -401,27 +454,22 @@ def as_json(result: Any, warnings: tuple[str, ...] = ()) -> str:
     return text.decode() + "\n"
 
 
-_SHARED = {
-    "json": options.Json,
-    "report": options.Report,
-    "figures": options.Figures,
-    "quiet": options.Quiet,
-    "verbose": options.Verbose,
-    "force": options.Force,
-    "plugin": options.Plugins,
-}
+RESULT = ("json", "report", "figures", "force", "plugin")
+ANALYSIS = ("config", "start", "stop", "instruments", *RESULT)
+"""Options of a command that makes a result, and that makes it of records."""
 
 
-def in_session(*outputs: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def in_session(*options: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a function a command: give it its session as first argument, and the command line the session's options.
 
-    `outputs` are those of "json", "report", "figures", "force" and "plugin" that the command takes; -q and -v are
-    everyone's. Plugins that could not be loaded are named on standard error, however quiet the command is to be.
+    `options` are those of `ANALYSIS` that the command takes; -q and -v are everyone's. Plugins that could not be loaded
+    are named on standard error, however quiet the command is to be.
     """
-    names = [name for name in _SHARED if name in (*outputs, "quiet", "verbose")]
+    hints = get_type_hints(Session, include_extras=True)
+    names = [name for name in hints if name in (*options, "quiet", "verbose")]
     keyword = inspect.Parameter.KEYWORD_ONLY
     shared = [
-        inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=_SHARED[name]) for name in names
+        inspect.Parameter(name, keyword, default=getattr(Session, name), annotation=hints[name]) for name in names
     ]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:

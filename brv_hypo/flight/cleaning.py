@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
@@ -204,12 +205,9 @@ def _is_burst(values: FloatArray, third: FloatArray, start: int, stop: int, sigm
         return False
     if not np.all(np.isfinite(values[start - BURST_FLANK : stop + BURST_FLANK])):
         return False
-    before, after = np.arange(start - BURST_FLANK, start), np.arange(stop, stop + BURST_FLANK)
-    flanks = np.concatenate([before, after])
-    middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + BURST_FLANK
-    quintic = np.polynomial.Polynomial.fit((flanks - middle) / reach, values[flanks], BURST_ORDER)
+    flanks = np.r_[start - BURST_FLANK : start, stop : stop + BURST_FLANK]
     inside = np.arange(start, stop)
-    departure = values[inside] - quintic((inside - middle) / reach)
+    departure = values[inside] - Polynomial.fit(flanks, values[flanks], BURST_ORDER)(inside)
     ends, steps = departure[[0, -1]], np.array([third[start], -third[stop]]) / EDGE_OF_STEP
     return bool(
         min(float(np.min(np.abs(ends))), float(np.median(np.abs(departure)))) > limits.BURST_SIGMAS * sigma

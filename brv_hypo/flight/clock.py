@@ -19,6 +19,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 import brv_hypo.thresholds as limits
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
@@ -157,9 +158,7 @@ def crossed(values: FloatArray, longest: int) -> FloatArray:
         known = about[~missing[about]]
         if stop - start > longest or np.sum(known < start) <= CROSSED_ORDER or np.sum(known >= stop) <= CROSSED_ORDER:
             continue
-        middle, reach = 0.5 * (start + stop), 0.5 * (stop - start) + flank
-        quintic = np.polynomial.Polynomial.fit((known - middle) / reach, values[known], CROSSED_ORDER)
-        whole[start:stop] = quintic((np.arange(start, stop) - middle) / reach)
+        whole[start:stop] = Polynomial.fit(known, values[known], CROSSED_ORDER)(np.arange(start, stop))
     return whole
 
 
@@ -210,8 +209,8 @@ ONE_CYCLE = 1.5  # cycles in a record up to which its spectrum's peak is that of
 
 def less_trend(rate: FloatArray) -> FloatArray:
     """A rate (n,) without gaps, less a polynomial of degree `TREND` in time."""
-    place = np.linspace(-1.0, 1.0, rate.size)
-    return np.asarray(rate - np.polyval(np.polyfit(place, rate, min(TREND, rate.size - 1)), place))
+    place = np.arange(rate.size)
+    return np.asarray(rate - Polynomial.fit(place, rate, min(TREND, rate.size - 1))(place))
 
 
 def strongest_frequency(q: FloatArray, r: FloatArray, step: float, segments: Sequence[tuple[int, int]]) -> float:
@@ -263,8 +262,7 @@ def _runs_on(time: FloatArray, channels: Mapping[str, FloatArray], at: int, exce
 
 def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
     """Mean square residual of a cubic, per degree of freedom, over `sigma` squared."""
-    columns = np.vander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, 4)
-    residual = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    residual = values - Polynomial.fit(time, values, 3)(time)
     return float(residual @ residual) / (time.size - 4) / sigma**2
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.flight.clock import transverse_frequency
-from brv_hypo.flight.record import CHANNELS, OPTIONAL_CHANNELS, Channels, Flight
+from brv_hypo.flight.record import Channels, Flight
 from brv_hypo.thresholds import PRESSURE_CONSISTENT
 
 AVERAGED_PER_CYCLE = 96  # samples left to a cycle of the fastest motion
@@ -130,11 +130,9 @@ def averaged(flight: Flight) -> Flight:
     if not segments:
         return flight
     arrays: dict[str, Any] = {}
-    for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind"):
-        values = getattr(flight, name)
-        if values is not None:
-            whole = values[: values.shape[0] // every * every]
-            arrays[name] = np.asarray(whole.reshape(-1, every, *values.shape[1:]).mean(axis=1), dtype=float)
+    for name, values in flight.arrays().items():
+        whole = values[: values.shape[0] // every * every]
+        arrays[name] = np.asarray(whole.reshape(-1, every, *values.shape[1:]).mean(axis=1), dtype=float)
     rate = flight.sample_rate / every
     note = f"analysed as means of {every} samples each, at {rate:.6g} Hz: the motion needs no more"
     return replace(flight, segments=segments, notes=(*flight.notes, note), **arrays)

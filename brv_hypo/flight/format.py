@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from brv_hypo.flight.record import (
     FORMAT,
     FORMAT_VERSION,
     INERTIAL_CHANNELS,
-    OPTIONAL_CHANNELS,
     VEHICLE_DIMENSIONS,
     Channels,
     Flight,
@@ -116,15 +115,15 @@ def unassemble(flight: Flight) -> Record:
 
     Raises FlightRecordError where the flight, built by hand perhaps, is not a valid record.
     """
-    usable, channels = flight.measured(), {}
-    for name in (*CHANNELS, *OPTIONAL_CHANNELS):
-        values = getattr(flight, name)
-        if values is not None:  # a wrong shape is left for `Record` to refuse
-            channels[name] = np.where(usable, values, np.nan) if values.shape == usable.shape else values
+    usable, channels = flight.measured(), dict(flight.columns())
+    time = channels.pop("time")
+    for name, values in channels.items():
+        if values.shape == usable.shape:  # a wrong one is left for `Record` to refuse
+            channels[name] = np.where(usable, values, np.nan)
     return validated(
         Record,
         {
-            "time": flight.time,
+            "time": time,
             "channels": channels,
             "vehicle": checked_vehicle(vars(flight.vehicle)),
             **{name: getattr(flight, name) for name in _ABOUT},
@@ -204,8 +203,7 @@ READ = {
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
 
-Quantity = Dataset
-"""A planted value of any shape with its units, for the group `truth`."""
+Quantity = Dataset  # a planted value of any shape with its units, for the group `truth`
 
 
 def load_flight(
@@ -465,7 +463,6 @@ def _truth_tree(truth: Mapping[str, Any]) -> Tree:
     return Tree(attributes, datasets, groups)
 
 
-@runtime_checkable
 class HoldsFlight(Protocol):
     """Something that has a flight, as a simulated flight has."""
 
@@ -479,12 +476,9 @@ FlightSource = str | Path | Flight | HoldsFlight
 
 def one_flight(source: FlightSource) -> Flight:
     """The flight of a path, a `Flight` or a simulated flight. Raises UsageError for anything else."""
-    if isinstance(source, Flight):
-        return source
-    if isinstance(source, str | Path):
-        return load_flight(source)
-    if isinstance(source, HoldsFlight) and isinstance(source.flight, Flight):
-        return source.flight
+    flight = load_flight(source) if isinstance(source, str | Path) else getattr(source, "flight", source)
+    if isinstance(flight, Flight):
+        return flight
     raise UsageError(
         f"got {type(source).__name__} for a flight, expected the path of a record, a Flight or a simulated flight."
     )

@@ -120,21 +120,15 @@ class ChannelQuality:
     """One channel as it was recorded, or derived."""
 
     name: str
-    units: str
-    """As recorded."""
+    units: str  # as recorded
     si_units: str
     derived: bool
-    missing: int
-    """Samples."""
-    longest_gap: int
-    """Samples."""
-    spikes: int
-    """Samples of isolated spikes."""
-    minimum: float
-    """SI; NaN where nothing is known, as the maximum."""
+    missing: int  # samples
+    longest_gap: int  # samples
+    spikes: int  # samples of isolated spikes
+    minimum: float  # SI; NaN where nothing is known, as the maximum
     maximum: float
-    noise: Noise
-    """SI"""
+    noise: Noise  # SI
 
 
 @dataclass(frozen=True)
@@ -146,30 +140,19 @@ class Inspection:
     source: str
     planet: str
     samples: int
-    start: float
-    """s"""
-    stop: float
-    """s"""
-    sample_rate: float
-    """Hz"""
+    start: float  # s
+    stop: float  # s
+    sample_rate: float  # Hz
     channels: tuple[ChannelQuality, ...]
-    absent: tuple[str, ...]
-    """Optional channels that were neither recorded nor derived."""
-    segments: tuple[tuple[float, float], ...]
-    """The stretches that can be analysed, s."""
-    dynamic_pressure_range: tuple[float, float]
-    """Pa"""
-    transverse_frequency: float
-    """Dominant frequency of q and r over the longest segment, Hz; 0 where they do not vary."""
-    samples_per_cycle: float
-    """Of that frequency."""
+    absent: tuple[str, ...]  # optional channels that were neither recorded nor derived
+    segments: tuple[tuple[float, float], ...]  # the stretches that can be analysed, s
+    dynamic_pressure_range: tuple[float, float]  # Pa
+    transverse_frequency: float  # dominant frequency of q and r over the longest segment, Hz; 0 where they do not vary
+    samples_per_cycle: float  # of that frequency
     vehicle: Vehicle
-    phases: tuple[Phase, ...]
-    """Those of a rocket's flight."""
-    notes: tuple[str, ...]
-    """What reading changed or derived."""
-    warnings: tuple[str, ...]
-    """What limits the use of the record."""
+    phases: tuple[Phase, ...]  # those of a rocket's flight
+    notes: tuple[str, ...]  # what reading changed or derived
+    warnings: tuple[str, ...]  # what limits the use of the record
 
 
 def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, stop: float | None = None) -> Inspection:

@@ -125,20 +125,14 @@ def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air 
     used = slice(ignition, end)
     square = (speed[used] / max(speed[top], 1.0)) ** 2
     pushed = _tilted(time[used], first, forces[:, used], (square, np.ones_like(square)), THRUST_OFF)
-    spun = _spun(time[used], rates[:, used], pushed.nose)
-    if spun is None:
+    spin = joined(pushed.nose @ rates[:, used])
+    if abs(float(np.trapezoid(spin, time[used]))) <= LEAST_TURNED or abs(np.median(spin)) <= LEAST_SPIN:
         return pushed
+    spun = _tilted(time[used], pushed.nose, rates[:, used], (), SPIN_OFF)
     weights = np.array([pushed.sigma, spun.sigma]) ** -2.0
     nose = weights @ np.stack([pushed.nose, spun.nose]) / np.sum(weights)
     apart = 0.5 * float(np.linalg.norm(pushed.nose - spun.nose))  # where the two disagree, their error is of that size
     return Tilt(nose / np.linalg.norm(nose), max(float(np.sum(weights)) ** -0.5, apart), "thrust, drag and spin")
-
-
-def _spun(time: FloatArray, rates: FloatArray, first: FloatArray) -> Tilt | None:
-    """The axis of spin near `first` (3,); None without much of a spin."""
-    spin = joined(first @ rates)
-    enough = abs(float(np.trapezoid(spin, time))) > LEAST_TURNED and abs(np.median(spin)) > LEAST_SPIN
-    return _tilted(time, first, rates, (), SPIN_OFF) if enough else None
 
 
 def _tilted(

@@ -57,18 +57,12 @@ Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow
 class Vehicle:
     """Mass properties and reference quantities, SI."""
 
-    mass: Positive
-    """kg"""
-    ixx: Positive
-    """kg m^2, about the spin axis"""
-    iyy: Positive
-    """kg m^2, about a transverse axis through the centre of gravity"""
-    reference_length: Positive
-    """m, one for all three moments"""
-    reference_area: Positive
-    """m^2"""
-    accelerometer_position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-    """m from the centre of gravity, in body axes"""
+    mass: Positive  # kg
+    ixx: Positive  # kg m^2, about the spin axis
+    iyy: Positive  # kg m^2, about a transverse axis through the centre of gravity
+    reference_length: Positive  # m, one for all three moments
+    reference_area: Positive  # m^2
+    accelerometer_position: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)  # m from the c.g., in body axes
 
     @property
     def inertia_ratio(self) -> float:
@@ -85,16 +79,12 @@ class Vehicle:
 class RecordFault:
     """One fault of a record."""
 
-    channel: str
-    """The channel, or several joined by commas."""
-    fault: str
-    """Its kind."""
+    channel: str  # the channel, or several joined by commas
+    fault: str  # its kind
     start_s: float
     stop_s: float
-    action: str
-    """What was done, or what the user should do, in words."""
-    decisive: bool = False
-    """True where the record contradicts itself, and nothing that is fitted to it can be trusted."""
+    action: str  # what was done, or what the user should do, in words
+    decisive: bool = False  # true where the record contradicts itself, and nothing that is fitted to it can be trusted
 
     @classmethod
     def over(cls, time: FloatArray, channel: str, fault: str, action: str, *, decisive: bool = False) -> RecordFault:
@@ -138,43 +128,30 @@ class Flight(Histories, HasCharts):
     simulated flight is not here: nothing that analyses a flight may see it.
     """
 
-    time: FloatArray
-    """s"""
-    p: FloatArray
-    """Roll rate, rad/s; `q` and `r` are the rates of pitch and yaw."""
+    time: FloatArray  # s
+    p: FloatArray  # roll rate, rad/s; `q` and `r` are the rates of pitch and yaw
     q: FloatArray
     r: FloatArray
-    ax: FloatArray
-    """Specific force along the body axes at the accelerometer, m/s^2."""
+    ax: FloatArray  # specific force along the body axes at the accelerometer, m/s^2
     ay: FloatArray
     az: FloatArray
-    velocity: FloatArray
-    """Speed through the air, m/s."""
-    dynamic_pressure: FloatArray
-    """Pa"""
+    velocity: FloatArray  # speed through the air, m/s
+    dynamic_pressure: FloatArray  # Pa
     vehicle: Vehicle
-    altitude: FloatArray | None = None
-    """m"""
-    density: FloatArray | None = None
-    """kg/m^3"""
+    altitude: FloatArray | None = None  # m
+    density: FloatArray | None = None  # kg/m^3
     mach: FloatArray | None = None
     reynolds: FloatArray | None = None
-    roll_rate_mag: FloatArray | None = None
-    """Roll rate as a magnetometer has it, rad/s."""
-    wind: FloatArray | None = None
-    """(n, 3) m/s, what is known of the wind, in body axes of the first sample."""
-    instruments: Instruments = field(default_factory=of_grade)
-    """The tolerances to which record, vehicle and air are known."""
-    segments: tuple[tuple[int, int], ...] = ()
-    """Index ranges [start, stop) that are contiguous and usable."""
+    roll_rate_mag: FloatArray | None = None  # roll rate as a magnetometer has it, rad/s
+    wind: FloatArray | None = None  # (n, 3) m/s, what is known of the wind, in body axes of the first sample
+    instruments: Instruments = field(default_factory=of_grade)  # to which record, vehicle and air are known
+    segments: tuple[tuple[int, int], ...] = ()  # index ranges [start, stop) that are contiguous and usable
     planet: str = "earth"
     title: str = ""
     source: str = ""
     path: str = ""
-    notes: tuple[str, ...] = ()
-    """What was derived, resampled, bridged or cut."""
-    faults: tuple[RecordFault, ...] = ()
-    """What was masked, or should stop an analysis (`brv_hypo.motion.try_record`)."""
+    notes: tuple[str, ...] = ()  # what was derived, resampled, bridged or cut
+    faults: tuple[RecordFault, ...] = ()  # what was masked, or should stop an analysis (`brv_hypo.motion.try_record`)
 
     def __post_init__(self) -> None:
         """A record without gaps is one segment."""
@@ -191,7 +168,11 @@ class Flight(Histories, HasCharts):
 
     def columns(self) -> Mapping[str, Any]:
         """Time (s) and every channel that the record has, SI."""
-        known = {name: getattr(self, name) for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS)}
+        return {name: values for name, values in self.arrays().items() if name != "wind"}
+
+    def arrays(self) -> dict[str, Any]:
+        """The columns, and what is known of the wind: all that is over the samples."""
+        known = {name: getattr(self, name) for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind")}
         return {name: values for name, values in known.items() if values is not None}
 
     def units(self) -> Mapping[str, str]:
@@ -254,10 +235,7 @@ class Flight(Histories, HasCharts):
                 f"{last:.3f} s. Give --start and --stop inside it."
             )
         a, b = int(chosen[0]), int(chosen[-1]) + 1
-        arrays: dict[str, Any] = {
-            name: None if (value := getattr(self, name)) is None else value[a:b]
-            for name in ("time", *CHANNELS, *OPTIONAL_CHANNELS, "wind")
-        }
+        arrays = {name: values[a:b] for name, values in self.arrays().items()}
         segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if s < b and e > a)
         if not segments:
             raise UsageError(
@@ -330,18 +308,15 @@ class Record(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
-    time: SkipValidation[FloatArray]
-    """(n,) s, strictly increasing."""
-    channels: SkipValidation[Mapping[str, FloatArray]]
-    """(n,) each, NaN where a sample is missing."""
+    time: SkipValidation[FloatArray]  # (n,) s, strictly increasing
+    channels: SkipValidation[Mapping[str, FloatArray]]  # (n,) each, NaN where a sample is missing
     vehicle: SkipValidation[Vehicle]
     instruments: Instruments = Field(default_factory=of_grade)
     planet: Annotated[str, StringConstraints(strip_whitespace=True, to_lower=True, min_length=1)] = "earth"
     title: Line = ""
     source: Line = ""
     path: str = ""
-    recorded_units: dict[str, str] = Field(default_factory=dict)
-    """Of the channels in the file."""
+    recorded_units: dict[str, str] = Field(default_factory=dict)  # of the channels in the file
     notes: tuple[str, ...] = ()
 
     @model_validator(mode="after")

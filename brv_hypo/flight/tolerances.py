@@ -36,36 +36,21 @@ def _of(dimension: Dimension, *sigmas: float) -> dict[str, Any]:
 class Instruments:
     """1-sigma tolerances by body axis (x, y, z), SI; what has no axis holds one value three times."""
 
-    grade: str
-    """What the values that nobody stated come from."""
-    gyro_bias: Vector = field(metadata=_of("angular rate", 0.002 * _DEGREE, 0.02 * _DEGREE, 0.2 * _DEGREE))
-    """rad/s"""
-    gyro_scale: Vector = field(metadata=_of("dimensionless", 1e-4, 5e-4, 3e-3))
-    """Relative error of the scale factor."""
-    gyro_misalignment: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))
-    """rad"""
-    accel_bias: Vector = field(metadata=_of("acceleration", 0.001, 0.01, 0.05))
-    """m/s^2"""
-    accel_scale: Vector = field(metadata=_of("dimensionless", 1e-4, 1e-3, 5e-3))
-    """Relative error of the scale factor."""
-    accel_misalignment: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))
-    """rad"""
-    accel_position: Vector = field(metadata=_of("length", 0.0005, 0.002, 0.005))
-    """m"""
-    time_skew: Vector = field(metadata=_of("time", 5e-5, 5e-4, 2e-3))
-    """s by which the accelerometers' samples may lie off the gyros'; no axis."""
-    cg_offset: Vector = field(metadata=_of("length", 0.0001, 0.0005, 0.002))
-    """m of the centre of gravity off the axis; y and z count."""
-    principal_axis: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))
-    """rad of the principal axis off the body axis; y and z count."""
-    wind: Vector = field(metadata=_of("speed", 1.0, 3.0, 10.0))
-    """m/s"""
-    dynamic_pressure_scale: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))
-    """Relative; no axis."""
-    inertia_ratio: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))
-    """Of Ix / I, relative; no axis."""
-    inertia: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))
-    """Of I, relative; no axis."""
+    grade: str  # what the values that nobody stated come from
+    gyro_bias: Vector = field(metadata=_of("angular rate", 0.002 * _DEGREE, 0.02 * _DEGREE, 0.2 * _DEGREE))  # rad/s
+    gyro_scale: Vector = field(metadata=_of("dimensionless", 1e-4, 5e-4, 3e-3))  # relative error of the scale factor
+    gyro_misalignment: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))  # rad
+    accel_bias: Vector = field(metadata=_of("acceleration", 0.001, 0.01, 0.05))  # m/s^2
+    accel_scale: Vector = field(metadata=_of("dimensionless", 1e-4, 1e-3, 5e-3))  # relative error of the scale factor
+    accel_misalignment: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))  # rad
+    accel_position: Vector = field(metadata=_of("length", 0.0005, 0.002, 0.005))  # m
+    time_skew: Vector = field(metadata=_of("time", 5e-5, 5e-4, 2e-3))  # s, accelerometers off gyros; no axis
+    cg_offset: Vector = field(metadata=_of("length", 0.0001, 0.0005, 0.002))  # m off the axis; y and z count
+    principal_axis: Vector = field(metadata=_of("angle", 1e-4, 5e-4, 3e-3))  # rad off the body axis; y and z count
+    wind: Vector = field(metadata=_of("speed", 1.0, 3.0, 10.0))  # m/s
+    dynamic_pressure_scale: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))  # relative; no axis
+    inertia_ratio: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))  # of Ix / I, relative; no axis
+    inertia: Vector = field(metadata=_of("dimensionless", 1e-3, 5e-3, 2e-2))  # of I, relative; no axis
 
     def values(self) -> dict[str, Vector]:
         """Every tolerance by its key."""
@@ -89,7 +74,7 @@ _SIGMAS = {each.name: each.metadata["sigmas"] for each in fields(Instruments) if
 def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
     """The tolerances of a grade; UsageError with the known ones where there is no such grade."""
     if grade not in GRADES:
-        hint = meant(grade, GRADES, "see `brv-hypo docs reference`")
+        hint = meant(grade, GRADES, "or, by --instruments, a YAML file of tolerances")
         raise UsageError(f"got the instrument grade '{grade}', expected one of {', '.join(GRADES)} ({hint}).")
     place = GRADES.index(grade)
     return Instruments(grade, **{key: (sigmas[place],) * 3 for key, sigmas in _SIGMAS.items()})
@@ -108,11 +93,8 @@ def instruments_from(source: str | Path, record: Instruments) -> Instruments:
     ("0.3 deg/s"); `grade` sets what the file does not name. Raises UsageError for an unknown grade, file or key.
     """
     path = Path(source)
-    if str(source) in GRADES:
+    if str(source) in GRADES or not (path.suffix or path.exists()):
         return of_grade(str(source))
-    if not path.suffix and not path.exists():
-        hint = meant(str(source), GRADES, "or a YAML file of tolerances")
-        raise UsageError(f"got the instruments '{source}', expected one of {', '.join(GRADES)}{hint and f' ({hint})'}.")
     from brv_hypo.io.mappings import read_yaml
 
     return tolerances_of(read_yaml(path, "tolerances"), record, str(path))

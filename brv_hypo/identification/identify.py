@@ -25,7 +25,7 @@ from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negat
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
 from brv_hypo.model.term import Regressor
-from brv_hypo.motion.inertial import FREE_GRAVITY, gravity_magnitude
+from brv_hypo.motion.inertial import gravity_size
 from brv_hypo.motion.inputs import SmoothInputs, smooth_inputs
 from brv_hypo.motion.smoother import BENT
 
@@ -214,7 +214,7 @@ def _nuisances(
     found: dict[str, tuple[float, float, float]] = {}
     for index in flights:
         reconstruction = frame.reconstructions[index]
-        size = gravity_magnitude(reconstruction.flight) or FREE_GRAVITY
+        size = gravity_size(reconstruction.flight)
         for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
             found[of_flight(name, index)] = (min(max(value, -size), size), 0.0, size)
         for error in inputs[index].errors:

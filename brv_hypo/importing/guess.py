@@ -10,13 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import cache
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
-from jinja2 import Environment, PackageLoader, Template
+from jinja2 import Environment, PackageLoader
 from scipy.integrate import cumulative_trapezoid
 
 from brv_hypo import thresholds as limits
@@ -58,30 +57,16 @@ class Guess:
     unsure: tuple[str, ...]
 
 
-@dataclass
-class _Guessed:
-    """The main table with what other files add to it."""
-
-    table: ForeignTable
-    recorders: list[ForeignTable] = field(default_factory=list)
-    """Files with clocks of their own."""
-    vehicle: ForeignTable | None = None
-    """Properties of the vehicle over time."""
-    zero_s: float = 0.0
-    """What the main clock reads at the map's zero."""
-    unsure: list[str] = field(default_factory=list)
-
-
 def guess_map(data: str | Path, *others: str | Path) -> Guess:
     """A map for the csv, parquet or mat file `data`, and `others` that were recorded, or tabulated, beside it.
 
     Raises UsageError where a file holds no column that could be time, FlightRecordError where it is unreadable.
     """
-    found = _Guessed(_examined(Path(data)))
+    main = _examined(Path(data))
     for other in others:
-        _add(found, _examined(Path(other)))
-    _count_from_liftoff(found)
-    return _written(found)
+        _add(main, _examined(Path(other)))
+    _count_from_liftoff(main)
+    return _written(main)
 
 
 # ---- One file: its channels, by name and by physics ----
@@ -281,11 +266,9 @@ def _gained(table: ForeignTable) -> None:
     """Units of speed and altitude by what the thrust gains."""
     recorded: dict[str, FloatArray] = {n: table.values(n) for n in ("velocity", "altitude") if n in table.entries}
     for name, (rise, made) in gains(table.in_si("time"), table.triad(ACCELEROMETERS), recorded).items():
-        sizes = rules.sizes(CHANNEL_DIMENSIONS[name])
-        off = {unit: abs(float(np.log(max(rise, 1e-9) * size / made))) for unit, size in sizes.items()}
-        units = min(off, key=lambda unit: off[unit])
+        units = rules.units_of_factor(made / max(rise, 1e-9), CHANNEL_DIMENSIONS[name], GAINED_WITHIN)
         said = f"in the burn it gains {rise:.4g}, and the forces make {made:.4g} {SI[CHANNEL_DIMENSIONS[name]]}"
-        if off[units] < GAINED_WITHIN:
+        if units is not None:
             table.sure(name, units, f"{said}: it is in {units}")
         else:
             table.change(name, "against the thrust", f"{said}: in no units that are known")
@@ -335,7 +318,7 @@ def _speed_like_push(table: ForeignTable) -> None:
             table.sure("altitude", length, f"it rises by the path of the speed, in {length}")
 
 
-def _add(found: _Guessed, other: ForeignTable) -> None:
+def _add(table: ForeignTable, other: ForeignTable) -> None:
     """What another file adds: properties of the vehicle; else channels that the main table lacks, on its own clock."""
     properties: dict[str, MapEntry] = {}
     for column in other.read.columns:
@@ -344,19 +327,19 @@ def _add(found: _Guessed, other: ForeignTable) -> None:
             properties[name] = replace(_named(column, VEHICLE_DIMENSIONS[name], other), why="by name")
     if properties:
         other.entries = {"time": other.entries["time"], **properties}
-        found.vehicle = other
+        table.vehicle = other
         return
-    main, name = found.table.entries, other.recorder
+    main, name = table.entries, other.recorder
     if "ax" in main and "ax" in other.entries:  # what the other sensed of ax, if it runs as that of the main table
-        axial, entry = main["ax"].scale * found.table.values("ax"), other.entries["ax"]
+        axial, entry = main["ax"].scale * table.values("ax"), other.entries["ax"]
         with suppress(UsageError):
-            _, likeness = clock_offset(found.table.in_si("time"), axial, other.in_si("time"), other.values("ax"))
+            _, likeness = clock_offset(table.in_si("time"), axial, other.in_si("time"), other.values("ax"))
             other.align = replace(
                 entry, scale=1.0, offset=0.0, why=f"{entry.why}; it runs as ax does, correlation {likeness:.3f}"
             )
-    found.unsure += [f"{name}: {each}" for each in other.unsure if "no rest" not in each]
+    table.unsure += [f"{name}: {each}" for each in other.unsure if "no rest" not in each]
     if other.align is None:
-        found.unsure.append(
+        table.unsure.append(
             f"{name}: it has no acceleration along the axis that runs as ax does, which would put its clock on the "
             "main one: give its time an offset, if the two differ"
         )
@@ -369,24 +352,22 @@ def _add(found: _Guessed, other: ForeignTable) -> None:
                 doubt = "it begins at nought, above the ground: add the site's height above the sea as offset, in "
                 entry = replace(entry, unsure=(*entry.unsure, doubt + entry.units))
             main[channel] = entry
-    found.recorders.append(other)
+    table.recorders.append(other)
 
 
-def _count_from_liftoff(found: _Guessed) -> None:
+def _count_from_liftoff(table: ForeignTable) -> None:
     """The main clock set to zero at lift-off, where a table of the vehicle counts from there and the log does not."""
-    table = found.table
-    if found.vehicle is None or not set(ACCELEROMETERS) <= set(table.entries):
+    if table.vehicle is None or not set(ACCELEROMETERS) <= set(table.entries):
         return
-    time, name = table.in_si("time"), found.vehicle.path.name
-    if abs(time[0] - float(found.vehicle.in_si("time")[0])) < FAR:
+    time, name = table.in_si("time"), table.vehicle.path.name
+    if abs(time[0] - float(table.vehicle.in_si("time")[0])) < FAR:
         return
-    forces = [table.entries[axis].scale * table.in_si(axis) for axis in ACCELEROMETERS]
-    burn = next((phase for phase in find_phases(time, *forces) if phase.name == "burn"), None)
+    burn = next((phase for phase in find_phases(time, *table.triad(ACCELEROMETERS)) if phase.name == "burn"), None)
     if burn is None:
-        doubt = f"{name} counts time from another zero than the log: give its time an offset"
-        found.unsure.append(doubt)
+        table.unsure.append(f"{name} counts time from another zero than the log: give its time an offset")
         return
-    found.zero_s = burn.start_s
+    if table.rest_s is not None:
+        table.rest_s = (table.rest_s[0] - burn.start_s, table.rest_s[1] - burn.start_s)
     reason = f"zero set to the ignition, found at {burn.start_s:.3f} s, from which {name} counts"
     offset = -burn.start_s / rules.sizes("time")[table.entries["time"].units]
     table.change("time", reason, "whether that table counts from ignition", offset=offset)
@@ -406,15 +387,14 @@ _OF_VEHICLE = {
 _GRADE = "instruments: their grade is taken as industrial; their accuracy decides what the record can show"
 
 
-def _written(found: _Guessed) -> Guess:
+def _written(table: ForeignTable) -> Guess:
     """The map as text, with a comment for every line that rests on a guess."""
-    table, vehicle = found.table, found.vehicle
-    tables = [table, *found.recorders, *([vehicle] if vehicle else [])]
+    vehicle = table.vehicle
+    tables = [table, *table.recorders, *([vehicle] if vehicle else [])]
     channels = {name: table.entries[name] for name in (*CHANNEL_DIMENSIONS, *ATTITUDE) if name in table.entries}
     missing = _missing(channels)
     unknown = [name for name in VEHICLE_DIMENSIONS if vehicle is None or name not in vehicle.entries]
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}"] if unknown else []
-    doubts = [*table.unsure, *found.unsure]
     unsure = [f"{name}: {doubt}" for name, entry in channels.items() for doubt in entry.unsure]
 
     def file_of(other: ForeignTable) -> str:
@@ -422,38 +402,29 @@ def _written(found: _Guessed) -> Guess:
         beside = other.path.resolve().parent == table.path.resolve().parent
         return _quoted(other.path.name if beside else str(other.path))
 
-    text = _template().render(
+    loader = PackageLoader("brv_hypo.importing", "")
+    templates = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+    templates.filters |= {"one_line": one_line, "quoted": _quoted}
+    text = templates.get_template("map.yaml.j2").render(
         main=table,
         tables=tables,
-        recorders=found.recorders,
         vehicle=vehicle,
         channels=channels,
         missing=missing,
-        doubts=doubts,
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
         meanings=_OF_VEHICLE,
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
-        tilt=table.tilt,
         degrees=np.degrees,
         turned=bool(mounting_fault(table.in_si("time"), table.tilt)),
-        pad=table.rest_s and [each - found.zero_s for each in table.rest_s],
         rate=1.0 / float(np.median(np.diff(table.in_si("time")))),
         slowest_fast=SLOWEST_FAST,
         per_cycle=DECIMATED_PER_CYCLE,
         least_gain=DECIMATED_LEAST_GAIN,
-        unused=_unused(found, tables),
+        unused=_unused(tables),
         flow=_flow,
         file_of=file_of,
     )
-    return Guess(text, (*missing, *said, *doubts, *unsure, _GRADE))
-
-
-@cache
-def _template() -> Template:
-    loader = PackageLoader("brv_hypo.importing", "")
-    templates = Environment(loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
-    templates.filters |= {"one_line": one_line, "quoted": _quoted}
-    return templates.get_template("map.yaml.j2")
+    return Guess(text, (*missing, *said, *table.unsure, *unsure, _GRADE))
 
 
 def _flow(entry: MapEntry, more: str = "") -> str:
@@ -477,18 +448,18 @@ def _missing(channels: Collection[str]) -> list[str]:
     return lacking
 
 
-def _unused(found: _Guessed, tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
-    """The file, name and range of each column that the map does not use."""
-    unused = []
+def _unused(tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
+    """The file, name and range of each column that the map does not use; the main table is the first."""
+    main, unused = tables[0], []
+    channels = [entry for name, entry in main.entries.items() if name not in MAGNETOMETER]
     for table in tables:
-        recorder = table.recorder if table in found.recorders else None
-        channels = {} if table is found.vehicle else found.table.entries
-        used = {e.column for name, e in channels.items() if name not in MAGNETOMETER and e.recorder == recorder}
-        if table is found.vehicle:
+        recorder = None if table is main else table.recorder
+        used = {entry.column for entry in channels if entry.recorder == recorder}
+        if table is main.vehicle:
             used = {entry.column for entry in table.entries.values()}
-        elif table is not found.table:
+        elif table is not main:
             used |= {table.entries["time"].column, *([table.align.column] if table.align else [])}
-        place = "" if table is found.table else f"{one_line(table.path.name)}: "
+        place = "" if table is main else f"{one_line(table.path.name)}: "
         for name, values in table.read.columns.items():
             if name not in used:
                 known = values[np.isfinite(values)]

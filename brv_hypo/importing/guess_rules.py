@@ -197,7 +197,7 @@ def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
 
 def gravity_units(norm: float) -> str | None:
     """The units in which a reading at rest, `norm`, is gravity; None where in none."""
-    return _units_of_factor(norm and GRAVITY / norm, "acceleration")
+    return units_of_factor(norm and GRAVITY / norm, "acceleration")
 
 
 def turning_units(
@@ -215,7 +215,7 @@ def turning_units(
         return None
     angle = cumulative_trapezoid(rate, time, initial=0)
     factor = slope(angle, turned)
-    units = _units_of_factor(abs(factor), "angular rate")
+    units = units_of_factor(abs(factor), "angular rate")
     return None if units is None else (units, float(np.sign(factor)))
 
 
@@ -245,7 +245,7 @@ def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray)
     made = 0.5 * density * speed**2
     usable = np.isfinite(made) & (pressure > 0.0)
     factor = float(np.median(made[usable] / pressure[usable])) if np.any(usable) else 0.0
-    return _units_of_factor(factor, "pressure")
+    return units_of_factor(factor, "pressure")
 
 
 def slope(x: FloatArray, y: FloatArray) -> float:
@@ -255,12 +255,12 @@ def slope(x: FloatArray, y: FloatArray) -> float:
     return float(centred @ y[known]) / max(float(centred @ centred), 1e-300)
 
 
-def _units_of_factor(factor: float, dimension: Dimension) -> str | None:
-    """The unit of that size in SI."""
+def units_of_factor(factor: float, dimension: Dimension, within: float = WITHIN) -> str | None:
+    """The unit of that size in SI, to `within` of its logarithm; None for no such unit."""
     if not np.isfinite(factor) or factor <= 0.0:
         return None
     name, size = min(sizes(dimension).items(), key=lambda item: abs(np.log(factor / item[1])))
-    return name if abs(np.log(factor / size)) < WITHIN else None
+    return name if abs(np.log(factor / size)) < within else None
 
 
 @dataclass(frozen=True)
@@ -269,14 +269,11 @@ class MapEntry:
 
     column: str
     units: str
-    why: str
-    """The reasons."""
-    unsure: tuple[str, ...] = ()
-    """The doubts."""
+    why: str  # the reasons
+    unsure: tuple[str, ...] = ()  # the doubts
     scale: float = 1.0
     offset: float = 0.0
-    recorder: str | None = None
-    """The other recorder that it comes from; None for the main table."""
+    recorder: str | None = None  # the other recorder that it comes from; None for the main table
 
 
 @dataclass(eq=False)
@@ -284,18 +281,14 @@ class ForeignTable:
     """The numeric columns of a file and what is known of them so far."""
 
     path: Path
-    read: ColumnTable
-    """With the units that the table states."""
-    entries: dict[str, MapEntry] = field(default_factory=dict)
-    """By channel, or property of the vehicle."""
-    unsure: list[str] = field(default_factory=list)
-    """Doubts about the table as a whole."""
-    rest_s: tuple[float, float] | None = None
-    """The pad, if there is one."""
-    tilt: Tilt | None = None
-    """Of the nose, by thrust, in the axes of the entries."""
-    align: MapEntry | None = None
-    """Of another recorder: what it sensed of ax."""
+    read: ColumnTable  # with the units that the table states
+    entries: dict[str, MapEntry] = field(default_factory=dict)  # by channel, or property of the vehicle
+    unsure: list[str] = field(default_factory=list)  # doubts about the table as a whole
+    rest_s: tuple[float, float] | None = None  # the pad, if there is one
+    tilt: Tilt | None = None  # of the nose, by thrust, in the axes of the entries
+    align: MapEntry | None = None  # of another recorder: what it sensed of ax
+    recorders: list[ForeignTable] = field(default_factory=list)  # of the main table: files with clocks of their own
+    vehicle: ForeignTable | None = None  # of the main table: properties of the vehicle over time
 
     def values(self, channel: str) -> FloatArray:
         """The column of a channel (n,), as it was read."""

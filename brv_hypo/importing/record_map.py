@@ -123,16 +123,12 @@ class ColumnMap(_Entry):
     """Where a channel comes from: `scale * column + offset`, in `units`."""
 
     column: str
-    units: str | None = None
-    """None: those that the table states, in a row of its own or in the column's name."""
+    units: str | None = None  # None: those that the table states, in a row of its own or in the column's name
     scale: float = 1.0
     offset: float = 0.0
-    missing: float | None = None
-    """The value that stands for a missing sample."""
-    recorder: str | None = None
-    """The recorder of the column; None is the main table."""
-    increments: bool = False
-    """The column holds increments since the sample before, of angle or velocity, in units of these."""
+    missing: float | None = None  # the value that stands for a missing sample
+    recorder: str | None = None  # the recorder of the column; None is the main table
+    increments: bool = False  # of angle or velocity, in their units, since the sample before
 
 
 class Alignment(_Entry):
@@ -189,21 +185,15 @@ class RecordMap(Layout):
 
     channels: dict[str, ColumnMap]
     vehicle: dict[str, VehicleEntry]
-    recorders: dict[str, Recorder] = Field({})
-    """Other files, each with a clock of its own."""
-    beside: list[dict[str, ColumnMap]] = Field([])
-    """Gyros and accelerometers of further units."""
-    instruments: dict[str, Any] = Field({})
-    """Grade and tolerances."""
+    recorders: dict[str, Recorder] = Field({})  # other files, each with a clock of its own
+    beside: list[dict[str, ColumnMap]] = Field([])  # gyros and accelerometers of further units
+    instruments: dict[str, Any] = Field({})  # grade and tolerances
+    # From what gyros and accelerometers read to body axes: "auto" is found from thrust, drag and spin.
     rotation: Annotated[str | Rows | None, AfterValidator(_rotation)] = None
-    """From what gyros and accelerometers read to body axes: "auto" is found from thrust, drag and spin."""
-    pad: Span | None = None
-    """Times between which the vehicle is at rest, nose up, s."""
+    pad: Span | None = None  # times between which the vehicle is at rest, nose up, s
     derive: Derived | None = None
-    window: PhaseName | Span | None = None
-    """What is kept: a phase that is found, or times in s."""
-    rate: Literal["auto"] | Annotated[float, Field(gt=0.0)] | None = None
-    """Hz; "auto" is what the motion needs, None what was recorded."""
+    window: PhaseName | Span | None = None  # what is kept: a phase that is found, or times in s
+    rate: Literal["auto"] | Annotated[float, Field(gt=0.0)] | None = None  # Hz; "auto" is what the motion needs
     planet: str = "earth"
     title: str = ""
     source: str = ""

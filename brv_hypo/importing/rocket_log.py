@@ -94,8 +94,7 @@ class Attitude:
     """Turns (n) of the unit since it was at rest, or the lean (n,) rad alone, NaN where unknown."""
 
     turns: Rotation | None
-    known: FloatArray
-    """Samples (m,) at which the turns are known."""
+    known: FloatArray  # samples (m,) at which the turns are known
     lean: FloatArray | None
     faults: tuple[RecordFault, ...] = ()
 
@@ -282,10 +281,8 @@ class Rest:
     stop_s: float
     lean: float
     lean_sigma: float
-    leans: FloatArray | None
-    """Lean of the nose (n,) rad at the record's samples, from the gyros after the pad, if they are to be trusted."""
-    up: FloatArray | None = None
-    """Up on the pad in body axes, (3,)."""
+    leans: FloatArray | None  # of the nose (n,) rad at the record's samples, from the gyros after the pad
+    up: FloatArray | None = None  # up on the pad in body axes, (3,)
 
 
 def lean_by_gyros(time: FloatArray, rates: FloatArray, up: FloatArray) -> FloatArray:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from brv_hypo.errors import FlightRecordError
 from brv_hypo.io.files import check_hdf5, check_regular, check_target, write_whole
-from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
-from brv_hypo.io.text import one_line
+from brv_hypo.io.sandbox import Budget, read_in_sandbox
+from brv_hypo.io.text import one_line, refused
 
 if TYPE_CHECKING:
     import h5py
@@ -268,16 +268,12 @@ class ColumnTable:
 
     columns: Mapping[str, NDArray[Any]]
     names: tuple[str, ...]
-    units: Mapping[str, str] = field(default_factory=dict)
-    """As far as the table states them."""
+    units: Mapping[str, str] = field(default_factory=dict)  # as far as the table states them
     notes: tuple[str, ...] = ()
-    lines: NDArray[Any] | None = None
-    """Number of the line of each row, of a text."""
-    stamps: tuple[str, ...] = ()
-    """Columns of dates or times of day, in s."""
+    lines: NDArray[Any] | None = None  # number of the line of each row, of a text
+    stamps: tuple[str, ...] = ()  # columns of dates or times of day, in s
     delimiter: str = ","
-    zero: np.datetime64 | None = None
-    """From which dates count."""
+    zero: np.datetime64 | None = None  # from which dates count
 
 
 def parquet_table(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTable:

@@ -201,27 +201,21 @@ def _temporary(target: Path) -> Iterator[Path]:
     with suppress(OSError):
         for entry in target.parent.iterdir():
             if (found := left.fullmatch(entry.name)) and not _is_alive(int(found[1])):
-                _remove(entry)
+                shutil.rmtree(entry, ignore_errors=True)
     prefix = f".{target.name[:NAME_KEPT]}.{host}.{os.getpid()}."
     folder = Path(tempfile.mkdtemp(SUFFIX, prefix, target.parent))
     _open.add(folder)
     try:
         yield folder / "whole"
     finally:
-        _remove(folder)
+        shutil.rmtree(folder, ignore_errors=True)
         _open.discard(folder)
 
 
 def remove_open_temporaries() -> None:
     """Remove what this process is writing: for an end that unwinds nothing."""
     for folder in list(_open):
-        _remove(folder)
-
-
-def _remove(temporary: Path) -> None:
-    shutil.rmtree(temporary, ignore_errors=True)
-    with suppress(OSError):  # a version before this one left files
-        temporary.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _is_alive(process: int) -> bool:

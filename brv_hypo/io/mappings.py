@@ -21,6 +21,7 @@ YAML_BYTES = 512 * 1024  # the longest configuration that comes along has 4 kB
 YAML_VALUES = 50_000  # values that a YAML file may stand for, aliases expanded
 JSON_BYTES = 64 * 1024 * 1024  # a result with every series in it has some megabytes
 DEEPEST = 40  # levels of nesting
+TOO_DEEP = f"more than {DEEPEST} levels of nesting"
 LARGEST_WHOLE = 2**63  # whole numbers are read below this size, as arrays hold them
 
 _DATES = "tag:yaml.org,2002:timestamp"
@@ -34,15 +35,8 @@ def read_yaml(path: str | Path, expected: str) -> dict[str, Any]:
     text = read_text(path, expected, YAML_BYTES)
     try:
         content = _load(text)
-    except yaml.MarkedYAMLError as failure:
-        raise UsageError(f"{path}: cannot be read: it is not YAML{_place(failure)}. Correct the file.") from None
-    except yaml.YAMLError as failure:
-        raise UsageError(
-            f"{path}: cannot be read: it is not YAML: {one_line(str(failure))}. Correct the file."
-        ) from None
-    except RecursionError:
-        deep = f"more than {DEEPEST} levels of nesting"
-        raise UsageError(f"{path}: cannot be read: it is not YAML: {deep}. Correct the file.") from None
+    except (yaml.YAMLError, RecursionError) as failure:
+        raise UsageError(f"{path}: cannot be read: it is not YAML{_reason(failure)}. Correct the file.") from None
     return _mapping(content, path, expected)
 
 
@@ -88,14 +82,9 @@ class _Loader(yaml.SafeLoader):
         except yaml.YAMLError:
             raise
         except Exception as failure:  # the constructors raise errors of many kinds
-            raise yaml.MarkedYAMLError(
-                problem=f"a value that cannot be read ({type(failure).__name__}: {failure})",
-                problem_mark=node.start_mark,
-            ) from None
+            raise _fault(f"a value that cannot be read ({type(failure).__name__}: {failure})", node) from None
         if isinstance(value, int) and abs(value) >= LARGEST_WHOLE:
-            raise yaml.MarkedYAMLError(
-                problem=f"a whole number of {len(node.value)} digits", problem_mark=node.start_mark
-            )
+            raise _fault(f"a whole number of {len(node.value)} digits", node)
         return value
 
 
@@ -116,9 +105,7 @@ def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
     if id(node) in known:
         return known[id(node)]
     if id(node) in above or len(above) >= DEEPEST:
-        deep = f"more than {DEEPEST} levels of nesting"
-        problem = "an alias of what it stands in" if id(node) in above else deep
-        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+        raise _fault("an alias of what it stands in" if id(node) in above else TOO_DEEP, node)
     total = 1
     if not isinstance(node, yaml.ScalarNode):
         pairs = isinstance(node, yaml.MappingNode)
@@ -127,14 +114,19 @@ def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
         total += sum(_expanded(part, known, above) for part in parts)
         above.discard(id(node))
     if total > YAML_VALUES:
-        raise yaml.MarkedYAMLError(
-            problem=f"aliases or lists that stand for more than {YAML_VALUES} values", problem_mark=node.start_mark
-        )
+        raise _fault(f"aliases or lists that stand for more than {YAML_VALUES} values", node)
     known[id(node)] = total
     return total
 
 
-def _place(failure: yaml.MarkedYAMLError) -> str:
+def _fault(problem: str, node: yaml.Node) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+
+
+def _reason(failure: yaml.YAMLError | RecursionError) -> str:
+    """What is wrong, and where if that is known."""
+    if not isinstance(failure, yaml.MarkedYAMLError):
+        return f": {TOO_DEEP if isinstance(failure, RecursionError) else one_line(str(failure))}"
     mark = failure.problem_mark or failure.context_mark
     where = "" if mark is None else f", line {mark.line + 1}, column {mark.column + 1}"
     what = " ".join(part for part in (failure.context, failure.problem) if part)

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.io.text import one_line
+from brv_hypo.io.text import one_line, refused
 
 READ_BUDGET = 256 << 20  # bytes of values in one file: 14 channels at 1 kHz for 40 minutes
 READ_CPU_SECONDS = 5  # of processor time for one file; 256 MB of compressed HDF5 take 2
@@ -58,13 +58,6 @@ class Budget:
                 "a damaged or forged header, or a record of many flights",
                 "copy the file again, cut it into flights, or lower the sample rate",
             )
-
-
-def refused(place: str, *parts: str) -> FlightRecordError:
-    """A refusal of what stands at `place` ("" is the file): found, expected, cause and remedy, in hostile words."""
-    found, expected, cause, remedy = map(one_line, parts)
-    where = f"{one_line(place)}: " if place else ""
-    return FlightRecordError(f"{where}found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}.")
 
 
 def read_in_sandbox(library: str, reader: Callable[..., Content], path: str | Path, *arguments: Any) -> Content:

@@ -61,11 +61,16 @@ def meant(name: str, known: Iterable[str], otherwise: str, cutoff: float = 0.6, 
     return f"is '{near[0]}' meant?" if most == 1 else f"did you mean {' or '.join(near)}?"
 
 
-def refusal(dataset: str, found: str, expected: str, cause: str, remedy: str) -> FlightRecordError:
-    """The error to raise for `dataset`; the caller that knows the file puts its path in front."""
-    return FlightRecordError(
-        f"dataset '{dataset}': found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}."
-    )
+def refused(place: str, *parts: str) -> FlightRecordError:
+    """A refusal of what stands at `place` ("" is the file): found, expected, cause and remedy, in hostile words."""
+    found, expected, cause, remedy = map(one_line, parts)
+    where = f"{one_line(place)}: " if place else ""
+    return FlightRecordError(f"{where}found {found}, expected {expected}. Likely cause: {cause}. Remedy: {remedy}.")
+
+
+def refusal(dataset: str, *parts: str) -> FlightRecordError:
+    """The refusal of `dataset`, as of `refused`; the caller that knows the file puts its path in front."""
+    return refused(f"dataset '{dataset}'", *parts)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from brv_hypo.mechanisms.checked import checked, read_only
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import CommonTime, OwnTime
 from brv_hypo.model.term import Regressor, Theta, evaluated
-from brv_hypo.motion.motion import Motion, body_from_plane, with_in_plane_moment
+from brv_hypo.motion.motion import Motion, body_from_plane, recorded
 from brv_hypo.motion.reconstruction import Reconstruction
 
 Piece = tuple[int, int]
@@ -193,7 +193,8 @@ class RateFrame:
 
     def following(self, moments: Sequence[FloatArray]) -> RateFrame:
         """The frame with these C_mw, one (k,) a flight at its nodes."""
-        finer = tuple(with_in_plane_moment(*each) for each in zip(self.finer, moments, strict=True))
+        pairs = zip(self.finer, moments, strict=True)
+        finer = tuple(recorded(replace(motion, in_plane_moment=moment)) for motion, moment in pairs)
         out = replace(self, finer=finer)
         out._share(self, [name for name, mechanism in self.mechanisms.items() if mechanism.wind_fixed])
         return out

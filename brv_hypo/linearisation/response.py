@@ -37,7 +37,7 @@ from brv_hypo.motion.inertial import (
     WindStart,
     body_crossflow,
     gravity_size,
-    propagated_crossflows,
+    propagated_crossflow,
     transverse_axes,
     wind_direction,
     wind_to_body,
@@ -219,9 +219,8 @@ class LinearisedFlight:
     def _propagated(self, moved: Iterable[tuple[InertialRecord, WindStart]]) -> list[MovedRecord]:
         """Each record with its crossflow (n,) had the motion started there."""
         return [
-            (record, self.crossflow + (xi - self._open_loop))
-            for batch in in_batches(moved)
-            for (record, _), xi in zip(batch, propagated_crossflows(batch), strict=True)
+            (record, self.crossflow + (propagated_crossflow(record, start) - self._open_loop))
+            for record, start in moved
         ]
 
     @cached_property
@@ -285,16 +284,3 @@ class LinearisedFlight:
 def _reading(record: InertialRecord, read: Flight) -> InertialRecord:
     """The record with the transverse rates of another flight; its motion stays."""
     return replace(record, flight=replace(record.flight, q=read.q, r=read.r))
-
-
-def in_batches(moved: Iterable[tuple[InertialRecord, Moved]]) -> Iterator[list[tuple[InertialRecord, Moved]]]:
-    """Records of the same times, so many at once that they stay small."""
-    batch: list[tuple[InertialRecord, Moved]] = []
-    for each in moved:
-        time = each[0].flight.time
-        if batch and (len(batch) * time.size > AT_ONCE or not np.array_equal(time, batch[0][0].flight.time)):
-            yield batch
-            batch = []
-        batch.append(each)
-    if batch:
-        yield batch

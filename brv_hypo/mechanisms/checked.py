@@ -24,7 +24,7 @@ from brv_hypo.errors import MechanismError
 from brv_hypo.flight.record import CHANNELS, Flight
 from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, Term
-from brv_hypo.motion.motion import EarlierMotion, Motion, fixed
+from brv_hypo.motion.motion import Motion
 
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
 
@@ -263,12 +263,19 @@ def _flaw(column: Any, shape: tuple[int, ...]) -> str:
 
 def read_only(data: Data) -> Data:
     """The same motion or flight, through arrays that cannot be written to, its past included."""
-    if isinstance(data, EarlierMotion) or (isinstance(data, Motion) and isinstance(data.history, partial)):
-        return data
-    views: dict[str, Any] = {each.name: fixed(getattr(data, each.name)) for each in fields(data)}
-    if isinstance(data, Motion) and data.history is not None:
+    views: dict[str, Any] = {each.name: _fixed(getattr(data, each.name)) for each in fields(data)}
+    if isinstance(data, Motion) and data.history is not None and not isinstance(data.history, partial):
         views["history"] = partial(_past, data.history)
     return replace(data, **views)
+
+
+def _fixed(values: Any) -> Any:
+    """The same array, not to be written to; anything else as it is."""
+    if not isinstance(values, np.ndarray):
+        return values
+    found = values.view()
+    found.flags.writeable = False
+    return found
 
 
 def _past(past: Callable[[float], Motion], tau: float) -> Motion:

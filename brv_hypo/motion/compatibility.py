@@ -20,8 +20,8 @@ the physics of any vehicle (brv_hypo/flight/plausibility.py).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -70,18 +70,22 @@ DEGREES = 180.0 / np.pi  # deg in a rad
 FEET = 0.3048  # m in a foot (international, 1959)
 PSF = 47.88026  # Pa in a lbf/ft^2
 
-_TRIADS = {"gyros": GYROS, "accelerometers": ACCELEROMETERS}
-_TRIAD_UNITS = (
-    ("gyros", DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
-    ("accelerometers", GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
-    ("accelerometers", 1.0 / FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
-)
-_AIR = ("velocity", "dynamic_pressure", "altitude")
-_AIR_UNITS = (
-    (("velocity",), 1.0 / FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
-    (("dynamic_pressure",), PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
-    (("altitude",), 1.0 / FEET, "m tagged ft", "ft tagged m"),
-    (("velocity", "altitude"), 1.0 / FEET, "metres tagged feet", "feet tagged metres"),
+_INSTRUMENTS: dict[str, tuple[str, ...]] = {
+    "gyros": GYROS,
+    "accelerometers": ACCELEROMETERS,
+    "air data": ("velocity", "dynamic_pressure", "altitude"),
+}
+_TRIADS = ("gyros", "accelerometers")
+_OF_FORCES = (("ax",), ("ay",), ("az",), ACCELEROMETERS)
+# Which channels of an instrument may be in another unit, the factor, and the mistake either way.
+_UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
+    ("gyros", (("p",), ("q",), ("r",), GYROS), DEGREES, "rad/s tagged deg/s", "deg/s tagged rad/s"),
+    ("accelerometers", _OF_FORCES, GRAVITY, "g tagged m/s^2", "m/s^2 tagged g"),
+    ("accelerometers", _OF_FORCES, 1.0 / FEET, "m/s^2 tagged ft/s^2", "ft/s^2 tagged m/s^2"),
+    ("air data", (("velocity",),), 1.0 / FEET, "m/s tagged ft/s", "ft/s tagged m/s"),
+    ("air data", (("dynamic_pressure",),), PSF, "lbf/ft^2 tagged Pa", "Pa tagged lbf/ft^2"),
+    ("air data", (("altitude",),), 1.0 / FEET, "m tagged ft", "ft tagged m"),
+    ("air data", (("velocity", "altitude"),), 1.0 / FEET, "metres tagged feet", "feet tagged metres"),
 )
 
 
@@ -95,49 +99,34 @@ class Correction:
     """Its kind: sign, axes or units."""
     words: str
     """How the channels read, in a sentence."""
-    gyros: FloatArray = field(default_factory=lambda: np.eye(3))
-    """(3, 3), times p, q, r."""
-    accelerometers: FloatArray = field(default_factory=lambda: np.eye(3))
-    """(3, 3), times ax, ay, az."""
-    air: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Times velocity, dynamic pressure and altitude."""
+    factors: Mapping[str, FloatArray]
+    """By instrument (3, 3), times its channels; an instrument that is left out reads as it should."""
     changes: int = 1
     """How many separate mistakes would have been made."""
 
 
-AS_IT_IS = Correction((), "", "", changes=0)
+AS_IT_IS = Correction((), "", "", {}, changes=0)
 
 
 def corrections() -> Iterator[Correction]:
     """Every mistake that is tried, the simplest first."""
-    for triad, names in _TRIADS.items():
-        for i, name in enumerate(names):
-            yield _of_triad(triad, (name,), "sign", f"{name} reads as if its sign were flipped", _scaled(i, -1.0))
-    for triad, names in _TRIADS.items():
+    for triad in _TRIADS:
+        for name in _INSTRUMENTS[triad]:
+            words = f"{name} reads as if its sign were flipped"
+            yield Correction((name,), "sign", words, _scaled(triad, (name,), -1.0))
+    for triad in _TRIADS:
         for i, j in ((1, 2), (0, 1), (0, 2)):
+            one, other = (_INSTRUMENTS[triad][k] for k in (i, j))
             matrix = np.eye(3)
             matrix[[i, j]] = matrix[[j, i]]
-            words = f"{names[i]} and {names[j]} read as if they were exchanged"
-            yield _of_triad(triad, (names[i], names[j]), "axes", words, matrix)
-    yield from _units()
+            yield Correction((one, other), "axes", f"{one} and {other} read as if they were exchanged", {triad: matrix})
+    for instrument, groups, factor, *mislabels in _UNITS:
+        for value, mislabel in zip((factor, 1.0 / factor), mislabels, strict=True):
+            for chosen in groups:
+                verb = "reads as if it were" if len(chosen) == 1 else "read as if they were"
+                words = f"{(' and ' if len(chosen) == 2 else ', ').join(chosen)} {verb} {mislabel}"
+                yield Correction(chosen, "units", words, _scaled(instrument, chosen, value))
     yield from _turned_gyros()
-
-
-def _units() -> Iterator[Correction]:
-    for triad, factor, *mislabels in _TRIAD_UNITS:
-        names = _TRIADS[triad]
-        for value, mislabel in zip((factor, 1.0 / factor), mislabels, strict=True):
-            for i, name in enumerate(names):
-                words = f"{name} reads as if it were {mislabel}"
-                yield _of_triad(triad, (name,), "units", words, _scaled(i, value))
-            words = f"{', '.join(names)} read as if they were {mislabel}"
-            yield _of_triad(triad, names, "units", words, value * np.eye(3))
-    for chosen, factor, *mislabels in _AIR_UNITS:
-        for value, mislabel in zip((factor, 1.0 / factor), mislabels, strict=True):
-            velocity, pressure, altitude = (value if name in chosen else 1.0 for name in _AIR)
-            verb = "read as if they were" if len(chosen) > 1 else "reads as if it were"
-            words = f"{' and '.join(chosen)} {verb} {mislabel}"
-            yield Correction(chosen, "units", words, air=(velocity, pressure, altitude))
 
 
 def _turned_gyros() -> Iterator[Correction]:
@@ -156,20 +145,12 @@ def _turned_gyros() -> Iterator[Correction]:
             mistakes.append(f"the sign of {' and '.join(flipped)} flipped")
         at_fault = tuple(name for name in GYROS if name in flipped or (swapped and name != "p"))
         words = f"axes and signs of the gyros are in doubt: they read as if {', and '.join(mistakes)}"
-        yield _of_triad("gyros", at_fault, "axes", words, matrix, changes)
+        yield Correction(at_fault, "axes", words, {"gyros": matrix}, changes)
 
 
-def _scaled(axis: int, factor: float) -> FloatArray:
-    matrix = np.eye(3)
-    matrix[axis, axis] = factor
-    return matrix
-
-
-def _of_triad(
-    triad: str, channels: tuple[str, ...], fault: str, words: str, matrix: FloatArray, changes: int = 1
-) -> Correction:
-    factors: dict[str, Any] = {triad: matrix}
-    return Correction(channels, fault, words, changes=changes, **factors)
+def _scaled(instrument: str, chosen: Sequence[str], factor: float) -> dict[str, FloatArray]:
+    """Factors that scale some channels of an instrument."""
+    return {instrument: np.diag([factor if name in chosen else 1.0 for name in _INSTRUMENTS[instrument]])}
 
 
 # ---- The relations ----
@@ -203,7 +184,7 @@ class Readings:
     @classmethod
     def of(cls, flight: Flight) -> Readings:
         """Those of a flight, its rates differentiated once for all corrections."""
-        rates, forces = (np.stack([getattr(flight, name) for name in triad]) for triad in _TRIADS.values())
+        rates, forces = (np.stack([getattr(flight, name) for name in triad]) for triad in (GYROS, ACCELEROMETERS))
         rate_sigma, force_sigma = (
             np.array([white_noise_level(channel, flight.segments) for channel in triad]) for triad in (rates, forces)
         )
@@ -216,33 +197,28 @@ class Readings:
 
     def corrected(self, correction: Correction) -> Readings:
         """Those of the record without the mistake."""
-        speed, pressure, height = correction.air
-        return Readings(
-            time=self.time,
-            rates=correction.gyros @ self.rates,
-            change=correction.gyros @ self.change,
-            forces=correction.accelerometers @ self.forces,
+        gyros, accelerometers, air = (correction.factors.get(name, np.eye(3)) for name in _INSTRUMENTS)
+        speed, pressure, height = np.diag(air)
+        return replace(
+            self,
+            rates=gyros @ self.rates,
+            change=gyros @ self.change,
+            forces=accelerometers @ self.forces,
             velocity=speed * self.velocity,
             dynamic_pressure=pressure * self.dynamic_pressure,
             altitude=None if self.altitude is None else height * self.altitude,
-            rate_sigma=np.sqrt(correction.gyros**2 @ self.rate_sigma**2),
-            force_sigma=np.sqrt(correction.accelerometers**2 @ self.force_sigma**2),
+            rate_sigma=np.sqrt(gyros**2 @ self.rate_sigma**2),
+            force_sigma=np.sqrt(accelerometers**2 @ self.force_sigma**2),
             velocity_sigma=speed * self.velocity_sigma,
         )
 
     def segment(self, first: int, stop: int) -> Readings:
         """Those of some samples, whose time is counted from the first."""
-        part = slice(first, stop)
-        return replace(
-            self,
-            time=self.time[part] - self.time[first],
-            rates=self.rates[:, part],
-            change=self.change[:, part],
-            forces=self.forces[:, part],
-            velocity=self.velocity[part],
-            dynamic_pressure=self.dynamic_pressure[part],
-            altitude=None if self.altitude is None else self.altitude[part],
-        )
+        names = ("rates", "change", "forces", "velocity", "dynamic_pressure", "altitude")
+        channels: dict[str, Any] = {
+            name: values[..., first:stop] for name in names if (values := getattr(self, name)) is not None
+        }
+        return replace(self, time=self.time[first:stop] - self.time[first], **channels)
 
 
 @dataclass(frozen=True)
@@ -463,7 +439,7 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
     """What contradicts the physics of any vehicle, within the segments, or a nose along x."""
     inside = flight.measured()
     known = {name: np.where(inside, values, np.nan) for name, values in flight.columns().items() if name != "time"}
-    rates, forces = (np.stack([known[name] for name in triad]) for triad in _TRIADS.values())
+    rates, forces = (np.stack([known[name] for name in triad]) for triad in (GYROS, ACCELEROMETERS))
     air = (known["velocity"], known["dynamic_pressure"], np.array(flight.vehicle.accelerometer_position))
     tilt = nose_axis(flight.time, rates, forces, air)
     tolerance = max(*flight.instruments.gyro_misalignment, *flight.instruments.accel_misalignment)

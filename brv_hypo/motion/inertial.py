@@ -14,7 +14,6 @@ of the angular rate method (Section 3.2.1), `wind_direction` the direction of th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -287,38 +286,24 @@ def gravity_size(flight: Flight) -> float:
 def wind_direction(record: InertialRecord, start: WindStart, *, forces: bool = True) -> FloatArray:
     """Unit velocity (n, 3) in the axes of the first sample; `forces` False: turned by gravity alone."""
     if forces:
-        return direction_by_impulse(record, start, force_impulse(record))
-    turned = running_integral(record.time, start.gravity / record.flight.velocity[:, None])
-    return _unit(start.direction + turned - np.outer(turned @ start.direction, start.direction))
+        velocity = _velocity(record, start)
+    else:
+        turned = running_integral(record.time, start.gravity / record.flight.velocity[:, None])
+        velocity = start.direction + turned - np.outer(turned @ start.direction, start.direction)
+    return np.asarray(velocity / np.linalg.norm(velocity, axis=1, keepdims=True))
 
 
-def direction_by_impulse(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
-    """The same turned by forces, whose impulse (n, 3) m/s is known."""
-    return _unit(_velocity(record, start, impulse))
+def propagated_crossflow(record: InertialRecord, start: WindStart) -> ComplexArray:
+    """Open-loop crossflow (n,) of a record from a start."""
+    velocity = _velocity(record, start)
+    return np.asarray(body_crossflow(record, velocity) / np.sqrt(np.einsum("ni,ni->n", velocity, velocity)))
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-def propagated_crossflows(moved: Sequence[tuple[InertialRecord, WindStart]]) -> list[ComplexArray]:
-    """Open-loop crossflow (n,) of records of the same times, each from its start; forces are integrated at once."""
-    distinct = {(id(record.force), id(record.attitude)): record for record, _ in moved}
-    forces = np.stack([record.force_inertial for record in distinct.values()], axis=2)
-    impulses = np.moveaxis(running_integral(moved[0][0].time, forces), 2, 0)
-    found = dict(zip(distinct, impulses, strict=True))
-    crossflows = []
-    for record, start in moved:
-        impulse = _with_wind(record, found[id(record.force), id(record.attitude)])
-        velocity = _velocity(record, start, impulse)
-        crossflows.append(body_crossflow(record, velocity) / np.sqrt(np.einsum("ni,ni->n", velocity, velocity)))
-    return crossflows
-
-
-def _velocity(record: InertialRecord, start: WindStart, impulse: FloatArray) -> FloatArray:
+def _velocity(record: InertialRecord, start: WindStart) -> FloatArray:
     """Velocity (n, 3) m/s relative to the air in the axes of the first sample."""
-    first = record.flight.velocity[0] * start.direction
-    return _at_airspeed(first + impulse + record.time[:, None] * start.gravity, record.flight.velocity)
+    speed = record.flight.velocity
+    pulled = speed[0] * start.direction + force_impulse(record) + record.time[:, None] * start.gravity
+    return _at_airspeed(pulled, speed)
 
 
 def _at_airspeed(velocity: FloatArray, airspeed: FloatArray) -> FloatArray:
@@ -346,10 +331,7 @@ def across_impulse(direction: FloatArray, impulse: FloatArray) -> FloatArray:
 
 def force_impulse(record: InertialRecord) -> FloatArray:
     """Velocity (n, 3) m/s gained by forces and by changes of wind, in the axes of the first sample."""
-    return _with_wind(record, running_integral(record.time, record.force_inertial))
-
-
-def _with_wind(record: InertialRecord, impulse: FloatArray) -> FloatArray:
+    impulse: FloatArray = running_integral(record.time, record.force_inertial)
     wind = record.flight.wind
     return impulse if wind is None else impulse - (wind - wind[0])
 
@@ -389,7 +371,7 @@ def cycles(record: InertialRecord) -> float:
     return max(path / (2.0 * np.pi * max(size, 1e-12)), LEAST_CYCLES)
 
 
-def start_from_nose(record: InertialRecord, gravity_size: float | None, *, forces: bool = True) -> WindStart:
+def start_from_nose(record: InertialRecord, gravity_size: float, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
 
     The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity
@@ -407,6 +389,6 @@ def start_from_nose(record: InertialRecord, gravity_size: float | None, *, force
     spread = float(np.mean(np.abs(target - target.mean(axis=0)) ** 2))
     per_sample = record.time.size / (2.0 * cycles(record))
     columns = np.column_stack([np.ones(record.time.size), elapsed])
-    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / (gravity_size or FREE_GRAVITY) ** 2])
+    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / gravity_size**2])
     velocity, gravity = np.linalg.solve(normal, columns.T @ target)
     return WindStart(velocity / np.linalg.norm(velocity), gravity)

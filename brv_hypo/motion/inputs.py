@@ -56,38 +56,34 @@ class SmoothInputs:
 
 def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
     """The inputs of a flight, at its reconstructed motion; those of a flight that holds them smoothed as they are."""
-    flight, motion = reconstruction.flight, reconstruction.motion
-    omega = motion.q + 1j * motion.r
+    flight, errors = reconstruction.flight, reconstruction.input_errors
+    if not errors:
+        flight, errors = _smoothed(reconstruction, flight)
+    roll, axes = _derolled(reconstruction, flight.p)
+    return SmoothInputs(flight.p, roll, axes, flight.velocity, flight.dynamic_pressure, errors)
 
-    def derolled(roll_rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-        roll = running_integral(flight.time, roll_rate)
-        turn = derolled_attitude(flight.time, omega * np.exp(1j * roll))
-        return roll, np.asarray(np.transpose(turn, (0, 2, 1)))
 
-    if reconstruction.input_errors:
-        roll, axes = derolled(flight.p)
-        return SmoothInputs(
-            roll_rate=flight.p,
-            roll=roll,
-            gravity_axes=axes,
-            speed=flight.velocity,
-            pressure=flight.dynamic_pressure,
-            errors=reconstruction.input_errors,
-        )
+def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
+    """The corrected flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that."""
+    return _smoothed(reconstruction, reconstruction.corrected)
+
+
+def _smoothed(reconstruction: Reconstruction, flight: Flight) -> tuple[Flight, tuple[InputError, ...]]:
+    motion = reconstruction.motion
     roll_rate = smoothed(flight.p)
     if not follows(flight.p, roll_rate.values, flight):  # the local filter leaves slow noise as it is
         noise = white_noise_level(flight.p, flight.segments)
         roll_rate = Smooth(smooth_channel(flight, flight.p), unsmoothed(flight.samples, noise))
-    roll, axes = derolled(roll_rate.values)
     # About an arm the sensed force turns with the body, as large as the drag where that spins.
     arm = np.asarray(flight.vehicle.accelerometer_position, dtype=float)
     force = sensed_force(flight)
     if np.any(arm):
+        omega = motion.q + 1j * motion.r
         roll_change, change = (np.gradient(values, flight.time) for values in (roll_rate.values, omega))
         force = force - arm_acceleration(roll_rate.values, roll_change, omega, change, arm)
     speed = smooth_speed(flight, force, reconstruction.crossflow)
-    waves = scale_heights_risen(flight, _lifted(reconstruction, force, roll, axes))
-    density = log_density(flight, speed, waves)
+    lifted = _lifted(flight, force, reconstruction.gravity_body, *_derolled(reconstruction, roll_rate.values))
+    density = log_density(flight, speed, scale_heights_risen(flight, lifted))
     pressure = replace(density, values=np.exp(density.values) * speed**2)
     if not follows(flight.velocity, speed, flight) or not follows(flight.dynamic_pressure, pressure.values, flight):
         filtered = with_smooth_air(flight)
@@ -100,9 +96,15 @@ def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:
         InputError(ROLL_RATE, span, significant_shapes(roll_rate.scale, 1.0 / order, reconstruction)),
         InputError(PRESSURE, span, significant_shapes(pressure.scale, np.ones(INPUT_MOST_SHAPES), reconstruction)),
     )
-    return SmoothInputs(
-        roll_rate=roll_rate.values, roll=roll, gravity_axes=axes, speed=speed, pressure=pressure.values, errors=errors
-    )
+    return replace(flight, p=roll_rate.values, velocity=speed, dynamic_pressure=pressure.values), errors
+
+
+def _derolled(reconstruction: Reconstruction, roll_rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Roll (n,) rad, and row j the axes of the first sample along de-rolled axis j (n, 3, 3)."""
+    motion = reconstruction.motion
+    roll: FloatArray = running_integral(motion.time, roll_rate)
+    turn = derolled_attitude(motion.time, (motion.q + 1j * motion.r) * np.exp(1j * roll))
+    return roll, np.asarray(np.transpose(turn, (0, 2, 1)))
 
 
 def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Reconstruction) -> FloatArray:
@@ -117,14 +119,6 @@ def significant_shapes(scale: FloatArray, share: FloatArray, reconstruction: Rec
     size = np.sqrt(np.mean(scale[:, :INPUT_MOST_SHAPES] ** 2, axis=0))
     significant = np.flatnonzero(size * share[: size.size] * rates > INPUT_SIGNIFICANT * noise)
     return scale[:, : max(int(significant[-1]) + 1 if significant.size else 0, INPUT_FEWEST_SHAPES)]
-
-
-def with_smooth_inputs(reconstruction: Reconstruction) -> tuple[Flight, tuple[InputError, ...]]:
-    """The corrected flight with roll rate, speed and dynamic pressure freed of noise, and what is left of that."""
-    flight = reconstruction.corrected
-    inputs = smooth_inputs(replace(reconstruction, flight=flight, input_errors=()))
-    smooth = replace(flight, p=inputs.roll_rate, velocity=inputs.speed, dynamic_pressure=inputs.pressure)
-    return smooth, inputs.errors
 
 
 def follows(measured: FloatArray, smooth: FloatArray, flight: Flight) -> bool:
@@ -145,16 +139,15 @@ def smooth_speed(flight: Flight, force: FloatArray, xi: ComplexArray) -> FloatAr
     return smoothed(flight.velocity - impulse).values + impulse
 
 
-def _lifted(reconstruction: Reconstruction, force: FloatArray, roll: FloatArray, axes: FloatArray) -> FloatArray:
+def _lifted(flight: Flight, force: FloatArray, gravity: FloatArray, roll: FloatArray, axes: FloatArray) -> FloatArray:
     """Height (n,) m by which the `force` (n, 3) across the axis has raised the vehicle: a coning body flies a helix.
 
     Zero where the direction of gravity is not known.
     """
-    flight = reconstruction.flight
-    pull = float(np.linalg.norm(reconstruction.gravity_body))
+    pull = float(np.linalg.norm(gravity))
     if not pull > 0.0:
         return np.zeros(flight.samples)
-    down = axes @ (reconstruction.gravity_body / pull)
+    down = axes @ (gravity / pull)
     across = (force[:, 1] + 1j * force[:, 2]) * np.exp(1j * roll)
     upward = -(across.real * down[:, 1] + across.imag * down[:, 2])
     return running_integral(flight.time, running_integral(flight.time, upward))

@@ -221,87 +221,52 @@ def nearest_turn(angle: FloatArray, reference: FloatArray) -> FloatArray:
 # ---- The past of a recorded motion: every quantity, tau seconds earlier, by cubic interpolation ----
 
 
-_CROSSFLOW = "crossflow"
-_MOMENT = "in_plane_moment"
-
-
 def recorded(motion: Motion) -> Motion:
     """The same motion, able to tell its past."""
     return replace(motion, history=_Past(replace(motion, history=None)))
 
 
-def with_in_plane_moment(motion: Motion, moment: FloatArray) -> Motion:
-    """The same motion with another wind-fixed in-plane moment (n,), in its past too."""
-    moved, past = replace(motion, in_plane_moment=moment), motion.history
-    if not isinstance(past, _Past):
-        return recorded(moved)
-    splines = {name: each for name, each in past.splines.items() if name != _MOMENT}
-    return replace(moved, history=_Past(replace(moved, history=None), splines))
-
-
 class _Past:
-    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled.
+    """The past of `motion`, counted from `ago` seconds before it; a class, so that motions can be pickled."""
 
-    `splines` through the crossflow and other quantities are made when they are first asked for.
-    """
-
-    def __init__(self, motion: Motion, splines: dict[str, CubicSpline] | None = None, ago: float = 0.0) -> None:
+    def __init__(self, motion: Motion, ago: float = 0.0) -> None:
         self.motion, self.ago = motion, ago
-        self.splines = {} if splines is None else splines
 
     def __reduce__(self) -> Any:
         """A pickled motion need not hold what can be found again."""
-        return _Past, (self.motion, None, self.ago)
+        return _Past, (self.motion, self.ago)
+
+    @cached_property
+    def _smooth(self) -> tuple[str, ...]:
+        """The quantities that are interpolated as they are; one that is not known everywhere is taken for constant."""
+        names = (*SMOOTH, "in_plane_moment")
+        return tuple(name for name in names if np.all(np.isfinite(getattr(self.motion, name))))
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        """Through the crossflow and those quantities."""
+        xi = crossflow(self.motion.alpha, self.motion.windward_meridian)
+        quantities = [xi.real, xi.imag, *(getattr(self.motion, name) for name in self._smooth)]
+        return CubicSpline(self.motion.time, np.stack(quantities, axis=1))
 
     def __call__(self, tau: float) -> Motion:
-        past = _Past(self.motion, self.splines, self.ago + tau)
-        earlier = object.__new__(EarlierMotion)
-        vars(earlier).update(past=past, history=past, time=fixed(self.motion.time - past.ago))
-        return earlier
-
-    def quantity(self, time: FloatArray, name: str) -> Any:
-        """One quantity of the motion at these times (n,)."""
-        motion = self.motion
-        if name in ("alpha", "windward_meridian"):
-            parts = self._interpolated(_CROSSFLOW, time)
-            xi = np.asarray(parts[:, 0] + 1j * parts[:, 1], dtype=complex)
-            if name == "alpha":
-                return angle_of_attack(xi)
-            before = np.minimum(time - motion.time[0], 0.0) * motion.windward_meridian_rate[0]
-            return _unwrapped_near(windward_meridian(xi) + before, motion.windward_meridian)
-        values = getattr(motion, name)
-        if name not in (*SMOOTH, _MOMENT) or not np.all(np.isfinite(values)):
-            return values  # taken for constant
-        return self._interpolated(name, time)
-
-    def _interpolated(self, name: str, time: FloatArray) -> FloatArray:
-        """Values at these times (n,); before the first sample those of the first."""
-        motion, samples = self.motion, self.motion.time
-        if name not in self.splines:
-            xi = crossflow(motion.alpha, motion.windward_meridian) if name == _CROSSFLOW else None
-            values = getattr(motion, name) if xi is None else np.stack([xi.real, xi.imag], axis=1)
-            self.splines[name] = CubicSpline(samples, values)
-        return self.splines[name](np.maximum(time, samples[0]))
-
-
-class EarlierMotion(Motion):
-    """A recorded motion some time ago: each quantity is interpolated at its first use, and is read-only."""
-
-    def __getattr__(self, name: str) -> Any:
-        past = vars(self).get("past")
-        if past is None or name.startswith("_") or not hasattr(past.motion, name):
-            raise AttributeError(f"a motion has no quantity '{name}'")
-        vars(self)[name] = found = fixed(past.quantity(self.time, name))
-        return found
-
-
-def fixed(values: Any) -> Any:
-    """The same array, not to be written to; anything else as it is."""
-    if not isinstance(values, np.ndarray):
-        return values
-    found = values.view()
-    found.flags.writeable = False
-    return found
+        """Before the first sample everything is as it was there, but for the meridian, which turns on."""
+        motion, ago = self.motion, self.ago + tau
+        time, first = motion.time - ago, motion.time[0]
+        along, across, *smooth = np.ascontiguousarray(self._spline(np.maximum(time, first)).T)
+        xi = np.asarray(along + 1j * across, dtype=complex)
+        before = np.minimum(time - first, 0.0) * motion.windward_meridian_rate[0]
+        return replace(
+            motion,
+            time=time,
+            alpha=angle_of_attack(xi),
+            windward_meridian=_unwrapped_near(windward_meridian(xi) + before, motion.windward_meridian),
+            history=_Past(motion, ago),
+            roll_acceleration=None,
+            axial_share=None,
+            common_time=None,
+            **dict(zip(self._smooth, smooth, strict=True)),
+        )
 
 
 def _unwrapped_near(angle: FloatArray, reference: FloatArray) -> FloatArray:
@@ -370,7 +335,7 @@ def at_nodes(motion: Motion, nodes: Quadrature) -> Motion:
         return motion
     xi = crossflow(motion.alpha, motion.windward_meridian)
     there, rate = nodes.of(xi), nodes.of(crossflow_rate(motion, xi))
-    smooth = ("p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds", _MOMENT)
+    smooth = ("p", "q", "r", "velocity", "dynamic_pressure", "mach", "reynolds", "in_plane_moment")
     read = {name: getattr(motion, name) for name in (*smooth, "roll_acceleration", "axial_share", "common_time")}
     found: dict[str, Any] = {name: None if values is None else nodes.of(values) for name, values in read.items()}
     meridian = np.unwrap(windward_meridian(there))

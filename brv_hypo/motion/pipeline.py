@@ -276,7 +276,6 @@ def reconstruct(
         corrected=corrected(flight, wind.effects),
         status="degraded" if warnings else "ok",
         warnings=warnings,
-        clock_sigma=clock,
     )
 
 

@@ -118,7 +118,7 @@ def angle_known(sigma: float) -> str:
 class Reconstruction(HasCharts, Histories):
     """Wind-relative motion and moments of one flight of n samples.
 
-    The motion is on the gyros' clock, which may be late against time by `clock_sigma`.
+    The motion is on the gyros' clock, which may be late against time by its tolerance.
     """
 
     flight: Flight
@@ -155,8 +155,6 @@ class Reconstruction(HasCharts, Histories):
     """What smoothing left of the noise of inputs, where `flight` holds them smoothed."""
     normal_force_bend: float = 0.0
     """What the slope gains with the square of alpha, 1/rad^3."""
-    clock_sigma: float = 0.0
-    """s"""
 
     __repr__ = Histories.__repr__
     __eq__ = Histories.__eq__

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial.legendre import legder, legval, legvander
 from scipy.interpolate import BSpline
 from scipy.linalg import solve_triangular
-from scipy.signal import oaconvolve, savgol_filter
+from scipy.signal import oaconvolve
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, Values
 from brv_hypo.flight.clock import sigma_of_differences
@@ -195,7 +195,7 @@ class _Filter:
     places: FloatArray
     basis: FloatArray
 
-    def __call__(self, piece: ComplexArray) -> tuple[ComplexArray, FloatArray]:
+    def __call__(self, piece: Values) -> tuple[Values, FloatArray]:
         """`piece` (n,) filtered, and the gain (n,) on white noise; the far end mirrors the near one."""
         width, half_width = self.middle.size, self.middle.size // 2
         first, last = (self.places @ (self.basis.T @ end) for end in (piece[:width], piece[: -width - 1 : -1]))
@@ -234,15 +234,8 @@ def _correlated(values: Values, weights: FloatArray) -> Values:
 
 def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> FloatArray:
     """First derivatives of `rows` (..., n) by the filter of this order and width, as `differentiate` finds them."""
-    width = 2 * half_width + 1
-    if width < _WIDE:
-        return np.asarray(savgol_filter(rows, width, order, 1, step))
-    weights = middle_weights(order, half_width).reshape((1,) * (rows.ndim - 1) + (-1,))
-    out = np.empty_like(rows)
-    out[..., half_width:-half_width] = oaconvolve(rows, weights[..., ::-1], mode="valid", axes=-1) / step
-    for end, own in ((slice(width), slice(half_width)), (slice(-width, None), slice(-half_width, None))):
-        out[..., own] = savgol_filter(rows[..., end], width, order, 1, step)[..., own]
-    return out
+    found = [_filter(order, half_width, 1)(row)[0] for row in rows.reshape(-1, rows.shape[-1])]
+    return np.asarray(found).reshape(rows.shape) / step
 
 
 def _best_filter(pieces: list[ComplexArray], sigma: float) -> tuple[int, int, float]:
@@ -360,15 +353,10 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
     faster than the spline can is taken for noise.
     """
     n = values.size
-    count = _count(n)
-    basis = _splines(np.linspace(0.0, 1.0, n), count)
-    if weight is None:
-        weight, weighted = np.ones(n), basis
-        rough, modes = _even_modes(n, count)
-    else:
-        weight = weight / np.sqrt(np.mean(weight**2))
-        weighted = weight[:, None] * basis
-        rough, modes = _modes(weighted)
+    basis = _splines_through(n)
+    weight = np.ones(n) if weight is None else weight / np.sqrt(np.mean(weight**2))
+    weighted = weight[:, None] * basis
+    rough, modes = _modes(weighted)
     relative = np.maximum(rough / rough[-1], _LEAST_ROUGHNESS)
     relative[:SMOOTH_ORDER] = 0.0
     level = float(np.mean(values))
@@ -387,18 +375,12 @@ def smoothed(values: FloatArray, weight: FloatArray | None = None) -> Smooth:
 
 def unsmoothed(n: int, sigma: float) -> FloatArray:
     """The shapes, as `Smooth.scale` has them, of white noise of n evenly spaced samples that was left as it is."""
-    return _even_modes(n, _count(n))[1] * sigma
+    return _modes(_splines_through(n))[1] * sigma
 
 
-def _count(n: int) -> int:
-    """Coefficients of the spline through n samples."""
-    return min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1)) + 3
-
-
-@lru_cache(maxsize=4)
-def _even_modes(n: int, count: int) -> tuple[FloatArray, FloatArray]:
-    """The modes of so many splines on `n` samples that count alike."""
-    return _modes(_splines(np.linspace(0.0, 1.0, n), count))
+def _splines_through(n: int) -> FloatArray:
+    """Cubic splines (n, coefficients) that can follow what is smooth in n samples."""
+    return _splines(np.linspace(0.0, 1.0, n), min(SMOOTH_INTERVALS, max(n // SMOOTH_PER_INTERVAL, 1)) + 3)
 
 
 def _modes(weighted: FloatArray) -> tuple[FloatArray, FloatArray]:

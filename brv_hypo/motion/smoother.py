@@ -143,21 +143,19 @@ class LocalScaling:
 
     def of(self, values: ComplexArray, rows: slice = slice(None)) -> ComplexArray:
         """Values (rows, ...) stretched."""
-        return self._by(self.factor[rows], values, rows)
+        factor, turn = self.factor[rows], self.turn[rows]
+        shape = (-1, *(1,) * (values.ndim - 1))
+        same, turned = (0.5 * (factor + 1.0)).reshape(shape), (0.5 * (factor - 1.0) * turn).reshape(shape)
+        return np.asarray(same * values + turned * np.conj(values))
 
     def back(self, values: ComplexArray) -> ComplexArray:
         """Values (n,) as they were before."""
-        return self._by(1.0 / self.factor, values, slice(None))
+        return replace(self, factor=1.0 / self.factor).of(values)
 
     @property
     def noise(self) -> FloatArray:
         """What the noise of both parts is, on the average, over what it was (n,)."""
         return np.sqrt(0.5 * (1.0 + self.factor**2))
-
-    def _by(self, factor: FloatArray, values: ComplexArray, rows: slice) -> ComplexArray:
-        shape = (-1, *(1,) * (values.ndim - 1))
-        same, turned = (0.5 * (factor + 1.0)).reshape(shape), (0.5 * (factor - 1.0) * self.turn[rows]).reshape(shape)
-        return np.asarray(same * values + turned * np.conj(values))
 
 
 def slope_basis(time: FloatArray, count: int) -> FloatArray:
@@ -234,7 +232,7 @@ class WalkEquations:
     (first) and columns, whitened.
     """
 
-    measurements: tuple[LinearMeasurement, ...]
+    last: LinearMeasurement
     answer: FloatArray
     walk_variance: FloatArray
     gram: FloatArray
@@ -259,7 +257,7 @@ class WalkEquations:
 
     def residual(self, solution: WalkSolution) -> ComplexArray:
         """Residual (n,) of the last measurement."""
-        last = self.measurements[-1]
+        last = self.last
         fitted = [last.columns(rows) @ solution.theta for rows in blocks(last.residual.size)]
         return np.asarray(last.residual - np.concatenate(fitted) - last.gain * solution.walk)
 
@@ -293,7 +291,7 @@ def walk_equations(
     for part in (half[:, : gram.shape[0]], half[:, gram.shape[0] :]):
         gram -= part.T @ part
     answer, _ = dtbtrs(factor, half, uplo="U", overwrite_b=True)
-    return WalkEquations(tuple(measurements), answer, _inverse_diagonal(information), gram)
+    return WalkEquations(measurements[-1], answer, _inverse_diagonal(information), gram)
 
 
 def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:

@@ -126,14 +126,14 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     series, leader = comparison.series[index], comparison.ranking[0]
     knots = _own_knots(leader, index, comparison.flights[index])
     setting = _setting(comparison, index, knots)
-    time, measured, sigma = series.time_s, series.measured, series.sigma
+    time, measured, sigma = series.time_s, np.array(series.measured), series.sigma
     # the baseline below, for contrast, and the leader last, on top
     shown = sorted(series.residuals, key=lambda name: (name == leader.mechanism, name != "none"))
     roles: dict[str, Role] = {"none": "none", leader.mechanism: "first"}
-    residuals = [Drawn(hypothesis(name), series.residuals[name], roles.get(name, "second")) for name in shown]
-    models = [replace(each, moments=charts.difference(measured, each.moments)) for each in residuals]
-    bare = Drawn("no processes", series.fitted[leader.mechanism], "guide", hidden=True)
-    left = replace(bare, moments=charts.difference(measured, bare.moments))
+    residuals = [Drawn(hypothesis(name), np.array(series.residuals[name]), roles.get(name, "second")) for name in shown]
+    models = [replace(each, moments=measured - each.moments) for each in residuals]
+    bare = Drawn("no processes", np.array(series.fitted[leader.mechanism]), "guide", hidden=True)
+    left = replace(bare, moments=measured - bare.moments)
     moments = [
         charts.moment_chart(setting, time, measured, sigma, [*models, bare], caption=JUDGED),
         charts.residual_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
@@ -142,7 +142,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     overview = replace(moments[0], name=f"overview{setting.suffix}")
     if series.alone:  # what all else does not explain, and what the mechanism makes of that (5.18)
         best = next(row for row in comparison.ranking if row.n_terms)
-        (beyond, made), heading = series.alone, f"Moments of {hypothesis(best.mechanism)}"
+        (beyond, made), heading = np.array(series.alone), f"Moments of {hypothesis(best.mechanism)}"
         drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
         if best is leader and comparison.verdict.winner:  # else it and processes may cancel
             overview = replace(

@@ -41,13 +41,11 @@ from brv_hypo.report.document import (
     Panel,
     Section,
     Table,
-    Values,
     flat,
     named,
     thinned,
 )
 
-_UNEVEN = 1e-3  # share of a step by which times may be uneven and still be given as start and step
 _FEWEST_DECADES, _MOST_DECADES = 1.5, 6.0
 """Decades beyond which a logarithmic axis has no ticks between powers of ten, and most of them that have one."""
 _HEIGHT = {"panel": 175, "frame": 105, "names": 24, "bar": 26, "gap": 32}  # names: of marks, above the frame
@@ -66,8 +64,7 @@ _AXIS = {
 }
 _EDGE = {"type": "scatter", "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
 """Of a band, which is drawn by its area."""
-_BESIDE_BARS = 1.18
-"""The axis of bars without a range of its own goes so far beyond the longest, where its text stands."""
+_BESIDE_BARS = 1.18  # the axis of bars without a range of its own goes so far beyond the longest, where its text stands
 _NAME = 13  # height of a mark's name, px
 
 
@@ -97,7 +94,7 @@ def plotly_chart(chart: Chart) -> dict[str, Any]:
 def _line(layer: Line) -> list[dict[str, Any]]:
     colour = f"--{layer.role}"
     trace: dict[str, Any] = {
-        **_over(layer.x),
+        "x": _bits(thinned(layer.x)),
         "type": "scatter",
         "y": _bits(thinned(layer.y)),
         "name": layer.name,
@@ -124,23 +121,17 @@ def _line(layer: Line) -> list[dict[str, Any]]:
 
 
 def _band(layer: Band) -> list[dict[str, Any]]:
-    """Two edges, the upper filled down to the lower; closed areas where the band has breaks, none where it has no
-    width.
-    """
-    if not np.any(np.isfinite(layer.low)):
+    """A closed area for each stretch that is known, there along the lower edge and back along the upper."""
+    x, low, high = (thinned(values) for values in (layer.x, layer.low, layer.high))
+    stretches = [slice(*edges) for edges in runs(np.isfinite(low))]
+    if not stretches:
         return []
-    if not np.all(np.isfinite(layer.low)):
-        x, low, high = (thinned(values) for values in (layer.x, layer.low, layer.high))
-        there: list[FloatArray] = []
-        around: list[FloatArray] = []
-        for run in (slice(*edges) for edges in runs(np.isfinite(low))):
-            there += [x[run], x[run][::-1], np.array([np.nan])]
-            around += [low[run], high[run][::-1], np.array([np.nan])]
-        area = {"x": _bits(np.concatenate(there)), "y": _bits(np.concatenate(around)), "name": layer.name}
-        return [{**_EDGE, **area, "fill": "toself", "fillcolor": f"--{layer.role}-band"}]
-    edge = {**_over(layer.x), **_EDGE}
-    fill = {"name": layer.name, "fill": "tonexty", "fillcolor": f"--{layer.role}-band"}
-    return [{**edge, "y": _bits(thinned(layer.low))}, {**edge, **fill, "y": _bits(thinned(layer.high))}]
+    around = {"x": (x, x), "y": (low, high)}
+    area = {
+        axis: _bits(np.concatenate([part for run in stretches for part in (there[run], back[run][::-1], [np.nan])]))
+        for axis, (there, back) in around.items()
+    }
+    return [{**_EDGE, **area, "name": layer.name, "fill": "toself", "fillcolor": f"--{layer.role}-band"}]
 
 
 def _bars(layer: Bars) -> list[dict[str, Any]]:
@@ -222,15 +213,6 @@ def chart_height(chart: Chart) -> int:
         return _HEIGHT["frame"] + _STRETCHES[chart.columns] * chart.rows
     drawn = _HEIGHT["bar"] * chart.lines or max(_HEIGHT["panel"] * len(chart.panels), 260)
     return drawn + _HEIGHT["frame"] - (0 if chart.named else _HEIGHT["names"])
-
-
-def _over(x: Values) -> dict[str, Any]:
-    """Start and step where the values are even, which halves the page; else the values."""
-    values = thinned(x)
-    steps = np.diff(values)
-    if steps.size > 1 and steps[0] > 0.0 and np.ptp(steps) < _UNEVEN * steps[0]:
-        return {"x0": float(values[0]), "dx": float((values[-1] - values[0]) / steps.size)}
-    return {"x": _bits(values)}
 
 
 def _bits(values: FloatArray) -> dict[str, str]:

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.signal import welch
 from scipy.special import ndtri
 
@@ -100,12 +101,10 @@ _ERRORS = 12  # of the record, that are drawn
 _LAGS, _QUANTILES = 40, 200  # of a residual, that are drawn
 _SEGMENT = 512  # samples of a segment of a spectrum, at most
 
-Moments = tuple[Values, Values]  # in-plane and out-of-plane, or pitch and yaw, moment coefficient over time
 
-
-def scale_of(*histories: Values) -> tuple[float, str]:
+def scale_of(*moments: FloatArray) -> tuple[float, str]:
     """Factor and suffix of an axis: thousandths, unless a moment coefficient reaches one, whose thousands are many."""
-    plain = any(np.any(np.abs(np.asarray(values, dtype=float)) >= 1.0) for values in histories)
+    plain = any(np.any(np.abs(values) >= 1.0) for values in moments)
     return (1.0, "") if plain else (1e3, " · 10³")
 
 
@@ -136,10 +135,10 @@ class Setting:
 
 @dataclass(frozen=True)
 class Drawn:
-    """One model's moments in a chart; `hidden` as that of a `Line`."""
+    """One model's moments (2, n) in a chart, in plane and out of it, or pitch and yaw; `hidden` as that of a `Line`."""
 
     name: str
-    moments: Moments
+    moments: FloatArray
     role: Role
     hidden: bool = False
 
@@ -147,7 +146,7 @@ class Drawn:
 def moment_chart(
     setting: Setting,
     time: Values,
-    measured: Moments,
+    measured: FloatArray,
     sigma: Values,
     models: Sequence[Drawn],
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
@@ -177,13 +176,13 @@ def residual_chart(
 def moment_by_alpha_chart(
     setting: Setting,
     alpha: Values,
-    measured: Moments,
+    measured: FloatArray,
     models: Sequence[Drawn],
     name: str = "moment-by-alpha",
     heading: str = "Moments",
 ) -> Chart:
     """Moments over the angle of attack: what a static moment makes a line, hysteresis makes a loop."""
-    panels = _panels((IN_PLANE, OUT_OF_PLANE), np.degrees(np.asarray(alpha)), models, measured, dots=True)
+    panels = _panels((IN_PLANE, OUT_OF_PLANE), np.degrees(alpha), models, measured, dots=True)
     title = f"{heading} against angle of attack{setting.which}"
     return Chart(f"{name}{setting.suffix}", title, "angle of attack, deg", panels, caption=cut_text(panels))
 
@@ -192,33 +191,25 @@ def _panels(
     titles: Sequence[str],
     x: Values,
     models: Sequence[Drawn],
-    measured: Moments | None = None,
+    measured: FloatArray | None = None,
     sigma: Values | None = None,
     dots: bool = False,
 ) -> list[Panel]:
     """A panel for each moment: the measured one, if any, within its noise, and the models on top."""
-    factor, suffix = scale_of(*(measured or ()), *(values for m in models if not m.hidden for values in m.moments))
+    known = np.zeros((2, 0)) if measured is None else measured
+    factor, suffix = scale_of(known, *(m.moments for m in models if not m.hidden))
     panels = []
     for k, title in enumerate(titles):
         layers: list[Layer] = []
         if sigma is not None:
-            centre = factor * np.asarray(measured[k] if measured else np.zeros(len(x)), dtype=float)
-            wide = 2.0 * (factor * np.asarray(sigma, dtype=float))
+            centre = np.zeros(len(x)) if measured is None else factor * measured[k]
+            wide = 2.0 * (factor * np.asarray(sigma))
             layers.append(Band(x, centre - wide, centre + wide))
         if measured is not None:
-            layers.append(Line(x, factor * np.asarray(measured[k], dtype=float), "measured", "measured", dots=True))
-        layers += [
-            Line(x, factor * np.asarray(m.moments[k], dtype=float), m.role, m.name, dots=dots, hidden=m.hidden)
-            for m in models
-        ]
+            layers.append(Line(x, factor * measured[k], "measured", "measured", dots=True))
+        layers += [Line(x, factor * m.moments[k], m.role, m.name, dots=dots, hidden=m.hidden) for m in models]
         panels.append(framed(Panel(f"{title}{suffix}", layers)))
     return panels
-
-
-def difference(measured: Moments, fitted: Moments) -> Moments:
-    """The residual of a model; or the model, of the measured moments and its residual."""
-    first, second = (np.asarray(m) - np.asarray(f) for m, f in zip(measured, fitted, strict=True))
-    return first, second
 
 
 def motion_chart(
@@ -230,11 +221,11 @@ def motion_chart(
     meridian_sigma: Values = (),
 ) -> Chart:
     """Angle of attack and windward meridian (rad; drawn in degrees), with two standard deviations where known."""
-    degrees, wrapped = np.degrees(np.asarray(alpha)), wrapped_degrees(meridian)
+    degrees, wrapped = np.degrees(alpha), wrapped_degrees(meridian)
     above: list[Layer] = [Line(time, degrees, "measured", "estimate")]
     below: list[Layer] = [Line(time, wrapped, "measured", "estimate")]
     if len(alpha_sigma) and len(meridian_sigma):
-        wide, turn = 2.0 * np.degrees(np.asarray(alpha_sigma)), 2.0 * np.degrees(np.asarray(meridian_sigma))
+        wide, turn = 2.0 * np.degrees(alpha_sigma), 2.0 * np.degrees(meridian_sigma)
         turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
         above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)))
         below.insert(0, Band(time, wrapped - turn, wrapped + turn))
@@ -247,17 +238,15 @@ def spectrum_chart(
     setting: Setting, time: Values, histories: Sequence[Drawn], roll_rate: Values, meridian_rate: Values
 ) -> Chart:
     """Spectra of moments, both planes together, with the median frequencies of the rates (rad/s) that are known."""
-    sample_rate = 1.0 / float(np.median(np.diff(np.asarray(time, dtype=float))))
-    known = np.all([np.isfinite(values) for each in histories for values in each.moments], axis=0)
-    size = min(_SEGMENT, int(np.count_nonzero(known)))
-    powers = []
-    for each in histories:
-        planes = [welch(np.asarray(values)[known], fs=sample_rate, nperseg=size) for values in each.moments]
-        frequency = np.asarray(planes[0][0])[1:]  # from above zero
-        powers.append(np.maximum(planes[0][1] + planes[1][1], np.finfo(float).tiny)[1:])
+    sample_rate = 1.0 / float(np.median(np.diff(time)))
+    moments = np.stack([each.moments for each in histories])
+    moments = moments[:, :, np.all(np.isfinite(moments), axis=(0, 1))]
+    frequency, spectra = welch(moments, fs=sample_rate, nperseg=min(_SEGMENT, moments.shape[2]))
+    frequency = frequency[1:]  # from above zero
+    powers = np.maximum(spectra.sum(axis=1), np.finfo(float).tiny)[:, 1:]
     most = float(frequency[np.searchsorted(np.cumsum(powers[0]), _SHARE * np.sum(powers[0]))])
-    known = {"roll": roll_rate, "meridian": meridian_rate}
-    known = {name: np.abs(rate) for name, rate in known.items() if len(rate) and np.all(np.isfinite(rate))}
+    rates = {"roll": roll_rate, "meridian": meridian_rate}
+    known = {name: np.abs(rate) for name, rate in rates.items() if len(rate) and np.all(np.isfinite(rate))}
     marks = {name: float(np.median(rate)) / (2.0 * np.pi) for name, rate in known.items()}
     highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
     shown = frequency <= highest
@@ -388,7 +377,7 @@ def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) ->
     """Mach number and dynamic pressure (Pa); nothing where they are not known."""
     if not len(pressure) or not np.all(np.isfinite(mach)):
         return []
-    histories = {"Mach number": mach, "q<sub>∞</sub>, kPa": 1e-3 * np.asarray(pressure, dtype=float)}
+    histories = {"Mach number": mach, "q<sub>∞</sub>, kPa": 1e-3 * np.asarray(pressure)}
     panels = [Panel(title, [Line(time, history, "measured")]) for title, history in histories.items()]
     return [setting.chart("air", "Mach number and dynamic pressure", panels)]
 
@@ -418,10 +407,9 @@ def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Valu
     lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi). One panel for
     every few cycles, in order of time and at one scale.
     """
-    t, p = np.asarray(time, dtype=float), np.asarray(roll_rate, dtype=float)
-    phi = np.concatenate([[0.0], np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(t))])
-    turned = phi - np.asarray(meridian)
-    amplitude = np.degrees(np.asarray(alpha))
+    t = np.asarray(time)
+    turned = cumulative_trapezoid(roll_rate, t, initial=0) - np.asarray(meridian)
+    amplitude = np.degrees(alpha)
     theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
     # how often the path goes round: its length over the circumference of a circle of its size
     length, size = np.sum(np.hypot(np.diff(theta), np.diff(psi))), np.sqrt(np.mean(theta**2 + psi**2))

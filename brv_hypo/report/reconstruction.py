@@ -66,7 +66,7 @@ def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     start, stop = float(motion.time[0]), float(motion.time[-1])
     setting = Setting((start, stop), masked=charts.masked(result.flight.faults, stop - start))
     angles = (motion.time, motion.alpha, motion.windward_meridian)
-    measured = (plane.real, plane.imag)
+    measured = np.stack([plane.real, plane.imag])
     rates = (motion.p, motion.windward_meridian_rate)
     return [
         *record_charts(setting, result.flight),

@@ -34,9 +34,9 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
         return {}
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
-    time, measured = kept.time_s, kept.measured
-    residuals = [Drawn("before", kept.before, "second"), Drawn("after", kept.after, "first")]
-    model = Drawn("model", charts.difference(measured, kept.after), "first")
+    time, measured, before, after = kept.time_s, *map(np.array, (kept.measured, kept.before, kept.after))
+    residuals = [Drawn("before", before, "second"), Drawn("after", after, "first")]
+    model = Drawn("model", measured - after, "first")
     rates = (kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     return {
         "Air data and motion": charts.flight_charts(setting, kept),
@@ -311,7 +311,7 @@ def band_chart(result: Prediction) -> Chart:
     """C_m and C_n less the frozen model's, over the band in which it predicts them to be, noise included."""
     band, panels = result.band, []
     time, percent = thinned(band.time_s), f"{100.0 * band.level:.0f} %"
-    factor, suffix = scale_of(*band.measured, *band.predicted)
+    factor, suffix = scale_of(np.array([band.measured, band.predicted]))
     for name, *histories in zip(BODY, band.measured, band.predicted, band.half_width, strict=True):
         measured, centre, half = (factor * thinned(values) for values in histories)
         interval_drawn = Band(time, -half, half, f"{percent} prediction interval", "first")

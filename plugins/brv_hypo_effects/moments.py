@@ -122,7 +122,7 @@ class SimilarDamping(Similar):
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """One term: the change of C_mq per unit of the similarity parameter."""
         (x,) = self.powers(motion).values()
-        rate = motion.to_plane(np.asarray((motion.q + 1j * motion.r) * motion.rate_factor * x, dtype=complex))
+        rate = x * motion.plane_rates
         return (Term(f"C_mq * {self.parameter}", rate.real, rate.imag, "1/rad"),)
 
 

@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.flight.record import Flight
+from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight
 from brv_hypo.mechanisms import Component, RecordEffect, hookimpl
 
 # ---- What errors of three sensors along the body axes do to their channels ----
@@ -75,7 +75,6 @@ def sheared(flight: Flight, channels: Sequence[str], pair: str, angle: float) ->
     return replace(flight, **{first: one + angle * other, second: other + angle * one})  # type: ignore[arg-type]
 
 
-_GYROS = ("p", "q", "r")
 _PAIRS = ("yz", "xz", "xy")
 
 
@@ -84,7 +83,7 @@ class GyroBias(TriadBias):
 
     name, title, family = "gyro_bias", "bias of the rate gyros", "gyros"
     claims = "a rate gyro reads a constant too much"
-    axes = _GYROS
+    axes = GYROS
     units = "rad/s"
 
 
@@ -93,10 +92,10 @@ class GyroScale(TriadScale):
 
     name, title, family = "gyro_scale", "scale error of the rate gyros", "gyros"
     claims = "a rate gyro reads a constant factor too much"
-    axes = _GYROS
+    axes = GYROS
 
 
-class GyroMisalignment(RecordEffect):
+class GyroMisalignment(Triad):
     """Each gyro's axis is turned a little against the body's: together, a rotation, or two toward each other.
 
     A rotation makes a reading gain omega x m; two axes that are not orthogonal read of each other with the same sign.
@@ -104,24 +103,22 @@ class GyroMisalignment(RecordEffect):
 
     name, title, family = "gyro_misalignment", "misalignment of the rate gyros", "gyros"
     claims = "the gyros' axes are turned against the body's, so that the transverse ones read roll rate"
-    source = "report, Appendix B"
-    kind = "instrument"
+    units = "rad"
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """The rotation about each body axis, and how far each two axes are from orthogonal, shared between them.
 
         Axes that are turned independently leave half of the sum of their squares to either.
         """
-        sizes = dict(zip("xyz", flight.instruments.gyro_misalignment, strict=True))
-        rotations = tuple(Component(axis, "rad", size) for axis, size in sizes.items())
-        return rotations + tuple(
-            Component(pair, "rad", 0.5 * math.hypot(sizes[pair[0]], sizes[pair[1]])) for pair in _PAIRS
-        )
+        rotations = super().components(flight)
+        sizes = {axis.name: axis.size for axis in rotations}
+        shared = (0.5 * math.hypot(*(sizes[axis] for axis in pair)) for pair in _PAIRS)
+        return rotations + tuple(Component(pair, "rad", size) for pair, size in zip(_PAIRS, shared, strict=True))
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record of gyros turned by `value` rad more about that body axis, or toward each other."""
         change = sheared if component in _PAIRS else turned
-        return change(flight, _GYROS, component, value)
+        return change(flight, GYROS, component, value)
 
 
 # ---- Errors of the accelerometers ----
@@ -168,12 +165,12 @@ class AccelMisalignment(Triad):
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record of accelerometers that are turned by `value` rad more about that body axis."""
-        return turned(flight, ("ax", "ay", "az"), component, value)
+        return turned(flight, ACCELEROMETERS, component, value)
 
 
 _INSTRUMENTS = {
-    "gyros": ("p", "q", "r"),
-    "accelerometers": ("ax", "ay", "az"),
+    "gyros": GYROS,
+    "accelerometers": ACCELEROMETERS,
     "air data": ("velocity", "dynamic_pressure", "mach", "reynolds"),
 }
 # Its clock is the record's: all instruments late together are a motion that much later, which nothing tells but the

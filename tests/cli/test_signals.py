@@ -140,7 +140,7 @@ def test_what_a_library_makes_of_a_signal_is_the_signal(monkeypatch, capsys):
     def command():
         raise ImportError("initialization failed")
 
-    monkeypatch.setattr(session, "_code", CODES[signal.SIGTERM][0])
+    monkeypatch.setattr(session, "_signal", signal.SIGTERM)
     with pytest.raises(typer.Exit) as ended_with:
         guarded(command)()
     assert ended_with.value.exit_code == 143

@@ -72,7 +72,6 @@ def test_a_medium_that_fails_is_a_refusal_and_leaves_the_old_file(tmp_path, monk
 
 def test_what_dead_processes_left_is_removed_and_all_else_kept(tmp_path):
     dead = dead_process()
-    stale = tmp_path / f".out.h5.{HOST}.{dead}.abcdef.partial"
     folder = tmp_path / f".brv-hypo-x.{HOST}.{dead}.abcdef.partial"
     kept = [
         tmp_path / f".out.h5.{HOST}.{os.getppid()}.abcdef.partial",
@@ -80,7 +79,7 @@ def test_what_dead_processes_left_is_removed_and_all_else_kept(tmp_path):
         tmp_path / f"out.{HOST}.{dead}.abcdef.partial",
         tmp_path / ".hidden.partial",
     ]
-    for path in (stale, *kept):
+    for path in kept:
         path.write_text("half")
     folder.mkdir()
     (folder / "half").write_text("half")

@@ -44,17 +44,12 @@ class Layout(BaseModel):
     model_config = ConfigDict(extra="forbid")
     format: str | None = None
     encoding: str | None = None
-    delimiter: str | None = Field(default=None, min_length=1, max_length=1)
-    """Between columns; a blank is any number of blanks."""
+    delimiter: str | None = Field(default=None, min_length=1, max_length=1)  # a blank is any number of blanks
     decimal: str | None = Field(default=None, pattern="^[.,]$")
-    names: tuple[str, ...] = ()
-    """Of the columns of a table, or a MATLAB matrix, that has none."""
-    widths: tuple[int, ...] = ()
-    """Characters of each column, where nothing is between them."""
-    dates: str | None = None
-    """As of strptime, such as "%d/%m/%y %I:%M:%S %p"."""
-    where: dict[str, str | float] = {}
-    """Columns and their values in the rows to keep: one of several sensors."""
+    names: tuple[str, ...] = ()  # of the columns of a table, or a MATLAB matrix, that has none
+    widths: tuple[int, ...] = ()  # characters of each column, where nothing is between them
+    dates: str | None = None  # as of strptime, such as "%d/%m/%y %I:%M:%S %p"
+    where: dict[str, str | float] = {}  # columns and their values in the rows to keep: one of several sensors
 
 
 @dataclass(frozen=True)

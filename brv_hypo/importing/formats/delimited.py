@@ -28,7 +28,8 @@ from brv_hypo.errors import UsageError
 from brv_hypo.flight.units import is_unit, spelled
 from brv_hypo.importing.formats import Layout, TableFormat, check_columns
 from brv_hypo.io.binary import ColumnTable
-from brv_hypo.io.sandbox import READ_BUDGET, refused
+from brv_hypo.io.sandbox import READ_BUDGET
+from brv_hypo.io.text import refused
 
 MISSING = ("", "NA", "N/A", "na", "n/a", "#N/A", "NaN", "nan", "NULL", "null", "None", "none", "-", "--", "---")
 LONGEST_LINE = 1 << 20  # characters; 14 channels need 300

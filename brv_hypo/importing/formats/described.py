@@ -27,7 +27,7 @@ from brv_hypo.importing.formats import Layout, TableFormat
 from brv_hypo.importing.formats.delimited import Dialect, detect, read_text
 from brv_hypo.io.binary import ColumnTable
 from brv_hypo.io.files import check_regular
-from brv_hypo.io.sandbox import refused
+from brv_hypo.io.text import refused
 
 GYROS = "gyro_x: p deg/s; gyro_y: q deg/s; gyro_z: r deg/s"
 LOGGERS = {

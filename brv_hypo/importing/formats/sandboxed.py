@@ -26,7 +26,8 @@ from brv_hypo.flight.record import ACCELEROMETERS, GYROS
 from brv_hypo.importing.formats import Layout, TableFormat, check_columns
 from brv_hypo.importing.rocket_log import QUATERNION
 from brv_hypo.io.binary import ColumnTable, mat_table, parquet_table
-from brv_hypo.io.sandbox import Budget, read_in_sandbox, refused
+from brv_hypo.io.sandbox import Budget, read_in_sandbox
+from brv_hypo.io.text import refused
 
 
 def _read_parquet(path: Path, names: tuple[str, ...], layout: Layout) -> ColumnTable:

@@ -17,16 +17,14 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.motion.inertial import (
-    FREE_GRAVITY,
     InertialRecord,
     WindStart,
     body_crossflow,
-    direction_by_impulse,
-    force_impulse,
-    gravity_magnitude,
+    gravity_size,
     inertial_record,
     start_from_nose,
     transverse_axes,
+    wind_direction,
     wind_to_body,
 )
 from brv_hypo.motion.interpolation import blocks
@@ -172,16 +170,10 @@ class RandomWalkSmoother:
         self.shared = GRAVITY_PARTS + len(responses.effects)
         flight = record.flight
         self.speed = flight.velocity
-        self.gravity_size = config.gravity_magnitude or gravity_magnitude(flight)
-        self.impulse = force_impulse(record)
         self.step_variance = _step_variance(record)
-        size = self.gravity_size or FREE_GRAVITY
+        size = config.gravity_magnitude or gravity_size(flight)
         self.gravity_information = 1.0 / size**2
-        self.nose_start = start_from_nose(record, self.gravity_size)
-
-    def direction(self, start: WindStart) -> FloatArray:
-        """Unit velocity (n, 3) in the axes of the first sample."""
-        return direction_by_impulse(self.record, start, self.impulse)
+        self.nose_start = start_from_nose(record, size)
 
     def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None) -> SmoothedMotion:
         """Fit from a motion that is near; without one from the nose's mean, or better.
@@ -196,7 +188,7 @@ class RandomWalkSmoother:
 
     def _linear_start(self, measurement: MeasurementModel) -> WindStart | None:
         """With offset x of the nominal direction, scale slope (xi + turn x): linear in slope and slope x."""
-        direction = self.direction(self.nose_start)
+        direction = wind_direction(self.record, self.nose_start)
         xi = body_crossflow(self.record, direction)
         turn = wind_to_body(self.record, direction)
         valid = np.isfinite(measurement.sigma)
@@ -216,12 +208,12 @@ class RandomWalkSmoother:
     ) -> SmoothedMotion:
         """Gauss-Newton from a start, and a crossflow if one is known; part of each step where steps overshoot."""
         if crossflow is None:
-            crossflow = body_crossflow(self.record, self.direction(start))
+            crossflow = body_crossflow(self.record, wind_direction(self.record, start))
         coefficients: tuple[FloatArray, ...] = ()
         share, last = 1.0, None
         equations: WalkEquations | None = None
         for _ in range(MOTION_MOST_STEPS):
-            direction = self.direction(start)
+            direction = wind_direction(self.record, start)
             axes = transverse_axes(direction)
             nominal, turn = body_crossflow(self.record, direction), wind_to_body(self.record, direction)
             xi = crossflow
