@@ -24,7 +24,6 @@ from types import MappingProxyType
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UsageError
@@ -232,7 +231,9 @@ def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism]
 
 
 GRAVITY = ("gravity x", "gravity y", "gravity z")  # m/s^2 in body axes of the first sample
-FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the normal-force slope gains with the square of alpha
+FORCE_DRIFT = ("C_Nalpha_force", "C_Nalpha_force drift 1")  # 1/rad: the normal-force slope, and its drift over the span
+FORCE_BEND = "C_Nalpha3_force"  # 1/rad^3: what the slope gains with the square of alpha
+FORCES = (*FORCE_DRIFT, FORCE_BEND)
 RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 """Errors that change the rates of alpha and of the meridian at a given state."""
 
@@ -241,12 +242,11 @@ RATE_ERRORS = (ROLL_RATE_ERROR, *CROSSFLOW)
 class VehicleModel:
     """The functions that `likelihood.fit` takes; `contexts` by the input "segment".
 
-    `span` (start, stop) s scales the drift of the normal-force slope, of `force_names` coefficients.
+    `span` (start, stop) s scales the drift of the normal-force slope.
     """
 
     moments: MomentModel
     contexts: Sequence[Context]
-    force_names: tuple[str, ...]
     span: tuple[float, float]
     _shapes: Memory[Shapes] = field(default_factory=Memory, compare=False, repr=False)
     _motions: Memory[Motion] = field(default_factory=Memory, compare=False, repr=False)
@@ -287,7 +287,7 @@ class VehicleModel:
         """
         if not self.moments.uses_rates:
             return ()
-        return (*self.forces, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
+        return (*FORCES, *(of_flight(name, flight) for name in (*GRAVITY, *RATE_ERRORS)))
 
     def shapes(self, here: Point, theta: Values, delayed: Mapping[str, Delayed]) -> Shapes:
         """The columns at some instants."""
@@ -344,29 +344,13 @@ class VehicleModel:
 
     def _force(self, at: Point, context: Context, theta: Values) -> ComplexArray:
         """Specific force across the body in de-rolled axes (n,), m/s^2."""
-        slope = np.array([theta[name] for name in self.forces]) @ self._force_shapes(at, context)
-        return np.asarray(self._force_scale(at, context, theta) * slope)
-
-    @property
-    def forces(self) -> tuple[str, ...]:
-        """Names of all that the normal-force slope is linear in."""
-        return (*self.force_names, FORCE_BEND)
-
-    def _force_shapes(self, at: Point, context: Context) -> FloatArray:
-        """What each of `forces` adds to the slope per unit (forces, n)."""
-        drift = legvander(self.scaled(context.coefficient_time(at.time)), len(self.force_names) - 1)
-        return np.stack([*drift.T, angle_of_attack(at.zeta / at.input("speed")) ** 2])
-
-    def _force_scale(self, at: Point, context: Context, theta: Values) -> ComplexArray:
-        """Specific force per unit of the slope (n,), m/s^2."""
-        xi = at.zeta / at.input("speed")
-        vehicle = context.vehicle
+        xi, vehicle = at.zeta / at.input("speed"), context.vehicle
+        drift = scaled(context.coefficient_time(at.time), self.span)
+        shapes = np.stack([np.ones_like(drift), drift, angle_of_attack(xi) ** 2])
+        slope = np.array([theta[name] for name in FORCES]) @ shapes
         scale = at.input("pressure") * (vehicle.reference_area / vehicle.mass) * self._pressure_share(context, theta)
-        return np.asarray(-scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta)) * alpha_over_sine(xi) * xi)
-
-    def scaled(self, time: FloatArray) -> FloatArray:
-        """Times of the time bases, from -1 to 1 over the span."""
-        return np.asarray((2.0 * time - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]))
+        force = -scale * (1.0 - _error(FORCE_SCALE_ERROR, context, theta)) * alpha_over_sine(xi) * xi
+        return np.asarray(force * slope)
 
     def _roll_rate_error(self, context: Context, theta: Values) -> FloatArray | float:
         """Measured less true roll rate (n,), rad/s."""
@@ -408,6 +392,11 @@ class VehicleModel:
             in_plane_moment=np.zeros_like(speed),
             reference_length=context.vehicle.reference_length,
         )
+
+
+def scaled(time: FloatArray, span: tuple[float, float]) -> FloatArray:
+    """Times of the time bases (n,) s, from -1 to 1 over the span."""
+    return np.asarray((2.0 * time - span[0] - span[1]) / (span[1] - span[0]))
 
 
 def _forward(at: Point) -> FloatArray:

@@ -16,11 +16,21 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification.equations import FORCE_BEND, GRAVITY, MomentModel, VehicleModel, rates_used
+from brv_hypo.identification.equations import (
+    FORCE_BEND,
+    FORCE_DRIFT,
+    FORCES,
+    GRAVITY,
+    MomentModel,
+    VehicleModel,
+    rates_used,
+    scaled,
+)
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
 from brv_hypo.identification.parameters import READ, Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.uncertainty import Regressed
 from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
+from brv_hypo.likelihood.segment import sampled
 from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
@@ -33,7 +43,6 @@ from brv_hypo.motion.smoother import BENT
 
 
 IDENTIFIED_STEPS = 30  # of one search of `identify`, if its caller says nothing else
-IDENTIFIED_FORCE_DEGREE = 1  # Legendre degree of the normal-force slope in time
 IDENTIFIED_TOLERANCE = 0.1  # standard errors of the last step; it is taken, and what it leaves is of its square
 # Blocks that a knot may move by in one step. Where the moment that it cuts off passes zero, the data hardly see the
 # knot, and an unbounded step would throw it far.
@@ -52,12 +61,10 @@ class Problem:
     model: VehicleModel  # equations of motion and of measurement
     theta: dict[str, float]  # start values of all parameters, by name
     priors: dict[str, tuple[float, float]]  # mean and standard deviation of those with a Gaussian prior
-    bounds: dict[str, tuple[float, float]]  # of delays and knots
     tolerated: tuple[tuple[Tolerated, int], ...]  # the values that are known to a tolerance, each with its flight
     applied: dict[str, float]  # what was taken out of the record of each before, in tolerances, by name
     block: int  # samples to a node
     max_iterations: int  # of one search
-    placed_delays: tuple[float, ...]  # delays (s) for which nodes were placed
     states: tuple[FloatArray, ...] = ()  # states (4, nodes) by segment of an earlier fit, where there is one
     first_noise: FloatArray | None = None  # noise covariance (4, 4) of that
 
@@ -92,10 +99,11 @@ class Problem:
 
         block = min(self.block, block_size(frame, columns, values))
         rates = frame.columns(columns) @ values
-        records = node_records(frame, columns, values, rates, self.inputs, block, self.placed_delays, fitted)
+        delays = delays_of(self.structure.columns)  # of the regression: nodes stay placed for these
+        records = node_records(frame, columns, values, rates, self.inputs, block, delays, fitted)
         old = self.model  # whose memory is of the old segments
         contexts = tuple(record.context for record in records)
-        model = VehicleModel(old.moments, contexts, old.force_names, old.span)
+        model = VehicleModel(old.moments, contexts, old.span)
         if block != self.block:
             warm = replace(warm, states=(), first_noise=None)
         return replace(warm, frame=frame, records=records, model=model, block=block)
@@ -118,7 +126,7 @@ class Problem:
         time_varying = {varying.name for record in self.records for varying in record.segment.time_varying}
         gravity = {of_flight(name, flight) for name in GRAVITY for flight in self.flights}
         bent = {name for flight in self.flights for name in self.model.rate_parameters(flight)}
-        return frozenset({*self.structure.names, *self.model.forces, *time_varying, *gravity} - bent)
+        return frozenset({*self.structure.names, *FORCES, *time_varying, *gravity} - bent)
 
     @property
     def seconds_to_node(self) -> float:
@@ -134,7 +142,8 @@ class Problem:
             Differenced(self.model.outputs, self.affine),
             self.segments(),
             self.theta,
-            bounds=self.bounds | {name: (self.theta[name], self.theta[name]) for name in fixed},
+            bounds={parameter.name: parameter.bounds for parameter in self.structure.nonlinear_parameters}
+            | {name: (self.theta[name], self.theta[name]) for name in fixed},
             priors=self.priors,
             delays=self.structure.delays,
             reach=dict.fromkeys(self.structure.knots, IDENTIFIED_KNOT_REACH * self.seconds_to_node),
@@ -168,21 +177,19 @@ def build_problem(
     time = frame.coefficient_time
     span = (float(time.min()), float(time.max()))
     structure = structure_of(columns, frame.mechanisms, *span)
-    forces = tuple("C_Nalpha_force" + (f" drift {n}" if n else "") for n in range(IDENTIFIED_FORCE_DEGREE + 1))
     model = VehicleModel(
         MomentModel(structure, frame.mechanisms, rates_used(columns, frame.mechanisms, frame.motions[0])),
         tuple(record.context for record in records),
-        forces,
         span,
     )
     theta = dict(zip(structure.names, map(float, values), strict=True))
     theta |= {parameter.name: parameter.value for parameter in structure.nonlinear_parameters}
-    start, bend = _force_start(frame, span)
-    theta |= {**dict(zip(forces, start.tolist(), strict=True)), FORCE_BEND: bend}
+    forces = _force_start(frame, span)
+    theta |= forces
     nuisances = _nuisances(frame, inputs, tuple(dict.fromkeys(record.context.flight for record in records)))
-    theta |= {name: start for name, (start, _, _) in nuisances.items()}
-    priors = {name: (mean, sigma) for name, (_, mean, sigma) in nuisances.items()}
-    priors[FORCE_BEND] = (0.0, abs(float(start[0])) / BENT**2)
+    theta |= {name: start for name, (start, _) in nuisances.items()}
+    priors = {name: (0.0, sigma) for name, (_, sigma) in nuisances.items()}
+    priors[FORCE_BEND] = (0.0, abs(forces[FORCE_DRIFT[0]]) / BENT**2)
     tolerated = tuple(dict.fromkeys((value, r.context.flight) for r in records for value in r.tolerated))
     applied = {}
     for value, flight in tolerated:  # all in tolerances; what is estimated is beside what was taken out of the record
@@ -198,44 +205,39 @@ def build_problem(
         model=model,
         theta=theta,
         priors=priors,
-        bounds={parameter.name: parameter.bounds for parameter in structure.nonlinear_parameters},
         tolerated=tolerated,
         applied=applied,
         block=size,
         max_iterations=max_iterations,
-        placed_delays=delays_of(columns),
     )
 
 
 def _nuisances(
     frame: RateFrame, inputs: Sequence[SmoothInputs], flights: Sequence[int]
-) -> dict[str, tuple[float, float, float]]:
-    """Start, prior mean and prior standard deviation of gravity and of what noise leaves in the inputs, by name."""
-    found: dict[str, tuple[float, float, float]] = {}
+) -> dict[str, tuple[float, float]]:
+    """Start and prior standard deviation of gravity and of what noise leaves in the inputs, by name; prior mean 0."""
+    found: dict[str, tuple[float, float]] = {}
     for index in flights:
         reconstruction = frame.reconstructions[index]
         size = gravity_size(reconstruction.flight)
         for name, value in zip(GRAVITY, reconstruction.gravity_body.tolist(), strict=True):
-            found[of_flight(name, index)] = (min(max(value, -size), size), 0.0, size)
+            found[of_flight(name, index)] = (min(max(value, -size), size), size)
         for error in inputs[index].errors:
-            found |= dict.fromkeys(input_error(error, index).weights, (0.0, 0.0, 1.0))
+            found |= dict.fromkeys(input_error(error, index).weights, (0.0, 1.0))
     return found
 
 
-def _force_start(frame: RateFrame, span: tuple[float, float]) -> tuple[FloatArray, float]:
-    """Legendre coefficients of the reconstructed normal-force slope, 1/rad, and its bend, 1/rad^3.
-
-    A rough 1 and no bend where they are unknown.
-    """
+def _force_start(frame: RateFrame, span: tuple[float, float]) -> dict[str, float]:
+    """The reconstructed normal-force slope, its drift and its bend; a rough 1 and no drift where it is unknown."""
     time = np.concatenate([r.motion.coefficient_time for r in frame.reconstructions])
     slope = np.concatenate([r.normal_force_slope for r in frame.reconstructions])
     bend = float(np.mean([r.normal_force_bend for r in frame.reconstructions]))
     known = np.isfinite(slope)
-    if not known.any():
-        return np.asarray(np.eye(IDENTIFIED_FORCE_DEGREE + 1)[0]), bend
-    scaled = (2.0 * time[known] - span[0] - span[1]) / (span[1] - span[0])
-    found = np.polynomial.legendre.legfit(scaled, slope[known], IDENTIFIED_FORCE_DEGREE)
-    return np.asarray(np.where(np.abs(found) > _ROUNDING * abs(found[0]), found, 0.0)), bend
+    drift = np.array([1.0, 0.0])
+    if known.any():
+        drift = np.polynomial.legendre.legfit(scaled(time[known], span), slope[known], 1)
+        drift = np.where(np.abs(drift) > _ROUNDING * abs(drift[0]), drift, 0.0)
+    return dict(zip(FORCES, (*drift.tolist(), bend), strict=True))
 
 
 @dataclass(frozen=True)
@@ -423,9 +425,8 @@ def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
     """What the nodes measure less what errors of the instruments add by their histories, (4, nodes)."""
     read = [of_flight(name, record.context.flight) for name in READ]
     time = record.segment.t
-    errors = {
-        varying.name: varying.at(time, found.theta) for varying in record.segment.time_varying if varying.name in read
-    }
+    histories = tuple(varying for varying in record.segment.time_varying if varying.name in read)
+    errors = {each.name: each.at(found.theta) for each in sampled(histories, time, 0)}
     return np.asarray(record.segment.y - [errors.get(name, np.zeros_like(time)) for name in read])
 
 
@@ -469,7 +470,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
             estimate(parameter.name, parameter.units, label, 1.0 / parameter.scale)
             for parameter, label in zip(structure.nonlinear_parameters, labels, strict=True)
         ),
-        forces=tuple(estimate(name, "1/rad") for name in problem.model.force_names),
+        forces=tuple(estimate(name, "1/rad") for name in FORCE_DRIFT),
         instruments=instruments,
         log_likelihood=_log_likelihood(innovations),
         innovations=innovations,

@@ -284,7 +284,7 @@ def _node_record(
         expected=expected,
         middle=nearest,
         samples=samples,
-        tolerated=errors.values,
+        tolerated=tuple(errors.histories),
     )
 
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -378,11 +378,10 @@ Histories = Mapping[str, FloatArray]
 
 @dataclass(frozen=True)
 class RecordErrors:
-    """The tolerated values of one flight, and what 1 sigma of each does."""
+    """The tolerated values of one flight with what 1 sigma of each does."""
 
     flight: int
-    values: tuple[Tolerated, ...]
-    histories: tuple[Histories, ...]
+    histories: Mapping[Tolerated, Histories]
 
     def time_varying(
         self, time: FloatArray, samples: slice, turn: ComplexArray, local: IntArray
@@ -402,25 +401,20 @@ class RecordErrors:
 
     def _rows(self, names: Sequence[str], samples: slice) -> list[SampledParameter]:
         """The histories of these courses at some samples, of the values that touch any of them."""
-        touching = [k for k, rows in enumerate(self.histories) if any(name in rows for name in names)]
-        weights = tuple(of_flight(self.values[k].name, self.flight) for k in touching)
+        touching = {value: rows for value, rows in self.histories.items() if any(name in rows for name in names)}
+        weights = tuple(of_flight(value.name, self.flight) for value in touching)
         out = []
         for name in names:
-            values = np.zeros((len(touching), samples.stop - samples.start))
-            for row, k in zip(values, touching, strict=True):
-                row[:] = self.histories[k][name][samples] if name in self.histories[k] else 0.0
-            out.append(SampledParameter(of_flight(name, self.flight), weights, values))
+            shapes = np.zeros((len(touching), samples.stop - samples.start))
+            for row, histories in zip(shapes, touching.values(), strict=True):
+                row[:] = histories[name][samples] if name in histories else 0.0
+            out.append(SampledParameter(of_flight(name, self.flight), weights, shapes))
         return out
 
 
-@dataclass(frozen=True)
-class _Shapes:
-    """The shapes of a course at any times."""
-
-    spline: PPoly
-
-    def __call__(self, time: FloatArray) -> FloatArray:
-        return np.asarray(self.spline(time).T, dtype=float)
+def _shapes(spline: PPoly, time: FloatArray) -> FloatArray:
+    """The shapes of a course (weights, n) at any times (n,) s."""
+    return np.asarray(spline(time).T, dtype=float)
 
 
 def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[TimeVaryingParameter]:
@@ -431,7 +425,7 @@ def _splined(time: FloatArray, rows: Sequence[SampledParameter]) -> Iterator[Tim
         first, last = last, last + len(each.weights)
         if each.weights:
             own = PPoly.construct_fast(together.c[:, :, first:last], together.x)
-            yield TimeVaryingParameter(each.name, each.weights, _Shapes(own))
+            yield TimeVaryingParameter(each.name, each.weights, partial(_shapes, own))
 
 
 def record_errors(
@@ -444,15 +438,15 @@ def record_errors(
     """
     found = []
     for number, (flight, smooth) in enumerate(zip(noise_free, inputs, strict=True)):
-        values: dict[Tolerated, Histories] = {}
+        found_here: dict[Tolerated, Histories] = {}
         for value, histories in (
             *_of_effects(flight, frame.reconstructions[number], smooth),
             *_of_moments(frame, number, flight, modelled),
         ):
             observed = {name: np.broadcast_to(h, flight.time.shape) for name, h in histories.items() if np.any(h)}
             if observed:
-                values[value] = observed
-        found.append(RecordErrors(number, tuple(values), tuple(values.values())))
+                found_here[value] = observed
+        found.append(RecordErrors(number, found_here))
     return tuple(found)
 
 

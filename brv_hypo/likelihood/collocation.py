@@ -17,7 +17,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -113,13 +113,12 @@ def jacobian(
     value = [] if method == "complex" else [np.asarray(_call(function, points.x, points, theta, points.delayed))]
     affine = function.affine if isinstance(function, Differenced) else frozenset[str]()
 
-    def derivative(move: Callable[[Any], Any], size_of: Callable[[], float], straight: bool = False) -> FloatArray:
+    def derivative(move: Callable[[Any], Any], size: float, straight: bool = False) -> FloatArray:
         if method == "complex":
             moved = np.asarray(move(1j * _COMPLEX_STEP))
             if not value:
                 value.append(moved.real.copy())
             return np.asarray(moved.imag.T / _COMPLEX_STEP)
-        size = size_of()
         if straight:
             return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
         step = _CENTRAL_STEP * size
@@ -145,11 +144,11 @@ def jacobian(
 
         return move
 
-    columns = [derivative(along_row(x, row), partial(_size, points.x[row])) for row in range(n_states)]
+    columns = [derivative(along_row(x, row), _size(points.x[row])) for row in range(n_states)]
     through: dict[str, FloatArray] = {}
     for varying in points.time_varying:
         if any(weight in names for weight in varying.weights):
-            size = partial(_largest_size, varying.weights, theta, scale)
+            size = _largest_size(varying.weights, theta, scale)
             own = derivative(along_parameter(varying.name), size, varying.name in affine)
             for w, shape in zip(varying.weights, varying.shapes, strict=True):
                 part = own * shape[:, None]
@@ -157,13 +156,11 @@ def jacobian(
     columns += [
         through[name]
         if name in through
-        else derivative(along_parameter(name), partial(_largest_size, (name,), theta, scale), name in affine)
+        else derivative(along_parameter(name), _largest_size((name,), theta, scale), name in affine)
         for name in names
     ]
     for name, before in delayed.items():
-        columns += [
-            derivative(along_row(before.x, row), partial(_size, points.delayed[name].x[row])) for row in range(n_states)
-        ]
+        columns += [derivative(along_row(before.x, row), _size(points.delayed[name].x[row])) for row in range(n_states)]
     stacked = np.stack(columns, axis=-1)
     last = n_states + len(names)
     by_delayed = {
@@ -287,7 +284,7 @@ class Model:
     outputs: Function  # h(x, u, theta, t[, delayed]) -> (n_outputs, n)
     delays: tuple[str, ...] = ()  # names of the parameters that are delays, s
     method: Method = "complex"  # step by which they are differentiated
-    scale: Mapping[str, float] | None = None  # size of each parameter, for central differences
+    scale: Mapping[str, float] = field(default_factory=dict)  # size of each parameter, for central differences
 
 
 @dataclass(frozen=True)
@@ -318,11 +315,11 @@ def linearise_segment(
     model: Model, grid: Grid, x: FloatArray, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> Linearisation:
     """Defects, outputs and their derivatives by states and by those of the named parameters that act there."""
-    there, scale = _There(model, grid, x, theta), model.scale or {}
+    there = _There(model, grid, x, theta)
     own = [k for k, name in enumerate(names) if name not in grid.ignores]
     acting = tuple(names[k] for k in own)
-    slope = jacobian(model.dynamics, there.everywhere, theta, acting, model.method, scale)
-    output = jacobian(model.outputs, there.at_samples, theta, acting, model.method, scale)
+    slope = jacobian(model.dynamics, there.everywhere, theta, acting, model.method, model.scale)
+    output = jacobian(model.outputs, there.at_samples, theta, acting, model.method, model.scale)
     by_state, by_parameter = _defect_derivatives(grid, slope, there.back)
     late = [(there.back[name].part(slice(grid.n)), block) for name, block in output.by_delayed.items()]
     return Linearisation(

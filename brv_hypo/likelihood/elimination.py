@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -52,11 +51,6 @@ class BlockRows:
     blocks: FloatArray
     couplings: tuple[Coupling, ...] = ()
 
-    @cached_property
-    def filled(self) -> tuple[int, ...]:
-        """Where along the width any block is not zero."""
-        return tuple(w for w in range(self.blocks.shape[1]) if self.blocks[:, w].any())
-
     def turned(self, left: FloatArray, right: FloatArray) -> BlockRows:
         """Every block B as left B diag(right); left (m,) is a diagonal, (n_rows, m', m) one matrix a row."""
 
@@ -75,7 +69,7 @@ class BlockRows:
         n = x.shape[0]
         columns = x.reshape(n, x.shape[1], -1)
         product = np.zeros((*self.blocks.shape[::2], columns.shape[2]))
-        for w in self.filled:
+        for w in range(self.blocks.shape[1]):
             product += self.blocks[:, w] @ columns[w : w + self.blocks.shape[0]]
         for coupling in self.couplings:
             delayed = np.zeros((coupling.index.shape[0], *columns.shape[1:]))
@@ -89,35 +83,23 @@ class BlockRows:
         from scipy.sparse import coo_array  # here, for a cheap import of the package
 
         m, n_states = self.blocks.shape[2:]
-        values, down, along = [np.zeros(0)], [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        entries = []
         for row, sample, blocks in self._entries():
             at = (row * m)[:, None, None] + np.arange(m)[:, None]
             column = (sample * n_states)[:, None, None] + np.arange(n_states)
-            at, column = np.broadcast_arrays(at, column)
-            values.append(blocks.ravel())
-            down.append(at.ravel())
-            along.append(column.ravel())
-        entries = (np.concatenate(values), (np.concatenate(down), np.concatenate(along)))
-        return coo_array(entries, shape=(self.blocks.shape[0] * m, n * n_states)).tocsr()
+            entries.append([each.ravel() for each in np.broadcast_arrays(blocks, at, column)])
+        values, down, along = (np.concatenate(each) for each in zip(*entries, strict=True))
+        return coo_array((values, (down, along)), shape=(self.blocks.shape[0] * m, n * n_states)).tocsr()
 
     def _entries(self) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
         """Rows, samples, and the blocks that stand there."""
-        for w in self.filled:
+        for w in range(self.blocks.shape[1]):
             row = np.flatnonzero(self.blocks[:, w].any(axis=(1, 2)))
             yield row, row + w, self.blocks[row, w]
         for coupling in self.couplings:
             for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
                 row = np.flatnonzero(weight)
                 yield row, index[row], weight[row, None, None] * coupling.blocks[row]
-
-    def own(self) -> FloatArray:
-        """How each row acts on the sample of its own number, (n_rows, m, n_states)."""
-        found = self.blocks[:, 0].copy()
-        rows = np.arange(self.blocks.shape[0])
-        for coupling in self.couplings:
-            for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
-                found += np.where(index == rows, weight, 0.0)[:, None, None] * coupling.blocks
-        return found
 
 
 @dataclass(frozen=True)

@@ -22,14 +22,24 @@ with V that of theta with the variances held, W that of s, and g the gradient of
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import Eliminated, eliminate, log_determinant
-from brv_hypo.likelihood.gauss_newton import Iterate, Problem, information_factor, linearised, quadratic_of
+from brv_hypo.likelihood.elimination import Eliminated, log_determinant
+from brv_hypo.likelihood.gauss_newton import (
+    Iterate,
+    Problem,
+    SingularStatesError,
+    information_factor,
+    linearised,
+    quadratic_of,
+    sensitivities,
+)
 from brv_hypo.likelihood.statistics import Shape, log_determinants
 
 Variances = Sequence[tuple[FloatArray, FloatArray]]
@@ -43,9 +53,7 @@ _THETA_STEP = 1e-4
 
 
 def determinant(problem: Problem, iterate: Iterate) -> float:
-    """What integrating the states out adds to the objective; 0 for output error."""
-    if not np.any(problem.process_noise):
-        return 0.0
+    """What integrating the states out adds to the objective."""
     return float(_determinants(problem, iterate, [(problem.process_noise, iterate.covariance)])[0])
 
 
@@ -77,7 +85,7 @@ def _determinant_gradients(
     names = problem.parameters.names
     gradients = np.zeros((len(variances), len(names)))
     for i, name in enumerate(names):
-        step = _THETA_STEP * max(abs(iterate.theta[i]), (problem.model.scale or {}).get(name, 1.0))
+        step = _THETA_STEP * max(abs(iterate.theta[i]), problem.model.scale.get(name, 1.0))
         direction = np.eye(1, len(names), i)[0]
         turned = [np.append(0.0, np.where(s.void, 0.0, direction[s.problem.own])) for s in segments]
         follow = [(s.x @ along).T * problem.size[:, None] for s, along in zip(segments, turned, strict=True)]
@@ -181,6 +189,14 @@ class Score:
         little = (self.gradient >= 0.0) & (self.gradient < _VANISHED)
         return np.asarray(little & (np.diag(self.information) < _VANISHED))
 
+    @cached_property
+    def spread(self) -> FloatArray:
+        """Covariance of the logarithms of the variances (k, k), 0 for those that vanished."""
+        found = np.zeros_like(self.information)
+        live = np.ix_(~self.vanished, ~self.vanished)
+        found[live] = np.linalg.pinv(self.information[live], rcond=1e-12)
+        return found
+
     def step(self) -> FloatArray:
         """The scoring step, (k,); those that vanished rest."""
         move = np.zeros(self.gradient.size)
@@ -200,24 +216,12 @@ class Score:
         return float(np.max(np.abs(move) * np.sqrt(np.maximum(np.diag(self.information), 0.0)), initial=0.0))
 
 
-def directions_of(problem: Problem, shape: Shape, estimate_noise: bool, estimate_process_noise: bool) -> Directions:
-    """The variances to be estimated."""
+def directions_of(problem: Problem, shape: Shape | None, estimate_process_noise: bool) -> Directions:
+    """The variances to be estimated; those of the measurement noise are known where it has no shape."""
     driven = np.flatnonzero(problem.process_noise).tolist() if estimate_process_noise else []
-    outputs = problem.grids[0].y.shape[0] if estimate_noise else 0
+    outputs = problem.grids[0].y.shape[0] if shape else 0
     entries = [(a, b) for a in range(outputs) for b in range(a, outputs if shape == "full" else a + 1)]
     return Directions(tuple(driven), tuple(sorted(entries, key=lambda e: e[0] != e[1])))
-
-
-@dataclass(frozen=True)
-class Scored:
-    """Where scoring led."""
-
-    problem: Problem  # with the process noise that was found
-    iterate: Iterate  # with the measurement noise that was found
-    first: float = 0.0  # length of the first step, in standard errors
-    last: float = 0.0  # the same of the last
-    information: FloatArray | None = None  # the Hessian that it ended with, (k, k)
-    segments: tuple[Eliminated, ...] = ()  # the sensitivities there, none where the states are not determined
 
 
 def scored(
@@ -225,18 +229,20 @@ def scored(
     iterate: Iterate,
     directions: Directions,
     enough: float,
-    held: Sequence[Linearisation] | None = None,
+    linear: Sequence[Linearisation],
     information: FloatArray | None = None,
-) -> Scored:
+) -> tuple[Solved, list[float], FloatArray | None]:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
 
-    `held` is the linearisation, where it is known, `information` the Hessian from near by, kept up by the gradients
-    (BFGS).
+    `information` is the Hessian from near by, kept up by the gradients (BFGS).
+
+    Returns:
+        Where they led, the lengths of the steps in standard errors, 0 for none, and the Hessian that they ended with.
+
+    Raises:
+        SingularStatesError: the outputs leave a state undetermined.
     """
-    linear = linearised(problem, iterate) if held is None else held
-    solved = _solved(problem, iterate, directions, linear)
-    if solved is None:
-        return Scored(problem, iterate)
+    solved = Solved(problem, iterate, directions, linear)
     lengths = []
     score: Score | None = None
     move = np.zeros(directions.count)
@@ -251,8 +257,7 @@ def scored(
         lengths.append(score.length(move))
         if lengths[-1] < enough:
             break
-    first, last = (lengths[0], lengths[-1]) if lengths else (0.0, 0.0)
-    return Scored(solved.problem, solved.iterate, first, last, information, solved.segments)
+    return solved, lengths or [0.0], information
 
 
 def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
@@ -264,27 +269,37 @@ def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> F
 
 
 @dataclass(frozen=True)
-class _Solved:
-    """With the states best for the variances, the functions linear."""
+class Solved:
+    """The functions linear, with the states best for the variances; SingularStatesError where these do not exist."""
 
     problem: Problem  # with the process noise
     iterate: Iterate  # with the measurement noise, the states where they are linear about
     directions: Directions  # what is estimated
     linear: Sequence[Linearisation]  # the linearisation
-    objective: float  # half the weighted sum of squares
-    log_det: float  # log det C + log det I(theta), but for a constant
-    segments: tuple[Eliminated, ...]  # the segments, states integrated out
 
-    @property
+    @cached_property
+    def segments(self) -> tuple[Eliminated, ...]:
+        """The segments, states integrated out."""
+        return sensitivities(self.problem, self.iterate, self.linear)
+
+    @cached_property
+    def log_det(self) -> float:
+        """log det C + log det I(theta), but for a constant."""
+        measured = sum(log_determinants(grid.measured, self.iterate.covariance) for grid in self.problem.grids)
+        states = sum(segment.log_det for segment in self.segments)
+        return measured + states + _log_det_information(self.problem, self.iterate, self.segments)
+
+    @cached_property
     def nllf(self) -> float:
         """Restricted NLLF but for a constant, priors left out; infinite where it is not finite."""
-        total = self.objective + 0.5 * self.log_det
+        squares = sum(float(np.sum(segment.triangle[:, -1] ** 2)) for segment in self.segments)
+        total = 0.5 * (squares + self.log_det)
         return total if np.isfinite(total) else float("inf")
 
     def gradient(self) -> FloatArray:
         """Of the restricted NLLF, by differences."""
         found = self.at(self.changed_variances(_SMALL_DIFFERENCE * np.eye(self.directions.count)))
-        return np.array([(each or self).nllf - self.nllf for each in found]) / _SMALL_DIFFERENCE
+        return np.array([each.nllf - self.nllf for each in found]) / _SMALL_DIFFERENCE
 
     def information(self) -> FloatArray:
         """The expected Hessian, from second differences."""
@@ -292,14 +307,14 @@ class _Solved:
         pairs = np.array([(a, b) for a in range(count) for b in range(a)], dtype=int).reshape(-1, 2)
         changes = np.concatenate([unit, -unit, unit[pairs[:, 0]] + unit[pairs[:, 1]]])
         found = self.at(self.changed_variances(changes))
-        differences = np.array([(each or self).log_det - self.log_det for each in found])
+        differences = np.array([each.log_det - self.log_det for each in found])
         up, down, both = np.split(differences, [count, 2 * count])
         second = np.diag(up + down)
         for (a, b), value in zip(pairs, both, strict=True):
             second[a, b] = second[b, a] = value - up[a] - up[b]
         return np.asarray(-0.5 * second / _DIFFERENCE**2)
 
-    def along(self, move: FloatArray) -> tuple[_Solved, FloatArray]:
+    def along(self, move: FloatArray) -> tuple[Solved, FloatArray]:
         """As far along the move as the likelihood rises, and that move: Q exp(s) and F exp(S) F'."""
         driven, covariance = list(self.directions.driven), self.iterate.covariance
         for _ in range(_HALVINGS):
@@ -308,8 +323,9 @@ class _Solved:
             power, rotation = np.linalg.eigh(_symmetric(self.directions, move, len(covariance)))
             root = np.linalg.cholesky(covariance) @ rotation * np.exp(0.5 * power)
             found = next(self.at([(noise, root @ root.T if self.directions.entries else covariance)]))
-            if found is not None and found.nllf <= self.nllf + 1e-10 * abs(self.nllf):
-                return found, move
+            with suppress(SingularStatesError):
+                if found.nllf <= self.nllf + 1e-10 * abs(self.nllf):
+                    return found, move
             move = 0.5 * move
         return self, np.zeros_like(move)
 
@@ -322,11 +338,11 @@ class _Solved:
         turned = np.array([_symmetric(self.directions, change, len(root)) for change in changes])
         return list(zip(process_noise * np.sqrt(factor), covariance + root @ turned @ root.T, strict=True))
 
-    def at(self, variances: Variances) -> Iterator[_Solved | None]:
-        """The same with each of several variances."""
+    def at(self, variances: Variances) -> Iterator[Solved]:
+        """The same with each of several variances, one at a time: their segments are large."""
         for noise, covariance in variances:
-            problem = replace(self.problem, process_noise=noise)
-            yield _solved(problem, replace(self.iterate, covariance=covariance), self.directions, self.linear)
+            problem, iterate = replace(self.problem, process_noise=noise), replace(self.iterate, covariance=covariance)
+            yield Solved(problem, iterate, self.directions, self.linear)
 
 
 def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArray:
@@ -334,22 +350,6 @@ def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArra
     for (a, b), value in zip(directions.entries, move[len(directions.driven) :], strict=True):
         found[a, b] = found[b, a] = value
     return found
-
-
-def _solved(
-    problem: Problem, iterate: Iterate, directions: Directions, linear: Sequence[Linearisation]
-) -> _Solved | None:
-    """None where the states are not determined."""
-    segments, log_det, squares = [], 0.0, 0.0
-    for grid, x, each in zip(problem.grids, iterate.x, linear, strict=True):
-        solution = eliminate(quadratic_of(problem, grid, x, each, iterate.covariance))
-        if solution is None:
-            return None
-        segments.append(solution)
-        squares += float(np.sum(solution.triangle[:, -1] ** 2))
-        log_det += log_determinants(grid.measured, iterate.covariance) + solution.log_det
-    log_det += _log_det_information(problem, iterate, segments)
-    return _Solved(problem, iterate, directions, linear, 0.5 * squares, log_det, tuple(segments))
 
 
 def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> float:
@@ -373,11 +373,11 @@ _POOREST = 1.0  # variance of the logarithm of a variance that is counted at mos
 
 
 def with_unknown_variances(
-    here: _Solved, segments: Sequence[Eliminated], spread: FloatArray, covariance: FloatArray
+    here: Solved, score: Score, segments: Sequence[Eliminated], covariance: FloatArray
 ) -> FloatArray:
-    """The covariance of theta (p, p), nan where it was; `spread` (unknowns, unknowns) is that of the variances."""
+    """The covariance of theta (p, p), nan where it was."""
     known = np.flatnonzero(np.isfinite(np.diag(covariance)))
-    weight, axes = np.linalg.eigh(spread)
+    weight, axes = np.linalg.eigh(score.spread)
     axes, weight = axes[:, weight > 0.0].T, np.minimum(weight[weight > 0.0], _POOREST)
     if not known.size or not weight.size:
         return covariance
@@ -385,10 +385,8 @@ def with_unknown_variances(
     variances = here.changed_variances(changes)
     gradients = _determinant_gradients(here.problem, here.iterate, segments, variances)
     for row, solved in zip(gradients, here.at(variances), strict=True):
-        # Of the objective, the states following: nan where these are not determined.
-        factor = np.full((1, row.size + 1), np.nan)
-        triangle = factor if solved is None else information_factor(solved.segments, row.size)
-        row += triangle[:, :-1].T @ triangle[:, -1]
+        triangle = information_factor(solved.segments, row.size)
+        row += triangle[:, :-1].T @ triangle[:, -1]  # of the objective, the states following
     if not np.all(np.isfinite(gradients)):
         return covariance
     block = np.ix_(known, known)
@@ -426,14 +424,14 @@ def noise_errors(
     process, measurement = unknown.process, unknown.measurement
     if not directions.count or not np.any(problem.process_noise):
         return unknown
-    solved = _solved(problem, iterate, directions, linearised(problem, iterate))
-    if solved is None:
+    solved = Solved(problem, iterate, directions, linearised(problem, iterate))
+    try:
+        score = Score(solved.gradient(), solved.information())
+        if segments:
+            covariance = with_unknown_variances(solved, score, segments, covariance)
+    except SingularStatesError:
         return unknown
-    score = Score(solved.gradient(), solved.information())
-    gone = score.vanished
-    live = np.flatnonzero(~gone)
-    spread = np.zeros((directions.count, directions.count))
-    spread[np.ix_(live, live)] = np.linalg.pinv(score.information[np.ix_(live, live)], rcond=1e-12)
+    gone, spread = score.vanished, score.spread
     driven = list(directions.driven)
     known = ~gone[: len(driven)]
     error = 0.5 * problem.process_noise[driven] * np.sqrt(np.maximum(np.diag(spread)[: len(driven)], 0.0))
@@ -445,8 +443,6 @@ def noise_errors(
         variance = np.einsum("ij,jk,ik->i", change, spread[len(driven) :, len(driven) :], change)
         measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
         measurement[measurement == 0.0] = np.nan
-    if segments:
-        covariance = with_unknown_variances(solved, segments, spread, covariance)
     never_measured = ~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
     return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, never_measured))
 

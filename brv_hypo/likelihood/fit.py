@@ -112,13 +112,13 @@ def fit(
     >>> round(fitted.theta["k"], 3)
     -0.7
     """
-    if isinstance(noise, str) and noise not in get_args(Shape):
+    shape = noise if isinstance(noise, str) else None
+    if shape and shape not in get_args(Shape):
         raise UsageError(f"noise is {noise!r}; expected one of {list(get_args(Shape))}, or a covariance")
     options = Options(
         max_iterations=max_iterations,
         tolerance=tolerance,
-        noise=noise if isinstance(noise, str) else "diagonal",
-        estimate_noise=isinstance(noise, str),
+        noise=shape,
         estimate_process_noise=estimate_process_noise,
         report=silent if progress is None else report_to(progress),
         draft=not near_start,

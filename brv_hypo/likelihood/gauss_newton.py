@@ -71,14 +71,13 @@ class Step:
 
 
 class SingularStatesError(ArithmeticError):
-    """The states of a segment cannot be determined from its outputs; `segment` says which, `stiff` whether the
-    dynamics are so fast for the mesh that rounding alone may be why.
+    """The states of a segment cannot be determined from its outputs; `stiff` says whether the dynamics are so fast for
+    the mesh that rounding alone may be why.
     """
 
     def __init__(self, segment: int, stiff: bool = False) -> None:
         what = "lost in rounding, its dynamics being stiff" if stiff else "not determined by its outputs"
         super().__init__(f"the states of segment {segment} are {what}")
-        self.segment = segment
         self.stiff = stiff
 
 
@@ -91,28 +90,27 @@ def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
     )
 
 
-def _moved_to(problem: Problem, iterate: Iterate, held: Sequence[Linearisation]) -> tuple[Linearisation, ...]:
-    """Derivatives as they were held, with what the dynamics and outputs of the segments leave at the iterate."""
+def moved_to(problem: Problem, iterate: Iterate, near: Sequence[Linearisation]) -> tuple[Linearisation, ...]:
+    """Every segment with the derivatives of an iterate so near that they hold here too."""
     theta = problem.parameters.as_mapping(iterate.theta)
     found = []
-    for grid, x, each in zip(problem.grids, iterate.x, held, strict=True):
+    for grid, x, each in zip(problem.grids, iterate.x, near, strict=True):
         defect, output = evaluate_segment(problem.model, grid, x, theta)
         found.append(replace(each, defect=defect, output=output))
     return tuple(found)
 
 
 def sensitivities(
-    problem: Problem, iterate: Iterate, anchored: bool = False, held: Sequence[Linearisation] | None = None
+    problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
 ) -> tuple[Eliminated, ...]:
-    """Linearise every segment and eliminate its states.
+    """Every segment with its states eliminated; `linear` is the linearisation about the iterate, where it is known.
 
-    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it
-    yet. `held` are the derivatives of an iterate so near that they hold here too.
+    `anchored` ties a free initial state loosely to where it stands, for a start at which no output sees it yet.
 
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
-    linear = linearised(problem, iterate) if held is None else _moved_to(problem, iterate, held)
+    linear = linearised(problem, iterate) if linear is None else linear
     found = []
     for s, (grid, x, each) in enumerate(zip(problem.grids, iterate.x, linear, strict=True)):
         quadratic = quadratic_of(problem, grid, x, each, iterate.covariance)

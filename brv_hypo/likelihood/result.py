@@ -30,7 +30,6 @@ from brv_hypo.likelihood.statistics import (
     Whiteness,
     coloured_covariance,
     covariance_from_information,
-    estimate_covariance,
     identifiability,
     inflation,
     negative_log_likelihood,
@@ -80,10 +79,8 @@ class FitResult(Tabular):
     """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
     left out, as in the report.
     """
-    innovation_covariance: FloatArray
-    """B of Eq. 3.11, (n_outputs, n_outputs)."""
     noise_covariance: FloatArray
-    """Covariance of the measurement noise; B itself in output error."""
+    """Covariance of the measurement noise, (n_outputs, n_outputs); in output error B of Eq. 3.11."""
     process_noise: FloatArray
     """Standard deviation that drives each state, (n_states,), per root second; zeros in output error."""
     noise_std_error: FloatArray
@@ -315,7 +312,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     if loose:
         white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
-    wanted = directions_of(problem, options.noise, options.estimate_noise, options.estimate_process_noise)
+    wanted = directions_of(problem, options.noise, options.estimate_process_noise)
     shift = mesh_shift(problem, iterate, segments, white)
     if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
         noise = NoiseErrors.unknown(problem, iterate, white)  # those on a finer mesh will count
@@ -338,7 +335,6 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         covariance=white,
         covariance_coloured=coloured,
         log_likelihood=-nllf,
-        innovation_covariance=estimate_covariance(together, observed, options.noise, iterate.covariance, options.floor),
         noise_covariance=iterate.covariance,
         process_noise=problem.process_noise,
         noise_std_error=noise.measurement,
@@ -375,13 +371,13 @@ def _covariances(
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     # The likelihood of states that noise drives makes up for it itself (`filter_error`).
-    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
+    white = raw * (samples / max(samples - unknowns, 1) if options.noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
     block = np.ix_(known, known)
     corrected = coloured_covariance(np.nan_to_num(raw), 1.0 / parameters.prior_std**2, rows)[block]
-    if options.estimate_noise:
+    if options.noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
@@ -436,7 +432,7 @@ def _never_measured(y: FloatArray) -> tuple[str, ...]:
 
 def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
     """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
-    if not options.estimate_noise:
+    if options.noise is None:
         return ()
     left, size = (
         np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)

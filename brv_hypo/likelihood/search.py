@@ -5,7 +5,7 @@ A merit function weighs the fit against violated dynamics. `search` is the entra
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -16,14 +16,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
 from brv_hypo.likelihood.elimination import Eliminated
-from brv_hypo.likelihood.filter_error import (
-    Directions,
-    determinant,
-    determinant_gradient,
-    directions_of,
-    disturbance_cost,
-    scored,
-)
+from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
     Extrapolation,
     Iterate,
@@ -33,6 +26,7 @@ from brv_hypo.likelihood.gauss_newton import (
     line_search,
     linearised,
     moved,
+    moved_to,
     objective,
     sensitivities,
 )
@@ -129,16 +123,11 @@ Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises th
 class Iteration:
     """One step of the search."""
 
-    iteration: int
-    """Number of the step, from 1."""
-    cost: float
-    """NLLF after it."""
-    violation: float
-    """Mean violation of the dynamics, in sizes of the states."""
-    step_length: float
-    """Length of the step, in standard errors (root mean square)."""
-    fraction: float
-    """Fraction of the step that was taken."""
+    iteration: int  # number of the step, from 1
+    cost: float  # NLLF after it
+    violation: float  # mean violation of the dynamics, in sizes of the states
+    step_length: float  # length of the step, in standard errors (root mean square)
+    fraction: float  # fraction of the step that was taken
 
 
 @dataclass(frozen=True)
@@ -147,8 +136,7 @@ class Options:
 
     max_iterations: int  # limit of Gauss-Newton steps
     tolerance: float  # step, as a fraction of the standard errors, at which the search ends
-    noise: Shape  # shape of the measurement noise's covariance
-    estimate_noise: bool  # whether that is estimated
+    noise: Shape | None  # shape of the measurement noise's covariance, which is estimated; None where it is known
     estimate_process_noise: bool  # whether the process noise is, too
     report: Report = silent  # called after each iteration
     mesh_steps: int = 1  # steps of the dynamics between samples
@@ -190,7 +178,8 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         try:
             segments, unseen = noise.segments, None
             if not segments:
-                segments, unseen = _sensitivities(problem, iterate, derivatives.here(linearised, problem, iterate))
+                near = derivatives.here(linearised, problem, iterate)
+                segments, unseen = _sensitivities(problem, iterate, moved_to(problem, iterate, near))
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
         noisy = bool(np.any(problem.process_noise))
@@ -283,13 +272,13 @@ _Derivatives = _Nearby[tuple[Linearisation, ...]]
 
 
 def _sensitivities(
-    problem: Problem, iterate: Iterate, held: tuple[Linearisation, ...]
+    problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]
 ) -> tuple[tuple[Eliminated, ...], SingularStatesError | None]:
     """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
     try:
-        return sensitivities(problem, iterate, held=held), None
+        return sensitivities(problem, iterate, linear), None
     except SingularStatesError as error:
-        return sensitivities(problem, iterate, anchored=True, held=held), error
+        return sensitivities(problem, iterate, linear, anchored=True), error
 
 
 def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[Problem, Iterate]:
@@ -297,25 +286,21 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 
     Process noise alone at first: beside one that is far too large, measurement noise seems to be none.
     """
-    for estimate_noise in (False, options.estimate_noise):
+    for shape in (None, options.noise):
         for _ in range(_NOISE_STEPS):
-            held = linearised(problem, iterate)
-            found = scored(problem, iterate, _wanted(problem, options, estimate_noise), _NEAR_NOISE, held)
-            problem, iterate = found.problem, found.iterate
+            linear = linearised(problem, iterate)
             try:
-                segments = found.segments or sensitivities(problem, iterate, held=held)
+                wanted = directions_of(problem, shape, options.estimate_process_noise)
+                found, lengths, _ = scored(problem, iterate, wanted, _NEAR_NOISE, linear)
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
-            step = gauss_newton_step(problem, iterate, segments, frozen=True)
-            iterate = moved(problem, iterate, step, 1.0)
+            problem = found.problem
+            step = gauss_newton_step(problem, found.iterate, found.segments, frozen=True)
+            iterate = moved(problem, found.iterate, step, 1.0)
             unforeseen = abs(objective(problem, iterate)[0] - step.cost - step.decrease)
-            if found.last < _NEAR_NOISE and unforeseen < _LINEAR:
+            if lengths[-1] < _NEAR_NOISE and unforeseen < _LINEAR:
                 break
     return problem, iterate
-
-
-def _wanted(problem: Problem, options: Options, estimate_noise: bool) -> Directions:
-    return directions_of(problem, options.noise, estimate_noise, options.estimate_process_noise)
 
 
 class _Noise:
@@ -333,19 +318,23 @@ class _Noise:
         """Both with new variances, after a step of this length, and whether these have settled."""
         options = self._options
         if not np.any(problem.process_noise):
-            if not options.estimate_noise:
+            if options.noise is None:
                 return problem, iterate, True
             difference = np.concatenate(residuals(problem, iterate), axis=1)
             old = iterate.covariance
             new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
             change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
             return problem, replace(iterate, covariance=new), change < _CONVERGED_CHANGE
-        wanted = _wanted(problem, options, options.estimate_noise)
+        wanted = directions_of(problem, options.noise, options.estimate_process_noise)
         if not wanted.count:
             return problem, iterate, True
         enough = max(_FEW, _FRACTION * length)
-        held = derivatives.here(linearised, problem, iterate)
-        found = scored(problem, iterate, wanted, enough, held, self._information)
+        near = derivatives.here(linearised, problem, iterate)
+        try:
+            found, lengths, information = scored(problem, iterate, wanted, enough, near, self._information)
+        except SingularStatesError:
+            self.segments, self._information = (), None
+            return problem, iterate, True
         self.segments = found.segments
-        self._information = found.information if found.first < _NEAR_NOISE else None
-        return found.problem, found.iterate, found.first < _CONVERGED_MOVE
+        self._information = information if lengths[0] < _NEAR_NOISE else None
+        return found.problem, found.iterate, lengths[0] < _CONVERGED_MOVE

@@ -118,10 +118,6 @@ class TimeVaryingParameter:
     weights: tuple[str, ...]
     shapes: Callable[[FloatArray], FloatArray]
 
-    def at(self, t: FloatArray, theta: Mapping[str, float]) -> FloatArray:
-        """Its value (n,) at times t (n,), s."""
-        return np.array([theta[weight] for weight in self.weights]) @ self.shapes(t)
-
 
 @dataclass(frozen=True)
 class SampledParameter:

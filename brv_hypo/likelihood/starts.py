@@ -99,7 +99,7 @@ def states_from_outputs(
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
         measured = _without_gaps(grid)
         linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), ())
-        pseudo_inverse = np.linalg.pinv(linear.output_by_state.own(), rcond=1e-6)
+        pseudo_inverse = np.linalg.pinv(linear.output_by_state.blocks[:, 0], rcond=1e-6)
         histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, measured - linear.output.T))
     return tuple(histories)
 

@@ -193,10 +193,8 @@ def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, est
     data do not see.
     """
     p = prior_std.size
-    system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, estimated]
     covariance = np.full((p, p), np.nan)
-    norm = np.linalg.norm(system, axis=0)
-    _, singular, rotation = np.linalg.svd(np.linalg.qr(system / np.where(norm > 0, norm, 1.0), mode="r"))
+    norm, singular, rotation = _directions(triangle, prior_std, estimated)
     kept = singular > _NULL * singular.max(initial=0.0)
     lost = 1.0 - np.sum(rotation[kept] ** 2, axis=0)
     determined = np.flatnonzero((norm > 0) & (lost < _TOUCHED))
@@ -206,11 +204,19 @@ def covariance_from_information(triangle: FloatArray, prior_std: FloatArray, est
     return covariance
 
 
-def identifiability(triangle: FloatArray, prior_std: FloatArray, names: Sequence[str]) -> Identifiability:
-    """Near-null directions of the column-scaled sensitivities, by the names of their parameters."""
-    system = np.concatenate([triangle, np.diag(1.0 / prior_std)])
+def _directions(
+    triangle: FloatArray, prior_std: FloatArray, parameters: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lengths, singular values and right singular vectors (a row each) of column-scaled sensitivities with priors."""
+    system = np.concatenate([triangle, np.diag(1.0 / prior_std)])[:, parameters]
     norm = np.linalg.norm(system, axis=0)
     _, singular, rotation = np.linalg.svd(np.linalg.qr(system / np.where(norm > 0, norm, 1.0), mode="r"))
+    return norm, singular, rotation
+
+
+def identifiability(triangle: FloatArray, prior_std: FloatArray, names: Sequence[str]) -> Identifiability:
+    """Near-null directions of the column-scaled sensitivities, by the names of their parameters."""
+    _, singular, rotation = _directions(triangle, prior_std, np.arange(prior_std.size))
     relative = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
     directions = []
     for value, direction in sorted(zip(relative, rotation, strict=True), key=lambda pair: float(pair[0])):

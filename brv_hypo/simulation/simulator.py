@@ -1,9 +1,9 @@
 """From a configuration to a simulated flight: integrate, read the instruments, note the truth.
 
 Nodes of the integration are uniform, with every jump and kink of the moments added; steps are cut where the windward
-meridian turns fast. Mechanisms that look back ask `History`, cubic Hermite interpolation of the motion so far, while
-the integration goes on. `SimulatedFlight` holds what the instruments say and, apart from it, what is true. `simulate`
-is the entrance.
+meridian turns fast. Mechanisms that look back are given cubic Hermite interpolation of the motion so far
+(`Trajectory.past`). `SimulatedFlight` holds what the instruments say and, apart from it, what is true. `simulate` is
+the entrance.
 """
 
 from __future__ import annotations
@@ -33,30 +33,28 @@ from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, tr
 from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, System, dot, initial_state, planted, system
 
 
-class History:
-    """States and their rates at the nodes passed so far.
+class Trajectory:
+    """An integrated flight: states (n, 13, 1) and their rates at the nodes passed so far.
 
     At a break the rate jumps: the interval before it ends with the rate before the jump, the one after begins
     with the rate after it.
     """
 
-    def __init__(self, system: System, nodes: FloatArray, breaks: BoolArray) -> None:
-        """Room for nodes (n,) s; `breaks` (n,) marks where rates may jump."""
+    def __init__(self, system: System) -> None:
         self.system = system
-        self.nodes = nodes
-        self.states = np.zeros((nodes.size, STATES, 1))
+        self.nodes, self.breaks, self.samples = grid(system)
+        self.states = np.zeros((self.nodes.size, STATES, 1))
         self.rates = np.zeros_like(self.states)
         """That follow each node; `rates_before` lead up to it, which differ at a break."""
         self.rates_before = np.zeros_like(self.states)
-        self.meridians = np.zeros((nodes.size, 1))
-        self._breaks = breaks
+        self.meridians = np.zeros((self.nodes.size, 1))
         self._last = 0
         self._recent: dict[bytes, Motion] = {}
 
     def store(self, node: int, state: FloatArray, rate: FloatArray, meridian: FloatArray) -> None:
         """The state of a node with the rate that follows it."""
         self.states[node], self.rates[node], self.meridians[node] = state, rate, meridian
-        if not self._breaks[node]:
+        if not self.breaks[node]:
             self.rates_before[node] = rate
         self._last = node
         self._recent.clear()
@@ -112,16 +110,6 @@ _TURN = 0.1
 _MOST_PARTS = 64
 
 
-@dataclass(frozen=True)
-class Trajectory:
-    """An integrated flight."""
-
-    nodes: FloatArray  # (n,) s
-    samples: IntArray  # nodes that are samples of the record (m,)
-    states: FloatArray  # (n, 13, 1)
-    rates: FloatArray  # their changes per s, after a break
-
-
 def break_times(system: System) -> FloatArray:
     """Where moments jump or kink (s): region edges, and what follows one and two delays later."""
     edges, delays = [], [0.0]
@@ -152,24 +140,24 @@ def grid(system: System) -> tuple[FloatArray, BoolArray, IntArray]:
 
 def integrate(system: System, state: FloatArray, report: Report = silent) -> Trajectory:
     """The trajectory from `state` (13, 1) by the classical Runge-Kutta method; `report` is called now and then."""
-    nodes, breaks, samples = grid(system)
-    history = History(system, nodes, breaks)
+    trajectory = Trajectory(system)
+    nodes, breaks = trajectory.nodes, trajectory.breaks
 
     def rate(time: float, value: FloatArray, near: FloatArray) -> tuple[FloatArray, Motion]:
         instant = np.full(1, time)
         air = system.air_data(instant, value)
-        motion = system.motion(instant, value, air, near, history.past)
+        motion = system.motion(instant, value, air, near, trajectory.past)
         return system.state_rate(value, air, motion), motion
 
     near = np.zeros(1)
-    history.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
+    trajectory.store(0, state, np.zeros_like(state), near)  # the first stage may look back already
     for node in range(nodes.size - 1):
         begin, end = nodes[node], nodes[node + 1]
         after = begin + _ASIDE if breaks[node] else begin
         before = end - _ASIDE if breaks[node + 1] else end
         k1, motion = rate(after, state, near)
         near = motion.windward_meridian
-        history.store(node, state, k1, near)
+        trajectory.store(node, state, k1, near)
         parts = _parts(motion, end - begin)
         step = (end - begin) / parts
         for part in range(parts):
@@ -183,13 +171,13 @@ def integrate(system: System, state: FloatArray, report: Report = silent) -> Tra
             state = state + (step / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
             state[ATTITUDE] /= np.sqrt(dot(state[ATTITUDE], state[ATTITUDE]))
         if breaks[node + 1]:
-            history.rates_before[node + 1] = rate(before, state, near)[0]
+            trajectory.rates_before[node + 1] = rate(before, state, near)[0]
         if node % 64 == 0:
             report(node / nodes.size, "simulating")
     final = nodes[-1] + _ASIDE if breaks[-1] else nodes[-1]
     k1, motion = rate(final, state, near)
-    history.store(nodes.size - 1, state, k1, motion.windward_meridian)
-    return Trajectory(nodes, samples, history.states, history.rates)
+    trajectory.store(nodes.size - 1, state, k1, motion.windward_meridian)
+    return trajectory
 
 
 def _parts(motion: Motion, step: float) -> int:

@@ -127,10 +127,6 @@ class SubsetResult(Tabular):
         sizes = sorted({s.size for s in self.subsets})
         raise KeyError(f"no subset of {size} columns: the search returned sizes {sizes}")
 
-    def of_size(self, size: int) -> tuple[Subset, ...]:
-        """All subsets returned of a size, best first."""
-        return tuple(s for s in self.subsets if s.size == size)
-
 
 def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
     """All subsets on the board, fitted in extended precision, with their criteria."""

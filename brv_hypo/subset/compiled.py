@@ -2,8 +2,8 @@
 
 The column to branch on is moved to the last place; including it is a rank-one step on S into the next level, dropping
 it one on H in place. Both are stored in full, as `kernel` reads rows; a level copies H from its parent when it first
-branches. `CompiledSearch` builds the working arrays of one subproblem, runs the kernel on and reads out what is left;
-`search_compiled` is the entrance. Imported when the compiled kernel is wanted: numba takes longer than most searches.
+branches. `search_compiled` is the entrance: it builds the working arrays of each subproblem, runs the kernel on and
+reads out what is left. Imported when the compiled kernel is wanted: numba takes longer than most searches.
 """
 
 from __future__ import annotations
@@ -178,46 +178,31 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
 
 
 HIT_ROOM = 512
+# Nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds.
+TURN = 10_000
 # Bytes of a cache line.
 LINE = 64
 
 
-class CompiledSearch:
-    """Depth-first search of one piece that stops and goes on."""
+def _run(w: Work, limits: FloatArray) -> list[tuple[int, ...]]:
+    """Search a piece on under these limits, for a turn at most; the subsets that got under them."""
+    loosest = np.maximum.accumulate(limits[::-1])[::-1].copy()
+    search(w, limits, loosest, TURN)
+    found = [tuple(row[1 : row[0] + 1]) for row in w.hits[: w.state[HITS]].tolist()]
+    w.state[HITS] = 0
+    return found
 
-    def __init__(self, board: Board, piece: Node) -> None:
-        self._work = _working_arrays(board, piece)
 
-    @property
-    def done(self) -> bool:
-        """Whether the piece is decided."""
-        return bool(self._work.state[LEVEL] < 0)
-
-    @property
-    def nodes(self) -> int:
-        """Nodes visited."""
-        return int(self._work.state[NODES])
-
-    def run(self, limits: FloatArray, budget: int) -> list[tuple[int, ...]]:
-        """Search on under these limits, at most ``budget`` nodes; the subsets that got under them."""
-        loosest = np.maximum.accumulate(limits[::-1])[::-1].copy()
-        search(self._work, limits, loosest, budget)
-        state, hits = self._work.state, self._work.hits
-        found = [tuple(row[1 : row[0] + 1]) for row in hits[: state[HITS]].tolist()]
-        state[HITS] = 0
-        return found
-
-    def open_subtrees(self) -> list[OpenSubtree]:
-        """What is still undecided, outermost first."""
-        w = self._work
-        rest = []
-        for level in range(int(w.state[LEVEL]) + 1):
-            undecided = w.ids[level, : w.count[level]].tolist()
-            if w.branched[level]:
-                del undecided[-1]
-            included = tuple(w.chosen[: w.base + level].tolist())
-            rest.append(OpenSubtree(included, tuple(undecided), float(w.bound[level])))
-        return rest
+def _open_subtrees(w: Work) -> list[OpenSubtree]:
+    """What is still undecided of a piece, outermost first."""
+    rest = []
+    for level in range(int(w.state[LEVEL]) + 1):
+        undecided = w.ids[level, : w.count[level]].tolist()
+        if w.branched[level]:
+            del undecided[-1]
+        included = tuple(w.chosen[: w.base + level].tolist())
+        rest.append(OpenSubtree(included, tuple(undecided), float(w.bound[level])))
+    return rest
 
 
 def _working_arrays(board: Board, piece: Node) -> Work:
@@ -256,10 +241,6 @@ def _aligned(*shape: int) -> FloatArray:
     return room[start : start + prod(shape)].reshape(shape)
 
 
-# Nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds.
-TURN = 10_000
-
-
 def search_compiled(
     board: Board, subtrees: Sequence[OpenSubtree], deadline: float, threads: int
 ) -> tuple[int, list[OpenSubtree]]:
@@ -282,12 +263,12 @@ def search_compiled(
             board.offer(piece.included)
         if not piece.undecided.size or len(piece.included) >= board.max_size:
             return 0, []
-        own = CompiledSearch(board, piece)
-        while not own.done and time.perf_counter() < until and (threads == 1 or own.nodes < TURN):
-            hits = own.run(board.limits.copy(), TURN)
+        w = _working_arrays(board, piece)
+        while w.state[LEVEL] >= 0 and time.perf_counter() < until and (threads == 1 or w.state[NODES] < TURN):
+            hits = _run(w, board.limits.copy())
             with lock:
                 board.offer_all(hits)
-        return own.nodes, own.open_subtrees()
+        return int(w.state[NODES]), _open_subtrees(w)
 
     with ThreadPoolExecutor(threads) as crew:
         try:

@@ -24,7 +24,6 @@ LEVEL, NODES, HITS = 0, 1, 2
 SCORED = 3
 # An argument as numpy scalar: numba would compile a function anew for every literal.
 NONE: Any = np.int64(-1)
-ZERO: Any = np.int64(0)
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -85,19 +84,14 @@ def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int, most: int)
     t: int = min(most - size, m)
     while t > 0:
         allowance = limits[size + t] - bound
-        if allowance >= 0.0 and _above(rise, m, allowance) <= t:
-            return t
+        if allowance >= 0.0:
+            above = 0
+            for i in range(m):
+                above += 1 if rise[i] > allowance else 0
+            if above <= t:
+                return t
         t -= 1
     return 0
-
-
-@compiled_part
-def _above(rise: Any, m: int, allowance: float) -> int:
-    """How many columns have a rise above the allowance."""
-    count = 0
-    for i in range(m):
-        count += 1 if rise[i] > allowance else 0
-    return count
 
 
 @compiled_part
@@ -117,14 +111,6 @@ def record(w: Work, size: int, a: Any, b: Any) -> None:
 
 
 @compiled_part
-def record_singles(w: Work, d: Any, c: Any, ids: Any, m: int, size: int, needed: float) -> None:
-    """Record every column that gains what is needed."""
-    for i in range(m):
-        if c[i] * c[i] >= needed * d[i]:
-            record(w, size, ids[i], NONE)
-
-
-@compiled_part
 def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     """Record every column of a node, and every pair, whose gain reaches what its size needs, without a division.
 
@@ -132,9 +118,11 @@ def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
     where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
     """
     S, d, c, ids, size, rss = w.A[level], w.scratch[1], w.x[level], w.ids[level], w.base + level, w.rss[level]
+    needed = rss - limits[size + 1]
     for i in range(m):
         d[i] = S[i, i]
-    record_singles(w, d, c, ids, m, size, rss - limits[size + 1])
+        if c[i] * c[i] >= needed * d[i]:
+            record(w, size, ids[i], NONE)
     if not pairs:
         return
     needed = rss - limits[size + 2]
@@ -311,12 +299,12 @@ def score_triples(w: Work, level: int, m: int, limits: Any) -> bool:
             e[i] = c[i] - q[i] * shift
         w.chosen[size] = ids[x]
         needed = w.rss[level] - shift * shift - limits[size + 3]
-        two = _next_second(S, d, q, e, place, m, x, second, ZERO, seconds, needed, w.slack)
-        while two < seconds:
-            if w.state[HITS] > room:
-                return False
-            _record_seconds(w, S, d, q, e, ids, m, size + 1, second[two], needed)
-            two = _next_second(S, d, q, e, place, m, x, second, two + 1, seconds, needed, w.slack)
+        for two in range(seconds):
+            y = second[two]
+            if y != x and _completes(S, d, q, e, place, m, y, needed, w.slack):
+                if w.state[HITS] > room:
+                    return False
+                _record_seconds(w, S, d, q, e, ids, m, size + 1, y, needed)
     return True
 
 
@@ -325,18 +313,18 @@ def _sets_to_score(w: Work, level: int, m: int, allowance: float) -> tuple[int, 
     """How many columns of ``sets[1]`` triples begin with, and of ``sets[2]`` they go on with."""
     H = w.B[level] if w.owns[level] else w.B[level - 1]
     p, L, picks, first, second = w.packing, w.factor, w.sets[0], w.sets[1], w.sets[2]
+    for i in range(m):
+        first[i] = i
+        second[i] = i
     free_all(H, w.beta[level], p, m)
     firsts, total = grow(H, p, L, picks, m, m, allowance, 1)
     if total <= allowance:
-        _all(first, m)
-        _all(second, m)
         return m, m
     for k in range(firsts):
         first[k] = picks[k]
     take(p, first, firsts)
     seconds, total = grow(H, p, L, picks, m, m - firsts, allowance, 1)
     if total <= allowance:
-        _all(second, m)
         return firsts, m
     for k in range(seconds):
         second[k] = picks[k]
@@ -344,34 +332,20 @@ def _sets_to_score(w: Work, level: int, m: int, allowance: float) -> tuple[int, 
 
 
 @compiled_part
-def _all(columns: Any, m: int) -> None:
-    for i in range(m):
-        columns[i] = i
-
-
-@compiled_part
-def _next_second(
-    S: Any, d: Any, q: Any, e: Any, place: Any, m: int, x: int, second: Any, start: Any, seconds: int, needed: float,
-    slack: float,
-) -> int:  # fmt: skip
-    """The first place, from ``start`` on, of a column that, after x, makes a pair that gains what is needed.
+def _completes(S: Any, d: Any, q: Any, e: Any, place: Any, m: int, y: int, needed: float, slack: float) -> bool:
+    """Whether column y, after x, makes a pair that gains what is needed.
 
     The normal matrix after x is S - q q', its diagonal d, its right-hand side e (see ``score``). That a column makes no
     pair with itself is a comparison of places: to set it EXCLUDED for as long would make the vector it is in wait.
     """
-    relaxed = needed - abs(needed) * slack
-    for two in range(start, seconds):
-        y = second[two]
-        own, double, shift = d[y], 2.0 * e[y], q[y]
-        a = e[y] * e[y] - relaxed * own
-        enough = 0
-        for i in range(padded(m)):
-            v = S[y, i] - shift * q[i]
-            gain = d[i] * a + e[i] * e[i] * own + v * (needed * v - double * e[i])
-            enough += 1 if (gain >= 0.0) & (place[i] != y) else 0
-        if enough > 0 and y != x:
-            return two
-    return seconds
+    own, double, shift = d[y], 2.0 * e[y], q[y]
+    a = e[y] * e[y] - (needed - abs(needed) * slack) * own
+    enough = 0
+    for i in range(padded(m)):
+        v = S[y, i] - shift * q[i]
+        gain = d[i] * a + e[i] * e[i] * own + v * (needed * v - double * e[i])
+        enough += 1 if (gain >= 0.0) & (place[i] != y) else 0
+    return enough > 0
 
 
 @compiled_part

@@ -35,8 +35,7 @@ def linearised(bodyfixed):
 
 
 def histories(errors: RecordErrors, name: str) -> tuple[float, dict[str, np.ndarray]]:
-    place = [value.name for value in errors.values].index(name)
-    return errors.values[place].size, dict(errors.histories[place])
+    return next((value.size, dict(rows)) for value, rows in errors.histories.items() if value.name == name)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +58,7 @@ def test_an_error_touches_what_it_should(linearised, name, touched):
 
 
 def test_what_no_equation_feels_is_left_out(linearised):
-    names = {value.name for value in linearised[2].values}
+    names = {value.name for value in linearised[2].histories}
     assert not names & {"accel_bias x", "accel_scale x"}
 
 
@@ -96,7 +95,7 @@ def test_gravity_follows_an_attitude_computed_from_a_rate_that_is_too_large(line
 def test_a_moment_of_the_hypothesis_is_not_carried_a_second_time(bodyfixed, linearised):
     frame = bodyfixed[1].frame
     (errors,) = record_errors(frame, (linearised[0],), (linearised[1],), frozenset({"trim"}))
-    names = {value.name.split()[0] for value in errors.values}
+    names = {value.name.split()[0] for value in errors.histories}
     assert "trim" not in names
     assert "dynamic_imbalance" in names
 

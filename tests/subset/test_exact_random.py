@@ -100,7 +100,7 @@ def check(problem: Problem, result: SubsetResult) -> None:
 
 def _check_size(rows: list[Row], n_best: int, result: SubsetResult, size: int, scale: float) -> None:
     expected = [rss for rss, _ in rows[:n_best]]
-    found = result.of_size(size)
+    found = [subset for subset in result.subsets if subset.size == size]
     assert len(found) == len(expected)
     np.testing.assert_allclose([s.rss for s in found], expected, rtol=1e-7, atol=1e-13 * scale)
     by_columns = {columns: rss for rss, columns in rows}

@@ -92,7 +92,7 @@ def test_five_best_agree_with_complete_enumeration(key: str, name: str) -> None:
     data = load(name)
     result = best_subsets(data.X, data.y, max_terms=len(data.names), n_best=4)
     for size, rows in entry["best_by_size"].items():
-        for subset, row in zip(result.of_size(int(size)), rows[:4], strict=False):
+        for subset, row in zip((s for s in result.subsets if s.size == int(size)), rows[:4], strict=False):
             assert sorted(data.named(subset.columns)) == sorted(row["vars"])
             criteria = subset.criteria
             assert criteria.rss == pytest.approx(row["rss"], rel=1e-9)
