@@ -126,22 +126,22 @@ def _predict(
 ) -> Prediction:
     if here := _is_found_on(content, flight):  # all of it was flown
         content = content.model_copy(update={"flown": {}})
-    fit, left_out = _frozen(flight, content, refit, config, here)
+    fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
     measured = data.moments(data.frame.observed)
     left, own, left_within = fit.left, replace(fit, fixed=np.zeros(0)).left, within.left
     errors = ErrorsOfPrediction(
-        without=_mean_square(measured),
-        frozen=_mean_square(left),
-        own=_mean_square(own),
+        without=_mean_square(measured, measured.usable),
+        frozen=_mean_square(left, left.usable),
+        own=_mean_square(own, own.usable),
         noise=noise_floor(data.whole, measured),
     )
     covariance, known = fit.covariance[: len(columns), : len(columns)].copy(), np.flatnonzero(np.isfinite(fit.fixed))
-    covariance[np.ix_(known, known)] = _covariance_of(content, fit, known, not here)
+    known_by, change, difference = _covariance_of(content, places[known], not here), None, None
+    covariance[np.ix_(known, known)] = known_by
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
-    known_by, change, difference = covariance[np.ix_(known, known)], None, None
     if not here:  # a test of estimates against the record that they are of would count it twice
         whole = data.regression(fit.model, fit.linear, processes=record_processes())
         alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
@@ -159,7 +159,7 @@ def _predict(
         refitted=tuple(term for k, term in enumerate(terms) if k not in known),
         error=errors,
         ratio=errors.frozen / errors.without,
-        explained=_explained(measured, left, errors.noise, flown),
+        explained=1.0 - _unexplained(measured, left, errors.noise, flown),
         flown=float(flown.mean()),
         band=band,
         regions=_regions(data, measured, left),
@@ -170,9 +170,9 @@ def _predict(
         own_record=here,
         reason="",
     )
-    of_own, remedy = _explained(measured, own, errors.noise, flown), _remedy(fit, refit, tolerated)
-    rest, freely = (_beyond(e, errors.without, errors.noise) for e in (errors.frozen, _mean_square(left_within)))
-    said = reason(found, of_own, rest, freely, remedy)
+    of_own, everywhere = 1.0 - _unexplained(measured, own, errors.noise, flown), np.ones(flown.shape, dtype=bool)
+    rest, freely = (_unexplained(measured, each, errors.noise, everywhere) for each in (left, left_within))
+    said = reason(found, of_own, rest, freely, _remedy(fit, refit, tolerated))
     return found.model_copy(update={"reason": said})
 
 
@@ -188,24 +188,23 @@ def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
 
 def _frozen(
     flight: Flight, content: SavedModel, refit: tuple[str, ...], config: TraceConfig, here: bool
-) -> tuple[Fit, tuple[str, ...]]:
+) -> tuple[Fit, IntArray, tuple[str, ...]]:
     """The model on this flight, its coefficients and the errors of record and vehicle fixed but for what is fitted
-    here, where the model is known if that is enough of the record; and the mechanisms that are left out, as they belong
-    to the times of the model's own flights, which this is not unless it is `here`.
+    here, where the model is known if that is enough of the record; where its columns stand in the file; and the
+    mechanisms that are left out, as they belong to the times of the model's own flights, which this is not unless it is
+    `here`.
     """
     model = restored(content, (flight,), frozen=True)
-    columns, lasts = model.columns, model.lasting
-    values = {
-        column: saved.value if here or saved.elsewhere is None else saved.elsewhere
-        for column, saved in zip(columns, content.columns, strict=True)
-    }
+    columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
+    to_refit = {column for column in columns if {column.mechanism, column.term} & set(refit)}
     if not here:  # without what belongs to the times and to the instruments of its own flights
-        kept = [c for c, own in zip(columns, lasts, strict=True) if own or {c.mechanism, c.term} & set(refit)]
-        model = model.but(columns=tuple(kept), applied=())
+        kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
+        model = model.but(columns=kept, applied=())
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
     model, effects = _with_refitted(model, refit, flight, config)
-    free = {c for c in model.columns if {c.mechanism, c.term} & set(refit) or c not in values}
-    fixed = np.array([np.nan if c in free else values[c] for c in model.columns], dtype=float)
+    values = [each.value if here or each.elsewhere is None else each.elsewhere for each in content.columns]
+    known = place.keys() - to_refit
+    fixed = np.array([values[place[c]] if c in known else np.nan for c in model.columns], dtype=float)
 
     def read_with(corrections: Errors) -> Fit:
         """The model where these are taken out of the record and `effects` are free within their tolerances."""
@@ -214,8 +213,8 @@ def _frozen(
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
         fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
         # What has no prior was found on this very record, and is taken out of it.
-        known = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
-        others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in known])
+        held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
+        others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])
         return replace(fit, problem=fit.problem.on(part), fixed=fixed, others=others)
 
     corrections: Errors = {}
@@ -224,7 +223,7 @@ def _frozen(
         own = {name: value for name, value in found.record_errors[0].items() if name[0] in effects}
         corrections = next_corrections(0, flight, model, own, corrections)
         found = read_with(corrections)
-    return found, left_out
+    return found, np.array([place.get(column, -1) for column in model.columns]), left_out
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:
@@ -278,16 +277,14 @@ def _with_refitted(
     return model, tuple(effects)
 
 
-def _covariance_of(content: SavedModel, fit: Fit, known: IntArray, elsewhere: bool) -> FloatArray:
-    """Covariance of the frozen coefficients, as the model's own file says; by their errors alone where it has none.
+def _covariance_of(content: SavedModel, order: IntArray, elsewhere: bool) -> FloatArray:
+    """Covariance of some coefficients, as the model's file says; by their errors alone where it has none.
 
     Not on its own flights, it is that of the coefficients that were fitted without what belongs to those alone.
     """
     stated = (content.covariance_elsewhere or content.covariance) if elsewhere else content.covariance
     errors = np.array([column.std_error or 0.0 for column in content.columns])
-    whole, mechanisms = np.array(stated) if stated else np.diag(errors**2), fit.data.frame.mechanisms
-    place = {column.regressor(mechanisms[column.mechanism]): k for k, column in enumerate(content.columns)}
-    order = [place[fit.model.columns[k]] for k in known]
+    whole = np.array(stated) if stated else np.diag(errors**2)
     return np.asarray(whole[np.ix_(order, order)], dtype=float)
 
 
@@ -376,9 +373,9 @@ def band_of(
 # ---- Errors and shares ----
 
 
-def _mean_square(moments: ResidualMoments, kept: BoolArray | None = None) -> float:
-    """Of both coefficients, over all that are usable or over what is kept of them (rows,)."""
-    return float(np.mean(np.abs(moments.body[moments.usable if kept is None else kept]) ** 2) / 2.0)
+def _mean_square(moments: ResidualMoments, kept: BoolArray) -> float:
+    """Of both coefficients, over the samples that are kept (rows,)."""
+    return float(np.mean(np.abs(moments.body[kept]) ** 2) / 2.0)
 
 
 def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
@@ -406,15 +403,10 @@ def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArra
     return there
 
 
-def _explained(measured: ResidualMoments, left: ResidualMoments, noise: float, flown: BoolArray) -> float:
-    """The share of the moments' mean square, noise aside, that a model explains over some of the samples."""
-    kept = left.usable & flown
+def _unexplained(measured: ResidualMoments, left: ResidualMoments, noise: float, kept: BoolArray) -> float:
+    """The share of the moments' mean square, noise aside, that a model does not explain over some samples (rows,)."""
+    kept = left.usable & kept
     if not np.any(kept):
-        return 0.0
-    without, error = (_mean_square(each, kept) for each in (measured, left))
-    return 1.0 - _beyond(error, without, noise)
-
-
-def _beyond(error: float, without: float, noise: float) -> float:
-    """A mean square as a share of that without a model, noise aside."""
+        return 1.0
+    error, without = (_mean_square(each, kept) for each in (left, measured))
     return max(error - noise, 0.0) / max(without - noise, 1e-300)

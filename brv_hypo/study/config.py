@@ -66,15 +66,10 @@ def planted_faults() -> Mapping[str, PlantedFault]:
         (ACCELEROMETERS, GRAVITY, "m/s^2 tagged g", "g tagged m/s^2"),
     ):
         for chosen in (*((name,) for name in names), names):
-            for value, label in ((factor, large), (1.0 / factor, small)):
-                name = f"{label}: {', '.join(chosen)}"
-                found.append(PlantedFault(name, chosen, "units", _scaled(chosen, value)))
-    for channel, factor, label in (
-        ("velocity", 1.0 / FEET, "ft/s tagged m/s"),
-        ("dynamic_pressure", 1.0 / PSF, "psf tagged Pa"),
-    ):
-        found.append(PlantedFault(f"{label}: {channel}", (channel,), "units", _scaled((channel,), factor)))
+            found += [_units(large, chosen, factor), _units(small, chosen, 1.0 / factor)]
     found += [
+        _units("ft/s tagged m/s", ("velocity",), 1.0 / FEET),
+        _units("psf tagged Pa", ("dynamic_pressure",), 1.0 / PSF),
         PlantedFault("q stuck", ("q",), "stuck", _changed("q", _stuck)),
         PlantedFault("ay clipped", ("ay",), "clipped", _changed("ay", _clipped)),
         PlantedFault("az clipped", ("az",), "clipped", _changed("az", _clipped)),
@@ -86,6 +81,10 @@ def planted_faults() -> Mapping[str, PlantedFault]:
         PlantedFault("az dead", ("az",), "dead", _scaled(("az",), 0.0)),
     ]
     return {fault.name: fault for fault in found}
+
+
+def _units(label: str, channels: tuple[str, ...], factor: float) -> PlantedFault:
+    return PlantedFault(f"{label}: {', '.join(channels)}", channels, "units", _scaled(channels, factor))
 
 
 def _scaled(names: Sequence[str], factor: float) -> Corruption:

@@ -1,19 +1,21 @@
-"""What makes a candidate acceptable: how it fits the fitted part, and whether the blocks held out agree with it.
+"""Which effect joins a model: a candidate as it is fitted, the blocks held out, all processes, repetitions.
 
-A `Candidate` is an effect as fitted beside a model, with its F-ratio and what its search costs. `Tried` is a candidate
+A `Candidate` is one effect as fitted beside a model, with its F-ratio and what its search costs. `Tried` is a candidate
 with what it does to the held-out error: `accepted` is the one test by which it joins the model. `choose` tries the
-candidates of a step, best first.
+candidates of a step, best first, and says how many repetitions name the one that is accepted.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import intervals, within_bounds
@@ -30,28 +32,36 @@ from brv_hypo.constants import (
     LOOP_BEYOND_DOUBT,
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
+    LOOP_REPEATED_BLOCKS,
+    LOOP_REPEATED_KNOTS,
+    LOOP_RIVALS,
     LOOP_SCHEDULE,
     LOOP_TRIES,
+    LOOP_WITH_EVIDENCE,
+    MODEL_TRIFLE,
+    REPEATED_ERRORS,
 )
 from brv_hypo.inference.fit import HypothesisFit, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.linearisation.channels import Part, Rows
+from brv_hypo.inference.rows import rows_of
+from brv_hypo.linearisation.channels import Part, Rows, split
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.contract import Component, RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
-from brv_hypo.model.term import Regressor
+from brv_hypo.model.model import Applied, Model
+from brv_hypo.model.term import Regressor, default_knots
 from brv_hypo.thresholds import SPECIFIC
-from brv_hypo.tracing.baseline import has_schedule
-from brv_hypo.tracing.fit import Fit, has_tolerance
+from brv_hypo.tracing.baseline import has_schedule, scheduled
+from brv_hypo.tracing.families import Beside, beside_processes
+from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
 
 _SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
 
-
-# ---- The fitted part ----
+# ---- One effect as fitted ----
 
 
 class History(NamedTuple):
@@ -96,8 +106,20 @@ class Candidate:
         """The record effect with its settings; None for moments."""
         return next((history.effect for history in self.variant.values()), None)
 
+    @property
+    def follows(self) -> str | None:
+        """The quantity by which its terms are a schedule of the flight's; None where they are none."""
+        return next((m.follows for m in self.fit.mechanisms if m.follows is not None), None)
 
-def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name: str, kind: Kind) -> Candidate:
+
+def candidate_of(
+    problem: Problem,
+    null: HypothesisFit,
+    fit: HypothesisFit,
+    kind: Kind,
+    variant: Variant | None = None,
+    file: MechanismFile | None = None,
+) -> Candidate:
     """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves within its bounds."""
     fit = _within_bounds(problem, fit)
     extra, free = fit.parameters - null.parameters, fit.samples - fit.parameters
@@ -106,7 +128,7 @@ def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name
     chosen = len({column.choice for column in fit.selected})
     before, after = (each.residual[: problem.rows.rates] for each in (null, fit))
     return Candidate(
-        name=name,
+        name=fit.name,
         kind=kind,
         fit=fit,
         gain=null.information - fit.information,
@@ -116,6 +138,8 @@ def candidate_of(problem: Problem, null: HypothesisFit, fit: HypothesisFit, name
         in_rates=float((before @ before - after @ after) / (fit.rss / fit.samples)),
         fall=f_ratio * extra * fit.efficiency,
         explains=1.0 - fit.rss / null.rss,
+        variant=variant or {},
+        file=file,
     )
 
 
@@ -132,32 +156,14 @@ def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
     return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
 
 
-def fitted_again(
-    problem: Problem, null: HypothesisFit, candidate: Candidate, columns: tuple[Regressor, ...] | None = None
-) -> Candidate:
-    """A candidate under the problem's noise, with its own columns or with others."""
-    fit = solved_again(problem, candidate.fit, columns)
-    found = candidate_of(problem, null, fit, candidate.name, candidate.kind)
-    return replace(found, variant=candidate.variant, file=candidate.file)
-
-
-def solved_again(problem: Problem, fit: HypothesisFit, columns: tuple[Regressor, ...] | None = None) -> HypothesisFit:
-    """A fit under the problem's noise, with its own columns or with others."""
-    every = (*problem.baseline, *(fit.selected if columns is None else columns))
+def solved_again(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """A fit on the problem's rows, under its noise."""
+    every = (*problem.baseline, *fit.selected)
     found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
-    if columns is None:
-        return replace(found, nonlinear=fit.nonlinear)
-    return replace(found, nonlinear=nonlinear_parameters(found.selected, fit.frame, problem.knots))
+    return replace(found, nonlinear=fit.nonlinear)
 
 
-def adjusted(tried: Sequence[Candidate]) -> dict[str, float]:
-    """p-values adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
-    found: dict[str, float] = {}
-    running = 0.0
-    for rank, candidate in enumerate(sorted(tried, key=lambda candidate: candidate.p_value)):
-        running = max(running, min((len(tried) - rank) * candidate.p_value, 1.0))
-        found[candidate.name] = running
-    return found
+# ---- Which are alike, which leads ----
 
 
 def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
@@ -178,7 +184,85 @@ def nearly_equal(one: Candidate, other: Candidate) -> bool:
     return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
 
 
-# ---- The blocks held out ----
+def best_first(
+    offered: Sequence[Candidate], evidences: Mapping[str, float]
+) -> Callable[[Candidate], tuple[float, float]]:
+    """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
+
+    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`.
+    """
+    most = max((evidences[each.name] for each in offered if each.name in evidences), default=-np.inf)
+    equal = {name for name, own in evidences.items() if own > most - SPECIFIC}
+    return lambda each: (-np.inf if each.name in equal else -evidences.get(each.name, -np.inf), -each.gain)
+
+
+def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The schedules that explain not much less than the best candidate, in their order."""
+    most = max((candidate.gain for candidate in ranked), default=0.0)
+    return tuple(c for c in ranked if c.follows is not None and c.gain >= LOOP_SCHEDULE * most)
+
+
+def ranked(candidates: Sequence[Candidate], known: Collection[str], scheduled: bool) -> tuple[Candidate, ...]:
+    """The candidates, the leader first; `known`: mechanisms that the model has.
+
+    The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
+    description in generic terms a name. Where the model is not `scheduled`, schedules that explain as much come first.
+    """
+    named = [each for each in candidates if each.kind != "discovered"]
+    evidences = {each.name: each.evidence for each in named if each.evidence is not None}
+    order = best_first(named, evidences)
+    better = dict.fromkeys(known, CONFOUNDED_NEAR)
+    found = sorted(named, key=lambda each: (order(each)[0], order(each)[1] - better.get(each.name, 0.0)))
+
+    def is_beaten(candidate: Candidate, by: Candidate) -> bool:
+        if candidate.evidence is not None and by.evidence is not None:
+            return by.evidence - candidate.evidence >= SPECIFIC
+        return by.gain - candidate.gain >= CONFOUNDED_NEAR
+
+    for described in (each for each in candidates if each.kind == "discovered"):
+        place = next((k for k, each in enumerate(found) if is_beaten(each, described)), len(found))
+        found.insert(place, described)
+    first = () if scheduled else schedules_first(found)
+    return (*first, *(candidate for candidate in found if candidate not in first))
+
+
+# ---- With it: the model, and the blocks held out ----
+
+
+def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
+    """The model with a candidate added, fitted to the fitted part of the flights.
+
+    Without an error of the record that it lacked, other errors had taken up some of it: with it they are estimated
+    anew, where that fits better. So they are beside a first schedule by Mach number, which the model then has smooth.
+    """
+    found = candidate.fit
+    if candidate.effect is None:
+        known = {mechanism.name: mechanism for mechanism in found.mechanisms}
+        model = fit.model + Model(mechanisms=known, columns=found.selected, added=(candidate.name,))
+        data = replace(fit.data, frame=found.frame)
+        if candidate.follows == "mach" and not has_schedule(fit.model):
+            return converged(data.originals, scheduled(model, data), data.config)
+        return Fit(model, data, replace(fit.problem, frame=found.frame, baseline=model.columns), fit.linear)
+    applied = []
+    for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):
+        number, (name, units, size), effect, _ = candidate.variant[column.term]
+        applied.append(Applied(effect=effect, component=name, units=units, size=size, value=value, flight=number))
+    model = fit.model + Model(applied=tuple(applied), added=(candidate.name,))
+    freed = {(each.flight, each.effect.name, each.component) for each in applied}
+    corrections = [
+        {name: value for name, value in known.items() if (number, *name) not in freed}
+        for number, known in enumerate(fit.data.corrections)
+    ]
+    flights, config = fit.data.originals, fit.data.config
+    data = correct(flights, model, config, corrections)
+    own, anew = fitted_about(data, model, fit.values, fit.problem.rows.noise), converged(flights, model, config)
+    return anew if anew.errors.mean_square * MODEL_TRIFLE < own.errors.mean_square else own
+
+
+def with_columns(fit: Fit, candidate: Candidate) -> Fit:
+    """The same regression with a candidate's columns."""
+    own = candidate.fit
+    return replace(fit, model=fit.model.but(columns=own.columns), data=replace(fit.data, frame=own.frame))
 
 
 class Agreement(NamedTuple):
@@ -254,8 +338,8 @@ def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate with the model that it makes, and what it did to the held-out part: `agreement` in both channels,
-    `ratio` of the moments' mean squares.
+    """A candidate with the model that it makes (`fit`), and what it did to the held-out part: `agreement` in both
+    channels, `ratio` of the moments' mean squares.
 
     `before` is the regression without the effect, `after` with its columns: an effect with a tolerance is fixed at zero
     before, though every other fit has it within its tolerance.
@@ -274,8 +358,8 @@ class Tried:
     """Whether every fit has it within its tolerance."""
     gain: float | None = None
     """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
-    of_majority: bool = True
-    """Whether it is of the family of processes that explains most of the residual, if one does."""
+    may_be_named: bool = True
+    """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
 
     @property
     def accepted(self) -> bool:
@@ -283,11 +367,10 @@ class Tried:
 
         What the evidence does not want beside them is refused where another family explains most of the residual.
         """
-        least = 0.0 if self.has_tolerance else -SPECIFIC
-        if self.gain is None:
+        if not self.agrees or self.gain is None:
             return self.agrees
-        may_be_named = self.of_majority or self.gain >= SPECIFIC or self.candidate.kind == "discovered"
-        return self.agrees and self.gain > least and may_be_named
+        least = 0.0 if self.has_tolerance else -SPECIFIC
+        return self.gain > least and (self.may_be_named or self.candidate.kind == "discovered")
 
     @property
     def agrees(self) -> bool:
@@ -333,6 +416,12 @@ class Choice:
     tried: tuple[Tried, ...]
     named_in: float | None = None
 
+    @cached_property
+    def chances(self) -> dict[str, float]:
+        """p-values, adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
+        known = {each.name: each.p_value for each in self.ranked}
+        return dict(zip(known, multipletests([*known.values()], method="holm")[1].tolist(), strict=True))
+
     @property
     def accepted(self) -> Tried | None:
         """The last that was tried, where the held-out part agrees with it; None where few repetitions name it."""
@@ -364,111 +453,134 @@ class Choice:
         return tuple(sorted(self.ranked, key=lambda candidate: rank.get(candidate.name, 2)))
 
 
-def choose(
-    fit: Fit,
-    candidates: Sequence[Candidate],
-    add: Callable[[Candidate], Fit],
-    weighed: Callable[[Fit], tuple[float, bool]],
-) -> Choice:
-    """Try the candidates that count on the held-out part, the best first, until one is taken.
+def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
+    """What is chosen of the candidates beside a fit, and how many repetitions name it."""
+    beside = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given)
+    choice = first_accepted(fit, with_evidence(fit, candidates, beside), beside)
+    if choice.accepted is None:
+        return choice
+    chosen = choice.accepted.candidate
+    offered = [each for each in choice.ranked if each.name not in choice.unwanted]
+    if chosen.follows is not None and not has_schedule(fit.model):
+        offered = list(schedules_first(offered))
+    if choice.refuted:
+        leaders = most_explaining(fit, [each for each in offered if each.name not in choice.refuted], chosen)
+    else:
+        leaders = likeliest_beside(beside, offered, chosen, fit)
+    return replace(choice, named_in=float(np.mean([each is chosen for each in leaders])))
+
+
+def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
+    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
+
+    So are all that change in time: on a coarse grid any of them may look like nothing.
+    """
+    found = []
+    for place, candidate in enumerate(candidates):
+        changes = any(m.time_variation != ("constant",) for m in candidate.fit.mechanisms)
+        leads = place < LOOP_WITH_EVIDENCE and candidate.gain > 0.0
+        if changes or leads or candidate.kind == "discovered":
+            gain, columns = beside.likeliest(candidate.fit)
+            if set(columns) != set(candidate.fit.selected):
+                candidate = _with_other(columns, candidate, fit)
+            candidate = replace(candidate, evidence=gain)
+        found.append(candidate)
+    return found
+
+
+def _with_other(columns: tuple[Regressor, ...], candidate: Candidate, fit: Fit) -> Candidate:
+    """A candidate with these columns."""
+    own, problem, every = candidate.fit, fit.problem, (*fit.problem.baseline, *columns)
+    found = solved(Reduced(problem, own.frame), own.name, own.mechanisms, every, own.searched)
+    found = replace(found, nonlinear=nonlinear_parameters(columns, own.frame, problem.knots))
+    return candidate_of(problem, fit.null, found, candidate.kind, candidate.variant, candidate.file)
+
+
+def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
+    """Try the candidates that count on the held-out part, the best first, until one is accepted.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
-    tolerance that every fit allows it. `weighed`: what the last effect of a model gains beside all processes, and
-    whether no other family explains most of the residual.
+    tolerance that every fit allows it.
     """
     significance, problem = fit.data.config.significance, fit.problem
-    ranked = _ranked(candidates, {column.mechanism for column in problem.baseline})
-    first = () if has_schedule(fit.model) else schedules_first(ranked)
-    ranked = (*first, *(candidate for candidate in ranked if candidate not in first))
-    chances, tried = adjusted(ranked), list[Tried]()
-    waiting = list(ranked)
+    order = ranked(candidates, {column.mechanism for column in problem.baseline}, has_schedule(fit.model))
+    choice, tried, waiting = Choice(order, ()), list[Tried](), list(order)
     while waiting and len(tried) < LOOP_TRIES:
         candidate = waiting.pop(0)
-        if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or chances[candidate.name] > significance:
+        if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or choice.chances[candidate.name] > significance:
             continue
-        certain = chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
+        certain = choice.chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
         if fit.residual.white and not certain and not has_tolerance(problem, candidate.name):
             continue
         if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             continue
-        found = _try(fit, candidate, certain, add)
-        if found.agrees:
-            gain, of_majority = weighed(found.fit)
-            found = replace(found, gain=gain, of_majority=of_majority)
-        tried.append(found)
-        if found.accepted:
+        tried.append(_try(fit, candidate, certain, beside))
+        if tried[-1].accepted:
             break
-        if not found.agrees:
+        if not tried[-1].agrees:
             waiting.sort(key=lambda each: (each.kind == "discovered", -each.gain))
-    return Choice(ranked, tuple(tried))
+    return replace(choice, tried=tuple(tried))
 
 
-def _try(fit: Fit, candidate: Candidate, certain: bool, add: Callable[[Candidate], Fit]) -> Tried:
-    added, before, after = add(candidate), fit, with_columns(fit, candidate)
+def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried:
+    """A candidate added to the model; weighed beside processes where the held-out part agrees with it."""
+    added, before, after = with_candidate(fit, candidate), fit, with_columns(fit, candidate)
     if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
         others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
         before = replace(fit, others=np.array(others))
     agrees = agreement(fit.problem, fit.data.held_out, before.rest, after.rest)
     new, old = added.held_out, before.held_out
     ratio, error = new.mean_square / old.mean_square, jackknife_error(new.left_out / old.left_out)
-    return Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
+    tried = Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
+    if not tried.agrees:
+        return tried
+    there, own = beside_processes(added, fit.model, added.data.fitted), added.model.added[-1]
+    gain = there.gain(own)
+    gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
+    named = gain >= SPECIFIC or beside.majority in (None, there.families[own])
+    return replace(tried, gain=gain, may_be_named=named)
 
 
-def with_columns(fit: Fit, candidate: Candidate) -> Fit:
-    """The same regression with a candidate's columns."""
-    own = candidate.fit
-    return replace(fit, model=fit.model.but(columns=own.columns), data=replace(fit.data, frame=own.frame))
+# ---- Repetitions ----
 
 
-def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The schedules that explain not much less than the best candidate, in their order; see `is_schedule`."""
-    most = max((candidate.gain for candidate in ranked), default=0.0)
-    return tuple(c for c in ranked if is_schedule(c) and c.gain >= LOOP_SCHEDULE * most)
+def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> Iterator[Candidate]:
+    """Of each repetition what gains most beside all processes, a generic description far more than its rivals."""
+    rivals = [own, *[each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]]
+    for problem in _repetitions(beside.rows.problem, fit):
+        again = replace(beside, rows=rows_of(problem, beside.point))
+        gains = {each.name: again.gain_of(each.fit) for each in rivals}
+        for each in rivals[1:]:
+            gains[each.name] -= SPECIFIC if each.kind == "discovered" else 0.0
+        yield min(rivals, key=best_first(rivals, gains))
 
 
-def is_schedule(candidate: Candidate) -> bool:
-    """Whether a candidate's terms are a schedule of the flight's."""
-    return any(mechanism.follows is not None for mechanism in candidate.fit.mechanisms)
+def most_explaining(fit: Fit, offered: Sequence[Candidate], own: Candidate) -> Iterator[Candidate]:
+    """Of each repetition what explains more than every other name, processes apart."""
+    named = sorted((each for each in offered if each.kind != "discovered"), key=lambda each: -each.gain)
+    rivals = [each for each in offered if each is own or each in named[: LOOP_RIVALS + 1]]
+    for problem in _repetitions(fit.problem, fit):
+        criteria = [solved_again(problem, each.fit).information for each in rivals]
+        yield rivals[int(np.argmin(criteria))]
 
 
-def follows_mach(candidate: Candidate) -> bool:
-    """Whether they are one by Mach number, which a model may have smooth."""
-    return any(mechanism.follows == "mach" for mechanism in candidate.fit.mechanisms)
-
-
-def best_first(
-    offered: Sequence[Candidate], evidences: Mapping[str, float]
-) -> Callable[[Candidate], tuple[float, float]]:
-    """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
-
-    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`.
-    """
-    most = max((evidences[each.name] for each in offered if each.name in evidences), default=-np.inf)
-    equal = {name for name, own in evidences.items() if own > most - SPECIFIC}
-    return lambda each: (-np.inf if each.name in equal else -evidences.get(each.name, -np.inf), -each.gain)
-
-
-def _ranked(candidates: Sequence[Candidate], known: Collection[str]) -> tuple[Candidate, ...]:
-    """The candidates, the leader first.
-
-    The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
-    description in generic terms a name.
-    """
-    named = [each for each in candidates if each.kind != "discovered"]
-    evidences = {each.name: each.evidence for each in named if each.evidence is not None}
-    order = best_first(named, evidences)
-    better = dict.fromkeys(known, CONFOUNDED_NEAR)
-    ranked = sorted(named, key=lambda each: (order(each)[0], order(each)[1] - better.get(each.name, 0.0)))
-
-    def is_beaten(candidate: Candidate, by: Candidate) -> bool:
-        if candidate.evidence is not None and by.evidence is not None:
-            return by.evidence - candidate.evidence >= SPECIFIC
-        return by.gain - candidate.gain >= CONFOUNDED_NEAR
-
-    for described in (each for each in candidates if each.kind == "discovered"):
-        place = next((k for k, each in enumerate(ranked) if is_beaten(each, described)), len(ranked))
-        ranked.insert(place, described)
-    return tuple(ranked)
+def _repetitions(problem: Problem, fit: Fit) -> Iterator[Problem]:
+    """The problem with other blocks, other knots, and another inertia and dynamic pressure."""
+    data, config = fit.data, fit.data.config
+    for share in LOOP_REPEATED_BLOCKS:
+        fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
+        yield problem.on(fitted)
+    start, stop = float(data.frame.time.min()), float(data.frame.time.max())
+    for more in LOOP_REPEATED_KNOTS:
+        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
+    nuisances = problem.rows.nuisances
+    for effect in REPEATED_ERRORS:
+        for side in (-1.0, 1.0):
+            items = tuple(
+                replace(item, present=item.present + side) if item.name == effect else item for item in nuisances.items
+            )
+            if items != nuisances.items:
+                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))

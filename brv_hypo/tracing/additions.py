@@ -9,7 +9,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from brv_hypo.constants import MODEL_TRIFLE, RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
+from brv_hypo.constants import RECORD_EFFECT_CLOSER, RECORD_EFFECT_LARGEST
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
 from brv_hypo.inference.noise import estimated_noise, raised_noise
 from brv_hypo.inference.problem import Problem, given_column
@@ -19,42 +19,15 @@ from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
-from brv_hypo.model.model import Applied, Model
+from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, fitted_again, solved_again
+from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, solved_again
 from brv_hypo.tracing.description import discover
-from brv_hypo.tracing.fit import Fit, converged, fitted_about, with_efficiency
+from brv_hypo.tracing.fit import Fit, with_efficiency
 
 _SPENT = 1e-6  # of a column that is left beside others, below which it says nothing
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
-
-
-def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
-    """The model with a candidate added, fitted to the fitted part of the flights.
-
-    Without an error of the record that it lacked, other errors had taken up some of it: with it they are estimated
-    anew, where that fits better.
-    """
-    found = candidate.fit
-    if candidate.effect is None:
-        known = {mechanism.name: mechanism for mechanism in found.mechanisms}
-        model = fit.model + Model(mechanisms=known, columns=found.selected, added=(candidate.name,))
-        problem = replace(fit.problem, frame=found.frame, baseline=model.columns)
-        return Fit(model, replace(fit.data, frame=found.frame), problem, fit.linear)
-    applied = []
-    for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):
-        number, (name, units, size), effect, _ = candidate.variant[column.term]
-        applied.append(Applied(effect=effect, component=name, units=units, size=size, value=value, flight=number))
-    model = fit.model + Model(applied=tuple(applied), added=(candidate.name,))
-    freed = {(each.flight, each.effect.name, each.component) for each in applied}
-    corrections = [
-        {name: value for name, value in known.items() if (number, *name) not in freed}
-        for number, known in enumerate(fit.data.corrections)
-    ]
-    own = fitted_about(fit.data.again(model, corrections), model, fit.values, fit.problem.rows.noise)
-    anew = converged(fit.data.originals, model, fit.data.config)
-    return anew if anew.errors.mean_square * MODEL_TRIFLE < own.errors.mean_square else own
 
 
 def analyse_step(
@@ -79,7 +52,9 @@ def analyse_step(
     found = [candidate for candidate in tried if candidate is not None]
     if found:
         fit = replace(fit, problem=with_efficiency(fit.problem, likeliest([each.fit for each in found])))
-        found = [fitted_again(fit.problem, fit.null, candidate) for candidate in found]
+        fits = [replace(each.fit, efficiency=fit.problem.efficiency) for each in found]
+        pairs = zip(fits, found, strict=True)
+        found = [candidate_of(fit.problem, fit.null, own, each.kind, each.variant) for own, each in pairs]
         for place, candidate in enumerate(found):
             if len(catalogue.get(candidate.name, ())) > 1:
                 fit, found[place] = _closer(fit, candidate)
@@ -137,7 +112,7 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
     if not found:
         return None
     best, variant = min(found, key=lambda pair: pair[0].information)
-    return replace(candidate_of(problem, fit.null, best, best.name, effect.kind), variant=variant)
+    return candidate_of(problem, fit.null, best, next(iter(variant.values())).effect.kind, variant)
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
@@ -167,16 +142,16 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
     """
     problem = fit.problem
     if len(problem.records) == 1:
-        found = fit_hypothesis(sharp, mechanism.name, (mechanism,))
-        fits = [solved_again(problem, found)] if found.selected else []
+        own = fit_hypothesis(sharp, mechanism.name, (mechanism,))
+        fits = [solved_again(problem, own)] if own.selected else []
     else:
         frame, grid = problem.frame.with_mechanisms([mechanism]), theta_grid(mechanism)
         together = [grid] if mechanism.several_parameters_at_once else [(theta,) for theta in grid]
         offered = [_offered(problem, frame, mechanism, thetas) for thetas in together]
         searched = len({column for offer in offered for column in offer})
-        own = mechanism.name, (mechanism,), frame
-        fits = [each for offer in offered for each in forward(problem, *own, offer, searched)]
-    return candidate_of(problem, fit.null, likeliest(fits), mechanism.name, "mechanism") if fits else None
+        named = mechanism.name, (mechanism,), frame
+        fits = [each for offer in offered for each in forward(problem, *named, offer, searched)]
+    return candidate_of(problem, fit.null, likeliest(fits), "mechanism") if fits else None
 
 
 def _offered(

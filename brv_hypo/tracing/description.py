@@ -9,9 +9,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from brv_hypo.constants import (
     DESCRIBED_TIMED,
     TURNING_RATES,
 )
-from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, solved
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import fastest_turning
@@ -102,7 +102,7 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
     Of several flights, what all share: nothing that follows the record's time.
     """
     one = len(motions) == 1
-    found = [*(_turning(motions[0]) if one else ()), *_harmonics(), *_round_the_body(), *_powers()]
+    found = [*(_turning(motions[0]) if one else ()), *_throughout()]
     for quantity in list(_QUANTITIES) if one else list(_QUANTITIES)[:-1]:
         values = np.concatenate([values_of(motion, quantity) for motion in motions])
         low, high = float(np.min(values)), float(np.max(values))
@@ -138,39 +138,25 @@ def _turning(motion: Motion) -> list[Entry]:
     return [entry(float(rate)) for rate in rates if abs(rate) > 0.5 * step]
 
 
-def _harmonics() -> list[Entry]:
-    """Harmonics of the windward meridian, in and out of plane, constant or with alpha."""
+def _throughout() -> list[Entry]:
+    """Harmonics of the windward meridian, in and out of plane; moments of any direction that turn with it (in plane and
+    out of plane harmonics together; once round is fixed in the body); powers of alpha, also times the rates.
+    """
     found = []
     for harmonic, power, axis in itertools.product((1, 2, 3, 4), (0, 1), _PLANE):
         waves = [Factor(of="windward_meridian", function=function, rate=float(harmonic)) for function in _WAVES]
         terms = tuple(_term(f"{axis} {w.function} {harmonic} phi_w{_POWER[power]}", axis, power, (w,)) for w in waves)
         words = f"{_SIDES[axis]} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}"
         found.append(Entry(words, terms))
-    return found
-
-
-def _round_the_body() -> list[Entry]:
-    """Moments of any direction that turn with the windward meridian: in plane and out of plane harmonics together.
-
-    Once round is fixed in the body.
-    """
-    found = []
     for times, power in itertools.product((-3, -2, -1, 2, 3, 4), (0, 1)):
         turn, name = Turn(of="windward_meridian", rate=float(times)), f"turned by {times} phi_w{_POWER[power]}"
-        terms = tuple(_term(f"{axis} {name}", axis, power, turn=turn) for axis in _PLANE)
         turns = f"turns {_TIMES[abs(times)]} {'against' if times < 0 else 'with'} the windward meridian"
+        terms = tuple(_term(f"{axis} {name}", axis, power, turn=turn) for axis in _PLANE)
         found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms))
-    return found
-
-
-def _powers() -> list[Entry]:
-    """Powers of alpha, in and out of plane and times the rates."""
-    found = []
     for axis, powers in _POWERS.items():
         for power in powers:
             how = _POWER[power].replace(" times", " with") or ", constant"
-            words = f"{_SIDES[axis]} moment{how}"
-            found.append(Entry(words, (_term(f"{axis}{_POWER[power]}", axis, power),)))
+            found.append(Entry(f"{_SIDES[axis]} moment{how}", (_term(f"{axis}{_POWER[power]}", axis, power),)))
     return found
 
 
@@ -218,15 +204,14 @@ def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | No
     """The entry of the dictionary that describes best what the model does not explain; None if there is none."""
     search = _Search(problem, name, entries(problem.frame.motions))
     gains = search.gains(search.offered)
-    found = [search.described(search.best(gains), len(gains))] if gains and max(gains) > 0.0 else []
+    found = [search.fitted(search.best(gains), _ALWAYS, len(gains))] if gains and max(gains) > 0.0 else []
     if len(problem.records) == 1:
         found += search.all_timed()
     if not found:
         return None
-    fit = min(found, key=_information).fit
+    fit = likeliest(found)
     terms = as_terms(fit.selected, fit.values[fit.baseline_size :], fit.mechanisms[0])
-    file = file_of(name, fit.mechanisms[0].title, terms)
-    return replace(candidate_of(problem, null, fit, name, "discovered"), file=file)
+    return candidate_of(problem, null, fit, "discovered", file=file_of(name, fit.mechanisms[0].title, terms))
 
 
 def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
@@ -249,23 +234,16 @@ def as_terms(columns: Sequence[Regressor], values: FloatArray, mechanism: Mechan
     return tuple(found)
 
 
-class _Described(NamedTuple):
-    """A description as fitted, and the dictionary's entry that it is."""
-
-    fit: HypothesisFit
-    entry: Entry
-
-
-def _information(each: _Described) -> float:
-    return each.fit.information
-
-
 class _Changing(YamlMechanism):
     """An entry of the dictionary, constant or with jumps, its terms the components of one vector."""
 
     name: str = "changing"  # type: ignore[misc]
     time_variation = ("constant", "jump")
     terms_enter_together = True
+
+
+_Placed = tuple[Entry, _Bases, int]
+"""An entry at its best place, how it changes in time, and of how many choices it is one."""
 
 
 @dataclass(frozen=True)
@@ -319,36 +297,36 @@ class _Search:
             spacing /= DESCRIBED_FINER
         return entry
 
-    def all_timed(self) -> list[_Described]:
+    def all_timed(self) -> list[HypothesisFit]:
         """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them
         with times anew at its own place: beside a place a jump more makes up for what is off.
         """
         offered = [entry for entry in self.offered if entry.follows is None]
-        found = [self._timed(entry) for entry in self._over_stretches(offered)]
-        if not found:
-            return found
-        best = min(found, key=_information)
-        bases = tuple(dict.fromkeys(column.time_basis for column in best.fit.selected))
-        gains = [self.gains([entry], bases)[0] for entry in offered]
-        return found + [self._timed(entry) for entry in (offered[int(np.argmax(gains))], best.entry)]
+        placed = [self._timed(entry) for entry in self._over_stretches(offered)]
+        if not placed:
+            return []
+        found = [self.fitted(*each) for each in placed]
+        (entry, bases, _), _ = min(zip(placed, found, strict=True), key=lambda pair: pair[1].information)
+        gains = [self.gains([each], bases)[0] for each in offered]
+        return found + [self.fitted(*self._timed(each)) for each in (offered[int(np.argmax(gains))], entry)]
 
-    def _timed(self, entry: Entry) -> _Described:
+    def _timed(self, entry: Entry) -> _Placed:
         """An entry with jumps in time where they explain most, and then at its own best place."""
         mechanism = _Changing(definition=entry.terms)
         fit = fit_hypothesis(self.problem, mechanism.name, (mechanism,))
         bases = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
         sets = len(self.offered) * math.comb(fit.searched, len(bases))
         searched = next(count for count in itertools.count(len(bases)) if math.comb(count, len(bases)) >= sets)
-        return self.described(self.moved(entry, bases), searched, bases)
+        return self.moved(entry, bases), bases, searched
 
-    def described(self, entry: Entry, searched: int, bases: _Bases = _ALWAYS) -> _Described:
-        """An entry, changing in time like this, fitted, as one of so many choices."""
+    def fitted(self, entry: Entry, bases: _Bases, searched: int) -> HypothesisFit:
+        """An entry, changing in time like this, as one of so many choices."""
         times = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
         words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
         mechanism = mechanism_of(file_of(self.name, words, entry.terms))
         reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
         columns = (*self.problem.baseline, *_columns(self.name, entry, bases))
-        return _Described(solved(reduced, self.name, (mechanism,), columns, searched), entry)
+        return solved(reduced, self.name, (mechanism,), columns, searched)
 
     def _over_stretches(self, offered: Sequence[Entry]) -> list[Entry]:
         """The entries that explain most over some stretch of time; of neighbours the best alone."""

@@ -27,10 +27,10 @@ from brv_hypo.constants import RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
-from brv_hypo.inference.problem import Problem, given_column
+from brv_hypo.inference.problem import given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.rows import Rows, Terms, rows_of
+from brv_hypo.inference.rows import Rows, Terms
 from brv_hypo.linearisation.channels import Part
 from brv_hypo.linearisation.channels import Rows as Histories
 from brv_hypo.linearisation.nuisance import on_frame
@@ -104,10 +104,6 @@ class Beside:
             return fit, maximised(self.rows, terms, self.start)
         like = replace(fit, frame=self.rows.problem.frame.with_mechanisms(fit.mechanisms))
         return fitted(self.rows.problem, like, fit.selected, self.null)
-
-    def under(self, problem: Problem) -> Beside:
-        """The same on another part of the record, or with other errors."""
-        return replace(self, rows=rows_of(problem, self.point))
 
     @cached_property
     def whole(self) -> Evidence:

@@ -30,7 +30,7 @@ from brv_hypo.constants import (
 )
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import identify
-from brv_hypo.inference.derivatives import Along, Derivative, along_flight, along_flights, damping
+from brv_hypo.inference.derivatives import Along, Derivative, along_flight, along_flights, damping, slope
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import Regressed
 from brv_hypo.inference.refinement import FINAL
@@ -53,8 +53,6 @@ from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, St
 _OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 # What a static moment may be a function of.
 _FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds")
-# Differences of the angle of attack, rad: the moment of a power of it is linear over less than 1e-7 of itself.
-_STEP = 1e-4
 _ALWAYS = TimeBasis("constant")
 
 
@@ -149,41 +147,27 @@ def stability_in_words(slopes: Sequence[Derivative], moment: str = "static momen
 
 
 def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
-    zero = np.array(slope.at_zero), np.array(slope.at_zero_std_error)
-    flown = np.array(slope.at_flown), np.array(slope.at_flown_std_error)
     margin, beyond = STABLE_SIGMAS if doubt else -STABLE_SIGMAS, np.array(slope.extrapolated)
-    alpha = np.degrees(slope.alpha_rad)
-    near, far = (values + margin * errors >= 0.0 for values, errors in (zero, flown))
+    zero = np.array([slope.at_zero, slope.at_zero_std_error])
+    flown = np.array([slope.at_flown, slope.at_flown_std_error])
     sentences = []
-    if np.any(at_flown := far & beyond):
-        worst = _worst(flown, at_flown)
-        sentences.append(
-            f"At the angle flown the {moment} {_said(flown, worst)} {_when(slope, at_flown)}: {_sized(flown, worst)} "
-            f"per rad at {slope.time_s[worst]:.0f} s and {alpha[worst]:.2g} deg."
-        )
-    if np.any(measured := near & ~beyond):
-        worst = _worst(zero, measured)
-        sentences.append(
-            f"At alpha = 0 the {moment} {_said(zero, worst)} {_when(slope, measured)}: {_sized(zero, worst)} per rad "
-            f"at {slope.time_s[worst]:.0f} s, and {_sized(flown, worst)} at the {alpha[worst]:.2g} deg flown there."
-        )
+    for (values, errors), where in ((flown, beyond), (zero, ~beyond)):
+        chosen = where & (values + margin * errors >= 0.0)
+        if not np.any(chosen):
+            continue
+        worst = int(np.argmax(np.where(chosen, values / np.maximum(errors, 1e-300), -np.inf)))
+        said = "is unstable" if values[worst] > STABLE_SIGMAS * errors[worst] else "is not significantly stable"
+        words = f"the {moment} {said} {_when(slope, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
+        time, alpha = f"{slope.time_s[worst]:.0f} s", f"{np.degrees(slope.alpha_rad[worst]):.2g} deg"
+        if where is beyond:
+            sentences.append(f"At the angle flown {words}{time} and {alpha}.")
+        else:
+            sentences.append(f"At alpha = 0 {words}{time}, and {_sized(*flown[:, worst])} at the {alpha} flown there.")
     return " ".join(sentences)
 
 
-Estimated = tuple[FloatArray, FloatArray]  # values and standard errors (places,)
-
-
-def _worst(known: Estimated, chosen: BoolArray) -> int:
-    """The place among those chosen that is unstable by most standard errors."""
-    return int(np.argmax(np.where(chosen, known[0] / np.maximum(known[1], 1e-300), -np.inf)))
-
-
-def _said(known: Estimated, place: int) -> str:
-    return "is unstable" if known[0][place] > STABLE_SIGMAS * known[1][place] else "is not significantly stable"
-
-
-def _sized(known: Estimated, place: int) -> str:
-    return f"{number(known[0][place], 2)} ± {number(known[1][place], 1)}"
+def _sized(value: float, error: float) -> str:
+    return f"{number(value, 2)} ± {number(error, 1)}"
 
 
 def _when(slope: Derivative, chosen: BoolArray) -> str:
@@ -240,25 +224,20 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
 
 def estimates(found: Coefficients, data: Corrected) -> tuple[TermEstimate, ...]:
     """Coefficients with their standard errors, as a result has them."""
-    sigmas = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)).tolist()
-    known = zip(found.columns, found.values.tolist(), sigmas, strict=True)
-    return tuple(_estimate(data, column, value, sigma) for column, value, sigma in known)
-
-
-def _estimate(data: Corrected, column: Regressor, value: float, sigma: float) -> TermEstimate:
-    basis, number = column.time_basis, column.flight or 0
-    time = data.flights[number].time
-    acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
-    return estimate(
-        column.label + _of_flight(data, column.flight),
-        BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism,
-        value,
-        sigma,
-        column.units,
-        channel=channel_of(column, data.frame.mechanisms, data.reconstructions[number].motion),
-        region_s=None if basis.kind == "constant" else acts,
-        delay_s=column.delay,
-    )
+    sigmas, out = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)).tolist(), []
+    for column, value, sigma in zip(found.columns, found.values.tolist(), sigmas, strict=True):
+        basis, reconstruction = column.time_basis, data.reconstructions[column.flight or 0]
+        time = reconstruction.flight.time
+        acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
+        where = {
+            "channel": channel_of(column, data.frame.mechanisms, reconstruction.motion),
+            "region_s": None if basis.kind == "constant" else acts,
+            "delay_s": column.delay,
+        }
+        mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
+        label = column.label + _of_flight(data, column.flight)
+        out.append(estimate(label, mechanism, value, sigma, column.units, **where))
+    return tuple(out)
 
 
 def _of_flight(data: Corrected, number: int | None) -> str:
@@ -383,11 +362,11 @@ def slopes_at(
     out, mechanisms = np.zeros((motion.time.size, len(columns))), data.frame.mechanisms
     places = [j for j, c in enumerate(columns) if c.acts_on(number) and _is_static(mechanisms[c.mechanism])]
     chosen = [columns[j] for j in places]
-    more, less = (
-        evaluated(chosen, mechanisms, replace(motion, alpha=alpha + side, history=None)) for side in (_STEP, 0.0)
-    )
-    for j, column, high, low in zip(places, chosen, more, less, strict=True):
-        out[:, j] = (high.in_plane - low.in_plane) / _STEP * column.time_basis(motion.coefficient_time)
+    less, more, step, _ = slope(motion, alpha)
+    assert less is not None  # a derivative is between two motions
+    low, high = (evaluated(chosen, mechanisms, each) for each in (less, more))
+    for j, column, before, after in zip(places, chosen, low, high, strict=True):
+        out[:, j] = (after.in_plane - before.in_plane) / step * column.time_basis(motion.coefficient_time)
     return out
 
 

@@ -88,10 +88,6 @@ class Corrected:
         """The records as they are read."""
         return tuple(reconstruction.flight for reconstruction in self.frame.reconstructions)
 
-    def again(self, model: Model, corrections: Sequence[Errors] | None = None) -> Corrected:
-        """The same flights read with another model, or with other corrections."""
-        return correct(self.originals, model, self.config, self.corrections if corrections is None else corrections)
-
     def rows_of(self, number: int) -> IntArray:
         """Rows of the frame that belong to one flight."""
         return np.flatnonzero(self.frame.flight_of_row == number)
@@ -442,7 +438,8 @@ def refitted(fit: Fit) -> Fit:
             for a in fit.model.applied
         )
         model = fit.model.but(applied=applied)
-        found = fitted_about(fit.data.again(model), model, fit.values, fit.problem.rows.noise)
+        data = correct(fit.data.originals, model, fit.data.config, fit.data.corrections)
+        found = fitted_about(data, model, fit.values, fit.problem.rows.noise)
         if found.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
             break
         fit = found
@@ -456,7 +453,8 @@ def _residual_of(fit: Fit) -> Residual:
     """Of several flights, size and place are those of the one with the largest residual against its noise."""
     data, left = fit.data, fit.left
     every = [rows[left.usable[rows]] for rows in map(data.rows_of, range(len(data.records)))]
-    ratios = [_excess(left.body[rows], left.noise[rows]) if rows.size else 0.0 for rows in every]
+    squares = np.abs(left.body) ** 2
+    ratios = [float(np.mean(squares[k]) / 2.0 / np.mean(left.noise[k] ** 2)) if k.size else 0.0 for k in every]
     number = int(np.argmax(ratios))
     motion, body = data.reconstructions[number].motion, left.body[every[number]]
     samples = data.samples_of(number)
@@ -466,20 +464,15 @@ def _residual_of(fit: Fit) -> Residual:
     p_value, frequency = _whiteness(fit), _dominant(body, float(np.median(np.diff(time))))
     return Residual(
         flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(np.mean(np.abs(body) ** 2) / 2.0)),
+        rms=float(np.sqrt(np.mean(squares[every[number]]) / 2.0)),
         white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
         p_value=p_value,
         noise_ratio=ratios[number],
         worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
-        worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
+        worst_region_s=_worst_region(time, motion.time[samples], squares[every[number]]),
         dominant_frequency_hz=frequency,
         dominant_frequency_is=_name_frequency(motion, frequency),
     )
-
-
-def _excess(body: ComplexArray, sigma: FloatArray) -> float:
-    """Mean square of residual moments (n,) over that of their noise."""
-    return float(np.mean(np.abs(body) ** 2) / 2.0 / np.mean(sigma**2))
 
 
 def _whiteness(fit: Fit) -> float:
@@ -524,16 +517,14 @@ def _name_frequency(motion: Motion, frequency: float) -> str:
     """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
     resolution = REPORTED_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
     rates = {"roll rate": motion.p, "windward-meridian rate": motion.windward_meridian_rate}
-    away, name = min(
-        (
-            abs(abs(frequency) - multiple * abs(float(np.mean(rate))) / (2.0 * np.pi)),
-            f"{multiple} x {name}" if multiple > 1 else name,
-        )
+    away, multiple, name = min(
+        (abs(abs(frequency) - multiple * abs(float(np.mean(rate))) / (2.0 * np.pi)), multiple, name)
         for name, rate in rates.items()
         for multiple in (1, 2, 3)
     )
-    near = away < max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency))
-    return name if near else "not a multiple of the roll or meridian rate"
+    if away >= max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency)):
+        return "not a multiple of the roll or meridian rate"
+    return f"{multiple} x {name}" if multiple > 1 else name
 
 
 def has_tolerance(problem: Problem, effect: str) -> bool:

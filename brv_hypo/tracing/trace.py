@@ -7,7 +7,7 @@ The final model is refined by maximum likelihood on the measurements themselves 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -16,53 +16,45 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.comparison.summary import record_summary
-from brv_hypo.constants import (
-    HELD_OUT_SHORTEST,
-    LOOP_REPEATED_BLOCKS,
-    LOOP_REPEATED_KNOTS,
-    LOOP_RIVALS,
-    LOOP_WITH_EVIDENCE,
-    REPEATED_ERRORS,
-    TRACED_SMALLEST,
-)
+from brv_hypo.constants import FINDING_SHOWN, HELD_OUT_SHORTEST, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
-from brv_hypo.inference.problem import Problem
-from brv_hypo.linearisation.channels import split
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
+from brv_hypo.inference.problem import GIVEN
+from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, restored
-from brv_hypo.model.term import TimeBasis, default_knots, term_column
+from brv_hypo.model.term import TimeBasis, term_column
 from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
-from brv_hypo.tracing.acceptance import (
-    Candidate,
-    Choice,
-    adjusted,
-    best_first,
-    choose,
-    confounded,
-    fitted_again,
-    follows_mach,
-    is_schedule,
-    schedules_first,
-    solved_again,
-)
-from brv_hypo.tracing.account import step_of
-from brv_hypo.tracing.additions import analyse_step, with_candidate
-from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
+from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded, with_columns
+from brv_hypo.tracing.additions import analyse_step
+from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model, starting_columns, with_priors
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, converged, correct, fitted_about, refitted
-from brv_hypo.tracing.result import Account, Baseline, Step, Stop, Trace, TraceConfig, TraceSettings
+from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
+from brv_hypo.tracing.result import (
+    Account,
+    Baseline,
+    Errors,
+    FlightLeftOut,
+    Step,
+    Stop,
+    Trace,
+    TraceConfig,
+    TraceSettings,
+    TriedCandidate,
+    lasting_steps,
+)
+
+_REPORTED = 8  # candidates in a step's table
 
 
 @takes_settings(TraceConfig)
@@ -124,10 +116,11 @@ def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str]
             discovery = turn.discovery
         fit = turn.after or turn.before
         if turn.after is None:
-            stopped = turn.reason
+            nothing_more: Stop = "white" if turn.step.residual.white else "nothing significant"
+            stopped = "nothing improves held-out error" if turn.step.refused else nothing_more
             break
     first, fit = turns[0].before, refitted(fit)
-    steps = confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
+    steps = _confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
     result = gathered(fit, first.left, steps, _account(turns, fit), stopped, discovery)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
@@ -200,13 +193,6 @@ class Turn(NamedTuple):
     after: Fit | None
     discovery: MechanismFile | None
 
-    @property
-    def reason(self) -> Stop:
-        """Why the loop ends with a step that led to nothing."""
-        if self.step.refused:
-            return "nothing improves held-out error"
-        return "white" if self.step.residual.white else "nothing significant"
-
 
 def _turn(
     number: int, fit: Fit, mechanisms: Sequence[Mechanism], effects: Sequence[RecordEffect], before: Sequence[Step]
@@ -222,12 +208,13 @@ def _turn(
     timed = [m for m in usable if m.time_variation != ("constant",)]
     untried = [m for m in usable if m not in bends and (m in timed or not _has_everywhere(m.name, model, len(flights)))]
     others = [e for e in effects if not _has_everywhere(e.name, model, len(flights))]
-    here, choice = _choice(*analyse_step(fit, untried, others, config.discover))
+    here, candidates = analyse_step(fit, untried, others, config.discover)
+    choice = choose(here, candidates)
     if choice.accepted is None and bends:
         # Every effect is tried beside the bend that bodies have. Whether this one has any is tried once nothing else is
         # added, of a model without it.
-        bare = fitted_about(fit.data, model.without([StaticBend.name]))
-        there, named = _choice(*analyse_step(bare, bends, ()))
+        there, candidates = analyse_step(fitted_about(fit.data, model.without([StaticBend.name])), bends, ())
+        named = choose(there, candidates)
         if named.accepted is not None:
             here, choice, before = there, named, ()
     step, after = step_of(number, here, choice, before), None
@@ -240,46 +227,16 @@ def _turn(
         if gone := unwanted(after, earlier):
             after = converged(flights, after.model.without(gone), config)
             step = step.model_copy(update={"removed": gone})
-    return Turn(step, here, after, _counting(choice, config.significance))
+    return Turn(step, here, after, _discovery(choice, config.significance))
 
 
-def _choice(fit: Fit, candidates: Sequence[Candidate]) -> tuple[Fit, Choice]:
-    """What is chosen of the candidates beside a fit, with the evidence that they gain."""
-    beside, known = beside_processes(fit, fit.model, fit.data.fitted, fit.problem.given), has_schedule(fit.model)
-
-    def add(candidate: Candidate) -> Fit:
-        found = with_candidate(fit, candidate)
-        if not follows_mach(candidate) or known:
-            return found
-        return converged(fit.data.originals, scheduled(found.model, found.data), fit.data.config)
-
-    def weighed(found: Fit) -> tuple[float, bool]:
-        there = beside_processes(found, fit.model, found.data.fitted)
-        gain = there.gain(own := found.model.added[-1])
-        gain = gain if gain >= 0.0 else max(gain, min(there.gain(own, in_place=True), 0.0))
-        return gain, gain >= SPECIFIC or beside.majority in (None, there.families[own])
-
-    choice = choose(fit, with_evidence(fit, candidates, beside), add, weighed)
-    if choice.accepted is None:
-        return fit, choice
-    offered = [each for each in choice.ranked if each.name not in choice.unwanted]
-    if not known and is_schedule(choice.accepted.candidate):  # where the model has no schedule, one comes first
-        offered = list(schedules_first(offered))
-    name = choice.accepted.candidate.name
-    if choice.refuted:
-        share = explains_most_in(fit, [each for each in offered if each.name not in choice.refuted], name)
-    else:
-        share = named_in(beside, offered, name, fit)
-    return fit, replace(choice, named_in=share)
-
-
-def _counting(choice: Choice, significance: float) -> MechanismFile | None:
+def _discovery(choice: Choice, significance: float) -> MechanismFile | None:
     """The description in generic terms, where it is significant and no name took its place."""
     accepted, own = choice.accepted, next((each for each in choice.ranked if each.file is not None), None)
     if own is None:
         return None
     if accepted is None or accepted.candidate is own:
-        return own.file if adjusted(choice.ranked)[own.name] <= significance else None
+        return own.file if choice.chances[own.name] <= significance else None
     return own.file if own.name in confounded(accepted.candidate, choice.ranked) else None
 
 
@@ -295,69 +252,6 @@ def _applicable(mechanism: Mechanism, data: Corrected) -> bool:
     theta = {parameter.name: parameter.grid[0] for parameter in mechanism.parameters()}
     terms = [term for each in data.reconstructions for term in mechanism.terms(each.motion, theta)]
     return all(np.all(np.isfinite(part)) for term in terms for part in (term.in_plane, term.out_of_plane))
-
-
-# ---- Beside processes: which candidates lead, how often they do, which effects stay ----
-
-
-def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
-    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
-
-    So are all that change in time: on a coarse grid any of them may look like nothing.
-    """
-    found = []
-    for place, candidate in enumerate(candidates):
-        changes = any(m.time_variation != ("constant",) for m in candidate.fit.mechanisms)
-        leads = place < LOOP_WITH_EVIDENCE and candidate.gain > 0.0
-        if changes or leads or candidate.kind == "discovered":
-            gain, columns = beside.likeliest(candidate.fit)
-            if set(columns) != set(candidate.fit.selected):
-                candidate = fitted_again(fit.problem, fit.null, candidate, columns)
-            candidate = replace(candidate, evidence=gain)
-        found.append(candidate)
-    return found
-
-
-def named_in(beside: Beside, offered: Sequence[Candidate], name: str, fit: Fit) -> float:
-    """Share of the repetitions in which an effect gains most beside all processes, a generic description far more."""
-    own = next(candidate for candidate in offered if candidate.name == name)
-    rivals = [each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]
-    best = []
-    for problem in _repetitions(beside.rows.problem, fit.data):
-        again = beside.under(problem)
-        gains = {each.name: again.gain_of(each.fit) - (each.kind == "discovered") * SPECIFIC for each in rivals}
-        gains[name] = again.gain_of(own.fit)
-        best.append(min((own, *rivals), key=best_first((own, *rivals), gains)).name)
-    return float(np.mean([each == name for each in best]))
-
-
-def explains_most_in(fit: Fit, offered: Sequence[Candidate], name: str) -> float:
-    """Share of the repetitions in which an effect explains more than every other name, processes apart."""
-    named = sorted((each for each in offered if each.kind != "discovered"), key=lambda each: -each.gain)
-    rivals = [each for each in offered if each.name == name or each in named[: LOOP_RIVALS + 1]]
-    best = [
-        min(rivals, key=lambda each: solved_again(problem, each.fit).information).name
-        for problem in _repetitions(fit.problem, fit.data)
-    ]
-    return float(np.mean([each == name for each in best]))
-
-
-def _repetitions(problem: Problem, data: Corrected) -> Iterator[Problem]:
-    config = data.config
-    for share in LOOP_REPEATED_BLOCKS:
-        fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
-        yield problem.on(fitted)
-    start, stop = float(data.frame.time.min()), float(data.frame.time.max())
-    for more in LOOP_REPEATED_KNOTS:
-        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
-    nuisances = problem.rows.nuisances
-    for effect in REPEATED_ERRORS:
-        for side in (-1.0, 1.0):
-            items = tuple(
-                replace(item, present=item.present + side) if item.name == effect else item for item in nuisances.items
-            )
-            if items != nuisances.items:
-                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
 
 
 def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
@@ -378,7 +272,7 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
     return beside_processes(fit, model.but(columns=model.columns[:first])).unwanted(removable)
 
 
-def confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
+def _confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
     """The steps, whose findings are hints where processes explain the flight as well as the effect does beside the
     final model, leave that model inadequate, or those of the effect's family have much to explain beside it.
     """
@@ -389,3 +283,133 @@ def confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
         step.model_copy(update={"status": "hint"}) if step.status == "finding" and step.added not in kept else step
         for step in steps
     )
+
+
+# ---- What a step says ----
+
+
+def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> Step:
+    """One step of the result: the candidates with what was added first, and the errors before and after."""
+    leading, accepted = choice.leading, choice.accepted
+    before = fit if leading is None else leading.before
+    reported = choice.reported[:_REPORTED]
+    without_flight, status = None if leading is None else _left_out(fit, leading.candidate), None
+    if accepted is not None and choice.named_in is not None:
+        generic = accepted.candidate.kind == "discovered" and len(fit.data.records) == 1
+        elsewhere = None if without_flight is None else without_flight.ratio
+        own = accepted.status(choice.named_in, len(choice.ranked), elsewhere)
+        status = "hint" if generic or rests_on_hints(earlier) else own
+    beside = beside_processes(fit if accepted is None else accepted.fit, fit.model)
+    families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_established else [])
+    return Step(
+        step=number,
+        residual=fit.residual,
+        families={**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in families}},
+        decomposition=families,
+        candidates=tuple(
+            TriedCandidate(
+                effect=each.name,
+                kind=each.kind,
+                f_ratio=each.f_ratio,
+                p_value_adjusted=choice.chances[each.name],
+                explains=each.explains,
+                description=_described(each, fit.data.flights),
+                near_equals=confounded(each, reported),
+            )
+            for each in reported
+        ),
+        refused=tuple(tried.candidate.name for tried in choice.tried if tried is not accepted),
+        unwanted=choice.unwanted,
+        evidence_gain=None if accepted is None else accepted.gain,
+        added=None if accepted is None else accepted.candidate.name,
+        standing=status,
+        flight_left_out=without_flight,
+        named_in=choice.named_in,
+        error_before=_errors(before),
+        force_error_before=_force_errors(before),
+        **({} if leading is None else _after(leading)),
+    )
+
+
+def _described(candidate: Candidate, flights: Sequence[Flight]) -> str:
+    """What a candidate says of these flights."""
+    if candidate.file is not None:
+        return candidate.file.title
+    effect, parts = candidate.effect, []
+    for column, value in zip(candidate.fit.selected, candidate.fit.values[candidate.fit.baseline_size :], strict=True):
+        name, number, when = column.label, column.flight, ""
+        if effect is not None:
+            number, component, *_ = candidate.variant[column.term]
+            name = component.name
+        elif column.time_basis.kind != "constant":
+            when = f" at {max(column.time_basis.start, float(flights[number or 0].time[0])):.2f} s"
+        units = "" if effect is None else f" {column.units}"
+        which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
+        parts.append(f"{name} {value:.3g}{units}{when}{which}")
+    time = getattr(effect, "time", None)
+    at = "" if time is None else f" at {time:.3f} s"
+    where = "" if effect is None or candidate.in_rates > FINDING_SHOWN else " (in the specific force only)"
+    return ", ".join(parts) + at + where
+
+
+def _after(leading: Tried) -> dict[str, Any]:
+    """What a step says of the candidate that leads."""
+    return {
+        "description": _described(leading.candidate, leading.before.data.flights),
+        "error_after": _errors(leading.fit),
+        "error_ratio_held_out": leading.ratio,
+        "error_ratio_std_error": leading.ratio_error,
+        "force_error_after": _force_errors(leading.after),
+        "held_out_score": leading.agreement.fall,
+    }
+
+
+def _errors(fit: Fit) -> Errors:
+    return Errors(fit=fit.errors.mean_square, held_out=fit.held_out.mean_square)
+
+
+def _force_errors(fit: Fit) -> Errors:
+    """Mean squares (m/s^2)^2 of the transverse specific force's residual, both axes together."""
+    parts = [fit.rest.force[part.rows][part.valid] for part in (fit.data.fitted, fit.data.held_out)]
+    fitted, held_out = (float(np.mean(np.abs(part) ** 2) / 2.0) for part in parts)
+    return Errors(fit=fitted, held_out=held_out)
+
+
+def rests_on_hints(earlier: Sequence[Step]) -> bool:
+    """Whether the model has what earlier steps added and did not establish.
+
+    What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
+    """
+    return any(step.status == "hint" for step in lasting_steps(earlier))
+
+
+def _left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
+    """Errors on each flight without and with the candidate; None for one flight, or where nothing of it is shared."""
+    flights = range(len(fit.data.records))
+    shared = any(column.flight is None and column.mechanism != GIVEN for column in candidate.fit.selected)
+    if len(flights) < 2 or not shared:
+        return None
+    fits = (fit, with_columns(fit, candidate))
+    before, after = ([_predicted(each, number) for number in flights] for each in fits)
+    sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
+    return FlightLeftOut(
+        before=tuple(each.mean_square for each in before),
+        after=tuple(each.mean_square for each in after),
+        ratio=sums[1] / sums[0],
+    )
+
+
+def _predicted(fit: Fit, number: int) -> MomentErrors:
+    """Errors on one flight of the shared coefficients that the others have: 0 is fixed, NaN free."""
+    data, inside = fit.data, fit.data.frame.flight_of_row == number
+    numbers = ([each.flight for each in some] for some in (fit.model.columns, fit.nuisances))
+    flights = [np.array([-1 if each is None else each for each in some]) for some in numbers]
+    without = [np.where(each == number, 0.0, np.nan) for each in flights]
+    known = replace(fit, problem=fit.problem.on(data.part_where(~inside)), fixed=without[0], others=without[1])
+    fixed = [
+        np.where(each == -1, found, np.where(each == number, np.nan, 0.0))
+        for each, found in zip(flights, known.solution, strict=True)
+    ]
+    part = data.part_where(inside)
+    there = replace(fit, problem=fit.problem.on(part), fixed=fixed[0], others=fixed[1])
+    return MomentErrors.of(part, there.left)
