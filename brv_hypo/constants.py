@@ -103,6 +103,7 @@ COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and 
 # their tolerances, seed 404000), and how many of them are.
 BEYOND_TOLERANCE = 3.0
 BEYOND_TOLERANCE_NAMED = 3
+QUIET = 0.7  # of the residual that noise and tolerances explain, below which the noise is smaller than stated
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5

@@ -62,12 +62,13 @@ def limits(
     be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
     rows = evidence.rows
-    frame, moment = rows.frame_of(leader), rows.moment
-    own = {mechanism.name for mechanism in leader.mechanisms}
+    frame = rows.frame_of(leader)
+    moment = float(np.sqrt(np.mean(np.abs(frame.moments(leader.columns) @ leader.values) ** 2)))
+    own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
     known: dict[str, float] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():
         if mechanism.name in own:
-            known[mechanism.name] = min(_fitted(leader, frame, scale_variance(rows.problem)) / moment, 1.0)
+            known[mechanism.name] = min(_fitted(leader, frame, evidence.covariance / weight, scale) / moment, 1.0)
         else:
             known[mechanism.name] = _limit(evidence, frame, mechanism, LIMIT_FALL / weight) / moment
     shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
@@ -77,11 +78,12 @@ def limits(
     )
 
 
-def _fitted(fit: HypothesisFit, frame: RateFrame, scale: float) -> float:
+def _fitted(fit: HypothesisFit, frame: RateFrame, covariance: FloatArray, scale: float) -> float:
     """The rms moment that what was fitted has at most.
 
     Coefficients, delays and knots err together: where they make up for one another, as fraction and delay of a short
-    lag do, the moment is known better than they are. `scale`: its relative variance by pressure and inertia.
+    lag do, the moment is known better than they are, so that their linear `covariance` counts. `scale`: its relative
+    variance by pressure and inertia.
     """
     first, values = fit.baseline_size, fit.values[fit.baseline_size :]
     columns = [frame.moments(fit.selected)]
@@ -90,9 +92,8 @@ def _fitted(fit: HypothesisFit, frame: RateFrame, scale: float) -> float:
         ends = [frame.moments(parameter.moved(fit.selected, end)) @ values for end in (low, high)]
         columns.append(((ends[1] - ends[0]) / max(high - low, 1e-300))[:, np.newaxis])
     at_mode = np.append(values, np.zeros(len(fit.nonlinear)))
-    covariance = fit.joint_covariance[first:, first:]
     rng = np.random.default_rng(_SEED)
-    drawn = rng.multivariate_normal(at_mode, covariance, _DRAWS, method="svd")
+    drawn = rng.multivariate_normal(at_mode, covariance[first:, first:], _DRAWS, method="svd")
     sizes = np.sqrt(np.mean(np.abs(np.concatenate(columns, axis=1) @ drawn.T) ** 2, axis=0))
     return float(np.quantile(sizes * (1.0 + np.sqrt(scale) * rng.standard_normal(_DRAWS)), LIMIT_QUANTILE))
 

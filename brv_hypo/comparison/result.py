@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED
+from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED, QUIET
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number
@@ -403,7 +403,8 @@ class Comparison(HasCharts, Result):
             within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
-            lines.append(f"{within}{repeated}.")
+            quiet = " The noise is smaller than the record states." if fits.ratio < QUIET else ""
+            lines.append(f"{within}{repeated}.{quiet}")
         poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
         lines.append(beyond_text(self.record_errors, poses))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:

@@ -6,6 +6,7 @@ The search, which knows no processes, describes with many knots what they explai
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -300,31 +301,49 @@ def scanned(problem: Problem, pair: Pair) -> Pair:
 def along_delays(problem: Problem, pair: Pair, weight: float) -> FloatArray:
     """What is to be added to the covariance of coefficients, knots and delays for how delays differ from linear.
 
-    A delay and what is multiplied by it make up for one another along a curve, and a delay may be at its bound: its
-    error is where the evidence, a nat of which counts as `weight`, has fallen by a half (a likelihood interval:
-    Meeker and Escobar, Am. Stat. 49, 1995), and the others go with it to where they are there.
+    A delay and what is multiplied by it make up for one another along a curve, on which the delay may be shorter than
+    any that is searched. Each errs by the larger of what it does linearly and at the ends of the delay's interval,
+    where the evidence, a nat of which counts as `weight`, has fallen by a half (a likelihood interval: Meeker and
+    Escobar, Am. Stat. 49, 1995); a coefficient by no more than its bounds are wide.
     """
     (fit, own), count = pair, len(pair[0].columns)
-    at_mode = np.append(own.values[:count], [parameter.value for parameter in fit.nonlinear])
-    out = np.zeros((at_mode.size, at_mode.size))
+    bounds = {mechanism.name: mechanism.bounds for mechanism in fit.mechanisms}
+    widths = np.full(count + len(fit.nonlinear), np.inf)
+    for j, column in enumerate(fit.selected, start=fit.baseline_size):
+        low, high = bounds[column.mechanism].get(column.term, (-np.inf, np.inf))
+        widths[j] = high - low
+    covariance = own.covariance / weight
     for k, parameter in enumerate(fit.nonlinear):
-        if parameter.kind != "theta":
-            continue
-        known = float(np.sqrt(own.covariance[count + k, count + k] / weight))
-        level, ends = own.level_without([len(fit.selected) + k]), []
-        for sign in (1.0, -1.0):
-            for times in AFTER_ERRORS:
-                value = float(np.clip(parameter.value + sign * times * known, *parameter.bounds))
-                there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value))
-                fall = weight * (level - other.level_without([len(fit.selected) + k]))
-                moved_by = np.append(other.values[:count], [each.value for each in there.nonlinear]) - at_mode
-                if fall > 0.5 or value in parameter.bounds:
-                    break
-            ends.append(moved_by / np.sqrt(max(2.0 * fall, 1.0)))
-        far = max(ends, key=lambda each: abs(each[count + k]))
-        if (size := abs(far[count + k])) > known:
-            out += (1.0 - (known / size) ** 2) * np.outer(far, far)
-    return out
+        if parameter.kind == "theta":
+            linear = covariance[:, count + k] / np.sqrt(covariance[count + k, count + k])
+            ends = [_end_of_interval(problem, pair, k, sign * abs(linear[count + k]), weight) for sign in (1.0, -1.0)]
+            sizes = np.maximum(np.abs(linear), np.minimum(np.max(np.abs(ends), axis=0), widths))
+            along = np.copysign(sizes, linear)
+            covariance = covariance + np.outer(along, along) - np.outer(linear, linear)
+    return np.asarray(covariance - own.covariance / weight)
+
+
+def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, weight: float) -> FloatArray:
+    """By how much coefficients, knots and delays change to where the evidence has fallen by a half as one delay grows,
+    or becomes shorter (`sigma` < 0): between the values tried as the root of the fall.
+    """
+    (fit, own), count = pair, len(pair[0].columns)
+    parameter, free = fit.nonlinear[number], [len(fit.selected) + number]
+    level, at_mode = own.level_without(free), np.append(own.values[:count], [each.value for each in fit.nonlinear])
+    before, change = 0.0, np.zeros(at_mode.size)
+    for doublings, times in enumerate(AFTER_ERRORS, start=1):
+        value = min(max(parameter.value + times * sigma, parameter.value * 0.5**doublings), parameter.bounds[1])
+        there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value))
+        after = math.sqrt(max(2.0 * weight * (level - other.level_without(free)), 0.0))
+        place = count + number  # with the delay where it is, not where the linear model wants it
+        moved_back = other.covariance[:count, place] * (other.values[place] / other.covariance[place, place])
+        further = np.append(other.values[:count] - moved_back, [each.value for each in there.nonlinear]) - at_mode
+        if after > 1.0:
+            return np.asarray(change + (1.0 - before) / (after - before) * (further - change))
+        before, change = after, further
+        if value == parameter.bounds[1]:
+            break
+    return change
 
 
 def _completed(problem: Problem, pair: Pair) -> Pair:

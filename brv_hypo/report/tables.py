@@ -107,8 +107,8 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
     named = comparison.verdict.winner not in (None, "none")
-    said = [*_one_drift(comparison), *((NAME_AND_FAMILY,) if named else ())]
-    return [table, Texts(said, bullets=False)]
+    related = Texts((NAME_AND_FAMILY,) if named else (), bullets=False, shown="verbose")
+    return [table, Texts(_one_drift(comparison), bullets=False), related]
 
 
 def _one_drift(comparison: Comparison) -> list[str]:

@@ -344,5 +344,5 @@ def _errors(result: Prediction) -> dict[str, float]:
         "nothing": error.without,
         "the frozen model": error.frozen,
         "the model fitted here": error.own,
-        "all but noise": error.noise,
+        "noise alone": error.noise,
     }

@@ -44,7 +44,8 @@ def test_the_error_of_a_delay_reaches_to_where_the_evidence_has_fallen_by_a_half
     fit, own = pair
     place = len(fit.columns) + next(k for k, each in enumerate(fit.nonlinear) if each.kind == "theta")
     more = along_delays(judged_cone("lag").problem, pair, weight)
-    assert np.all(np.linalg.eigvalsh(more) >= -1e-9 * np.trace(more))
+    whole = own.covariance / weight + more
+    assert np.all(np.linalg.eigvalsh(whole) >= -1e-9 * np.trace(whole))
     size = float(np.sqrt(more[place, place] + own.covariance[place, place] / weight))
     falls = [
         weight
@@ -57,6 +58,24 @@ def test_the_error_of_a_delay_reaches_to_where_the_evidence_has_fallen_by_a_half
         for _, other in [with_delay(pair, 1.0 + sign * size / delay_of(pair))]
     ]
     assert 0.2 < min(falls) < 1.5
+
+
+@pytest.mark.thorough
+def test_a_fraction_errs_along_the_curve_on_which_a_shorter_delay_makes_up_for_it() -> None:
+    """On it the product of both is what the data give; the fraction errs by no more than its bounds are wide."""
+    pair, weight = leading("lag"), 3e-5
+    fit, own = pair
+    place = len(fit.columns) + next(k for k, each in enumerate(fit.nonlinear) if each.kind == "theta")
+    fraction = fit.baseline_size
+    linear, whole = (
+        own.covariance / weight,
+        own.covariance / weight + along_delays(judged_cone("lag").problem, pair, weight),
+    )
+    error, delay = (float(np.sqrt(whole[k, k])) for k in (fraction, place))
+    shorter = max(delay_of(pair) - delay, 0.1 * delay_of(pair))
+    curve = abs(float(own.values[fraction])) * (delay_of(pair) / shorter - 1.0)
+    assert error >= float(np.sqrt(linear[fraction, fraction])) * (1.0 - 1e-9)
+    assert error > 0.5 * min(curve, 1.0)
 
 
 def test_what_has_no_delay_has_no_such_error() -> None:
