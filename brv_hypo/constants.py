@@ -107,7 +107,10 @@ QUIET = 0.7  # of the residual that noise and tolerances explain, below which th
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5
-LINEARISATIONS = 2  # about the leader, and about another that has the larger evidence there
+LINEARISATIONS = 2  # about the leader, and about another that has the larger evidence there, or the same found better
+# Fall of the criterion by which the leader beside processes has to be likelier than the search had it, from which on
+# the search is taken to have missed it: 10 nats.
+SEARCH_MISSED = 20.0
 OFFSET_DEGREE = 1  # Legendre degree in time of the drift of C_m0
 SLOPE_DEGREE = 3  # and of that of C_malpha: a speed that falls by a tenth bends it beyond a parabola
 # Share of the speed by which it may depart from such a polynomial before C_malpha follows it too: stiffness follows

@@ -31,7 +31,7 @@ from brv_hypo.comparison.with_processes import (
     scanned,
     widened,
 )
-from brv_hypo.constants import LINEARISATIONS, OUTSIDE, SEARCH_OUT_OF_REACH
+from brv_hypo.constants import LINEARISATIONS, OUTSIDE, SEARCH_MISSED, SEARCH_OUT_OF_REACH
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
     HypothesisFit,
@@ -115,21 +115,29 @@ def judged(
 ) -> Judged:
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
-    Where another has the larger evidence there, the record is linearised about that one once more. The later of the
-    two linearisations is kept, unless its leader's residual is larger by more than noise scatters.
+    Where another has the larger evidence there, the record is linearised about that one once more; so it is about the
+    same one where that, as it is found there, explains the record far better than the search on the grid had it. The
+    later of the two linearisations is kept, unless its leader's residual is larger by more than noise scatters.
     """
-    problem, settings = shared_problem(reconstructions, config)
-    fits, about = _searched(problem, hypotheses, say), set[str]()
-    found: Judged | None = None
-    while (leader := likeliest(fits)).name not in about and len(about) < LINEARISATIONS:
-        about.add(leader.name)
-        say(f"linearising about {hypothesis(leader.name)}")
-        point = self_consistent(problem, leader)
+    shared, settings = shared_problem(reconstructions, config)
+    problem, fits, found = shared, _searched(shared, hypotheses, say), None
+    point = self_consistent(shared, likeliest(fits))
+    for _ in range(LINEARISATIONS):
+        say(f"linearising about {hypothesis(point.name)}")
         whole, problem = linearised_about(problem, point, settings, config)
         there = _beside_processes(whole, problem, point, _linearised(problem, fits))
         fits = list(there.fits)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * there.rows.size) ** -0.5):
             found = there
+        leader = likeliest(fits)
+        if leader.name != point.name:
+            point = self_consistent(problem, leader)
+            continue
+        again = replace(leader, frame=shared.frame.with_mechanisms(leader.mechanisms), log_evidence=None)
+        again = self_consistent(shared, again)
+        if again.information > point.information - SEARCH_MISSED:
+            break
+        problem, point = shared, again
     assert found is not None
     return found
 

@@ -191,9 +191,9 @@ def _vector(values: np.ndarray, name: str) -> Any:
 def _unwrapped(values: FloatArray) -> tuple[FloatArray, float]:
     """A counter that rises but where it wraps, and by how much it wraps; other columns as they are, and 0."""
     steps = np.diff(values) if values.ndim == 1 else np.array([])
-    falls = steps[steps < 0.0]
-    if 0 < falls.size < 0.2 * steps.size and np.all(np.isfinite(steps)) and values.min() >= 0.0:
-        most = LONGEST_WRAP * float(np.median(steps[steps > 0.0]))
+    falls, rises = steps[steps < 0.0], steps[steps > 0.0]
+    if rises.size and 0 < falls.size < 0.2 * steps.size and np.all(np.isfinite(steps)) and values.min() >= 0.0:
+        most = LONGEST_WRAP * float(np.median(rises))
         for size in WRAPS:
             if values.max() < size and np.all((falls + size > 0.0) & (falls + size < most)):
                 return values + size * np.concatenate([[0.0], np.cumsum(steps < 0.0)]), size
