@@ -17,7 +17,7 @@ from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.search import on_grid
-from brv_hypo.linearisation.channels import Rows as Histories
+from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term
 from brv_hypo.mechanisms.registry import moment_processes, record_processes

@@ -46,26 +46,26 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Rows:
+class Histories:
     """One history in both channels (rows,) or (rows, columns): derolled rates rad/s, transverse force m/s^2."""
 
     rates: ComplexArray
     force: ComplexArray
 
-    def __sub__(self, other: Rows) -> Rows:
-        return Rows(self.rates - other.rates, self.force - other.force)
+    def __sub__(self, other: Histories) -> Histories:
+        return Histories(self.rates - other.rates, self.force - other.force)
 
-    def times(self, factor: float) -> Rows:
+    def times(self, factor: float) -> Histories:
         """The history `factor` times as large."""
-        return Rows(factor * self.rates, factor * self.force)
+        return Histories(factor * self.rates, factor * self.force)
 
-    def at(self, samples: IntArray | slice) -> Rows:
+    def at(self, samples: IntArray | slice) -> Histories:
         """The rows of these samples."""
-        return Rows(self.rates[samples], self.force[samples])
+        return Histories(self.rates[samples], self.force[samples])
 
-    def of(self, chosen: IntArray | BoolArray | slice) -> Rows:
+    def of(self, chosen: IntArray | BoolArray | slice) -> Histories:
         """Some of the columns."""
-        return Rows(self.rates[:, chosen], self.force[:, chosen])
+        return Histories(self.rates[:, chosen], self.force[:, chosen])
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Part:
         """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
         return Whitening(self, noise).rates(rates)
 
-    def whitened(self, rows: Rows, noise: Noise) -> FloatArray:
+    def whitened(self, rows: Histories, noise: Noise) -> FloatArray:
         """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
         return Whitening(self, noise).both(rows)
 
@@ -130,7 +130,7 @@ class Whitening:
         """The rates (rows,) or (rows, columns), filtered, at unit noise (2 thinned rows, columns)."""
         return _white(self._of_rates, rates)
 
-    def both(self, rows: Rows) -> FloatArray:
+    def both(self, rows: Histories) -> FloatArray:
         """Both channels: (4 thinned rows, columns), rates first, then force; real before imaginary."""
         usable = (rows.force.T * self.part.valid).T
         return np.concatenate([self.rates(rows.rates), _white(self._of_force, usable)])
@@ -165,9 +165,9 @@ def _averages(samples: int, thinning: int) -> sparse.csr_array:
     return sparse.csr_array((np.repeat(1.0 / np.sqrt(sizes), sizes), np.arange(samples), starts))
 
 
-def side_by_side(rows: Sequence[Rows]) -> Rows:
+def side_by_side(rows: Sequence[Histories]) -> Histories:
     """Histories, or columns of them, as columns."""
-    return Rows(np.column_stack([r.rates for r in rows]), np.column_stack([r.force for r in rows]))
+    return Histories(np.column_stack([r.rates for r in rows]), np.column_stack([r.force for r in rows]))
 
 
 def whole(frame: RateFrame, valid: BoolArray) -> Part:

@@ -15,7 +15,7 @@ import numpy as np
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import BEYOND_TOLERANCE
-from brv_hypo.linearisation.channels import Rows, side_by_side
+from brv_hypo.linearisation.channels import Histories, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.propagated_motion import MOTION
 from brv_hypo.linearisation.response import LinearisedFlight
@@ -39,7 +39,7 @@ class FlightHistories:
     span: slice
     grid: DecimatedGrid
     places: IntArray
-    kept: Rows
+    kept: Histories
     walks: IntArray
     noise: ComplexArray
 
@@ -48,15 +48,15 @@ class FlightHistories:
         width = max(count, 1) if self.grid.spread is None else max(1, AT_ONCE // self.grid.count)
         return [slice(first, min(first + width, count)) for first in range(0, count, width)]
 
-    def all_of(self, kept: Rows) -> Rows:
+    def all_of(self, kept: Histories) -> Histories:
         """All rows of the flight of those that are kept."""
-        return Rows(self.grid.all_of(kept.rates), self.grid.all_of(kept.force))
+        return Histories(self.grid.all_of(kept.rates), self.grid.all_of(kept.force))
 
-    def of(self, history: Rows) -> Rows:
+    def of(self, history: Histories) -> Histories:
         """What is kept of a history on the rows of the flight."""
-        return Rows(self.grid.of(history.rates), self.grid.of(history.force))
+        return Histories(self.grid.of(history.rates), self.grid.of(history.force))
 
-    def beside(self, more: Mapping[int, Rows]) -> FlightHistories:
+    def beside(self, more: Mapping[int, Histories]) -> FlightHistories:
         """With what is kept of further unknowns, by their places."""
         places = np.append(self.places, np.array(list(more), dtype=np.int64))
         return replace(self, places=places, kept=side_by_side([self.kept, *more.values()]))
@@ -130,15 +130,15 @@ class Nuisances:
         """Present values of those that have a prior."""
         return np.array([item.present for item in self.items])[self.bounded]
 
-    def histories(self, values: FloatArray) -> Rows:
+    def histories(self, values: FloatArray) -> Histories:
         """Their sum (frame rows, ...) with the unknowns at `values` (unknowns, ...)."""
         rates = np.zeros((self.rows, *values.shape[1:]), dtype=complex)
         force = np.zeros_like(rates)
         for own in self.flights:
             there = values[own.places]
-            made = own.all_of(Rows(own.kept.rates @ there, own.kept.force @ there))
+            made = own.all_of(Histories(own.kept.rates @ there, own.kept.force @ there))
             rates[own.span], force[own.span] = made.rates, made.force
-        return Rows(rates, force)
+        return Histories(rates, force)
 
     def without(self, names: frozenset[str]) -> Nuisances:
         """Those of other names."""
@@ -181,16 +181,16 @@ def nuisances(
         )
         each_flight = [mechanism for mechanism in vehicle if mechanism.of_each_flight(flight)]
         of_vehicle = ((*each, None) for mechanism in each_flight for each in _tolerated(frame, number, mechanism))
-        grid, rows, noises = _grid(frame, number, linearised), dict[int, Rows](), dict[int, ComplexArray]()
+        grid, rows, noises = _grid(frame, number, linearised), dict[int, Histories](), dict[int, ComplexArray]()
         for item, history, noise in itertools.chain(on_rows, of_vehicle):
             if np.any(history.rates) or np.any(history.force):
                 if noise is not None:
                     noises[len(items)] = grid.of(noise)
-                rows[len(items)] = Rows(grid.of(history.rates), grid.of(history.force))
+                rows[len(items)] = Histories(grid.of(history.rates), grid.of(history.force))
                 items.append(item)
         nothing = np.zeros((grid.size, 0), dtype=complex)
         walks, noise = np.array(list(noises), dtype=np.int64), np.column_stack([nothing, *noises.values()])
-        empty = FlightHistories(_span(frame, number), grid, walks[:0], Rows(nothing, nothing), walks, noise)
+        empty = FlightHistories(_span(frame, number), grid, walks[:0], Histories(nothing, nothing), walks, noise)
         found.append(empty.beside(rows))
     known = Nuisances(tuple(items), frame.observed.size, tuple(found))
     for mechanism in vehicle:
@@ -205,7 +205,7 @@ def _of_record(
     effects: Sequence[RecordEffect],
     free: Mapping[tuple[str, str], RecordEffect],
     before: Errors,
-) -> Iterator[tuple[Nuisance, Rows, ComplexArray | None]]:
+) -> Iterator[tuple[Nuisance, Histories, ComplexArray | None]]:
     """Motion, normal force and errors of one record: the history (n,) of each, and the noise (n,) in it."""
     for name, history, value in linearised.start_and_gravity():
         yield Nuisance(MOTION, name, number, "1", 1.0, value), history, None
@@ -216,7 +216,7 @@ def _of_record(
             yield Nuisance(error.name, str(k), number, "1", 1.0, 0.0), history, None
     force = linearised.force.columns(linearised.record, linearised.crossflow)
     for k, column in enumerate(force.T):
-        yield Nuisance("force", str(k), number, "1", 1.0, np.nan), Rows(np.zeros_like(column), column), None
+        yield Nuisance("force", str(k), number, "1", 1.0, np.nan), Histories(np.zeros_like(column), column), None
     without_prior = {name: effect for (name, _), effect in free.items()}
     wanted = [
         (effect, component)
@@ -251,12 +251,12 @@ def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> Decima
     return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE)) if pieces else full_grid(0)
 
 
-def on_frame(frame: RateFrame, number: int, history: Rows) -> Rows:
+def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:
     """A flight's history (n,) on all rows of the frame, zero on those of the other flights."""
     rates = np.zeros(frame.observed.size, dtype=complex)
     force, span, own = np.zeros_like(rates), _span(frame, number), history.at(_samples(frame, number))
     rates[span], force[span] = own.rates, own.force
-    return Rows(rates, force)
+    return Histories(rates, force)
 
 
 def _span(frame: RateFrame, number: int) -> slice:
@@ -273,7 +273,7 @@ def _samples(frame: RateFrame, number: int) -> IntArray:
 
 def _tolerated(
     frame: RateFrame, number: int, mechanism: Mechanism, shared: bool = False
-) -> list[tuple[Nuisance, Rows]]:
+) -> list[tuple[Nuisance, Histories]]:
     """Unknowns of the terms of a tolerance, and the history of each on the rows of a flight.
 
     `shared`: all flights have it, and the tolerance is that of the flight in whose time histories are.
@@ -290,6 +290,9 @@ def _tolerated(
     rates = np.concatenate([np.zeros((0, len(names)), dtype=complex), *parts])
     rates, of_flight = rates * np.asarray(sizes), None if shared else number
     return [
-        (Nuisance(mechanism.name, name, of_flight, units, size, 0.0, stated=not shared), Rows(own, np.zeros_like(own)))
+        (
+            Nuisance(mechanism.name, name, of_flight, units, size, 0.0, stated=not shared),
+            Histories(own, np.zeros_like(own)),
+        )
         for (name, units), size, own in zip(names, sizes, rates.T, strict=True)
     ]

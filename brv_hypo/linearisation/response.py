@@ -19,7 +19,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray
 from brv_hypo.constants import RESPONSE_PULL, RESPONSE_TURN
 from brv_hypo.flight.record import Flight
-from brv_hypo.linearisation.channels import ForceModel, Rows
+from brv_hypo.linearisation.channels import ForceModel, Histories
 from brv_hypo.linearisation.moment_model import MomentModel, MovedRecord
 from brv_hypo.linearisation.propagated_motion import (
     GRAVITY,
@@ -82,7 +82,7 @@ class LinearisedFlight:
         """The reconstruction's crossflow (n,)."""
         return self.reconstruction.crossflow
 
-    def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Rows]:
+    def effects(self, wanted: Iterable[tuple[RecordEffect, str, float]]) -> Iterator[Histories]:
         """What components of effects, by these sizes, do to the residual (n,) to first order."""
         for some in self._so_many(wanted):
             both = (self._read(some, sign * 0.5 * RESPONSE_STEP) for sign in (1.0, -1.0))
@@ -119,7 +119,7 @@ class LinearisedFlight:
         rates = smooth.flight.q + 1j * smooth.flight.r - left.rates * np.exp(-1j * smooth.spin_angle)
         return replace(smooth.flight, q=rates.real, r=rates.imag)
 
-    def effect(self, effect: RecordEffect, component: str, size: float) -> Rows:
+    def effect(self, effect: RecordEffect, component: str, size: float) -> Histories:
         """Derivative of the residual (n,) by one component of a record effect, on the fitted, noise-free motion."""
         (change,) = self.effects([(effect, component, size)])
         return change.times(1.0 / size)
@@ -147,7 +147,7 @@ class LinearisedFlight:
         )
         return replace(perturbed(record, [quiet])[0], transverse_rate=rate)
 
-    def input_noise(self, error: InputError) -> Iterator[Rows]:
+    def input_noise(self, error: InputError) -> Iterator[Histories]:
         """Derivatives of the residual (n,) by the weight of each shape of what smoothing left of an input's noise.
 
         A weight is what the record, as smoothed, has of that shape too much.
@@ -166,7 +166,7 @@ class LinearisedFlight:
             return replace(flight, p=flight.p + change)
         return replace(flight, dynamic_pressure=flight.dynamic_pressure * (1.0 + change))
 
-    def start_and_gravity(self) -> Iterator[tuple[str, Rows, float]]:
+    def start_and_gravity(self) -> Iterator[tuple[str, Histories, float]]:
         """Name, derivative by what the reconstruction estimates, and present value in units of its prior.
 
         Direction of the velocity at the start (two, no prior: NaN) and gravity (three, prior its size).
@@ -190,7 +190,7 @@ class LinearisedFlight:
         for name, change, unit, value in zip((*START, *GRAVITY), changes, per_unit, present, strict=True):
             yield name, change.times(unit), value
 
-    def random_walk(self) -> Iterator[tuple[str, Rows, float, ComplexArray]]:
+    def random_walk(self) -> Iterator[tuple[str, Histories, float, ComplexArray]]:
         """Name, derivative and present value of what the gyros' white noise makes of the attitude, and that noise.
 
         Sines of a random walk across the velocity (Karhunen-Loeve; prior 1). The noise (n,) rad/s that one unit of each
@@ -212,7 +212,7 @@ class LinearisedFlight:
             for (name, number, part, present), change in zip(some, self._changes(self._moments, *both), strict=True):
                 yield name, change.times(1.0 / RESPONSE_STEP), present, 1j * part * derolled * noise[:, number]
 
-    def _slopes(self, moments: MomentModel, *both: Iterable[InertialRecord]) -> Iterator[Rows]:
+    def _slopes(self, moments: MomentModel, *both: Iterable[InertialRecord]) -> Iterator[Histories]:
         """Derivatives from records by half a step to either side."""
         moved = (self._propagated((record, self.reconstruction.start) for record in records) for records in both)
         changes = self._changes(moments, *moved)
@@ -229,7 +229,9 @@ class LinearisedFlight:
     def _open_loop(self) -> ComplexArray:
         return body_crossflow(self.record, wind_direction(self.record, self.reconstruction.start))
 
-    def _changes(self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]) -> list[Rows]:
+    def _changes(
+        self, moments: MomentModel, more: Sequence[MovedRecord], less: Sequence[MovedRecord]
+    ) -> list[Histories]:
         """What the residuals of some records have more than those of others; their moments are integrated at once."""
         nodes = self.reconstruction.nodes
         (own, factors, kept), (others, other_factors, other_kept) = (self._unintegrated(each) for each in (more, less))
@@ -238,7 +240,7 @@ class LinearisedFlight:
         integrands += nodes.of(factors - other_factors) * moments.usual(nodes.of(0.5 * (kept + other_kept)))
         return self._integrated([one - other for one, other in zip(own, others, strict=True)], integrands)
 
-    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[list[Rows], ComplexArray, FloatArray]:
+    def _unintegrated(self, moved: Sequence[MovedRecord]) -> tuple[list[Histories], ComplexArray, FloatArray]:
         """The residual of records at a crossflow but for the moments, the factors (n, records) of these, and how much
         they keep (see `MomentModel.usual`).
         """
@@ -248,7 +250,7 @@ class LinearisedFlight:
         scales = [record.moment_scale for record, _ in moved]
         factors = np.stack([turn * scale for turn, scale in zip(derotations, scales, strict=True)], axis=1)
         own = [
-            Rows(
+            Histories(
                 (record.flight.q + 1j * record.flight.r) * turn,
                 record.transverse_force - self.force.at(record, xi, self.force_values),
             )
@@ -256,7 +258,7 @@ class LinearisedFlight:
         ]
         return own, factors, np.stack([self._kept(scale) for scale in scales], axis=1)
 
-    def _integrated(self, own: Sequence[Rows], integrands: ComplexArray) -> list[Rows]:
+    def _integrated(self, own: Sequence[Histories], integrands: ComplexArray) -> list[Histories]:
         """The residual with its moments."""
         nodes, rates = self.reconstruction.nodes, [each.rates.copy() for each in own]
         for a, b in self.record.flight.segments:
@@ -264,7 +266,7 @@ class LinearisedFlight:
             integral = running_integral(nodes.time[part], integrands[part])[nodes.samples[a:b] - part.start]
             for k, each in enumerate(rates):
                 each[a:b] -= integral[:, k]
-        return [Rows(each, rows.force) for each, rows in zip(rates, own, strict=True)]
+        return [Histories(each, rows.force) for each, rows in zip(rates, own, strict=True)]
 
     def _kept(self, scale: FloatArray) -> FloatArray:
         """Pressure and inertia of the linearisation point over those of a record with this moment scale (n,)."""

@@ -47,7 +47,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import rows_of
-from brv_hypo.linearisation.channels import Part, Rows, split
+from brv_hypo.linearisation.channels import Histories, Part, split
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.mechanisms.contract import Component, RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -70,7 +70,7 @@ class History(NamedTuple):
     flight: int
     component: Component
     effect: RecordEffect
-    rows: Rows
+    rows: Histories
 
 
 Variant = Mapping[str, History]
@@ -276,7 +276,7 @@ class Agreement(NamedTuple):
     shown: float
 
 
-def agreement(problem: Problem, held_out: Part, before: Rows, after: Rows) -> Agreement:
+def agreement(problem: Problem, held_out: Part, before: Histories, after: Histories) -> Agreement:
     """Of the residuals (frame rows,) without an effect and with it, as a fit of `problem` leaves them.
 
     The difference of two predictions d and the later residual e give the fall: sum of d^2 + 2 e d, whose noise is
@@ -295,7 +295,7 @@ def agreement(problem: Problem, held_out: Part, before: Rows, after: Rows) -> Ag
     return Agreement(fall, float(difference @ first) / noise)
 
 
-def _whitened(problem: Problem, held_out: Part, left: Rows) -> FloatArray:
+def _whitened(problem: Problem, held_out: Part, left: Histories) -> FloatArray:
     """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has."""
     part, noise, levels = problem.rows.part, problem.rows.noise, _levels(problem, held_out)
     fitted = part.white_rates(part.constants(), noise), part.white_rates(left.rates[part.rows], noise)[:, 0]
@@ -304,7 +304,7 @@ def _whitened(problem: Problem, held_out: Part, left: Rows) -> FloatArray:
     for own in (slice(a, b) for a, b in held_out.pieces):
         if not levels[own].any():
             rates[own] -= rates[own].mean()
-    return held_out.whitened(Rows(rates, there.force), noise)[:, 0]
+    return held_out.whitened(Histories(rates, there.force), noise)[:, 0]
 
 
 def _levels(problem: Problem, held_out: Part) -> ComplexArray:

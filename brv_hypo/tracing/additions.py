@@ -14,7 +14,7 @@ from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, sol
 from brv_hypo.inference.noise import estimated_noise, raised_noise
 from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
-from brv_hypo.linearisation.channels import Rows
+from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.linearisation.response import LinearisedFlight
@@ -91,7 +91,7 @@ def _variants_of(
     return [{name: each for own in found for name, each in own.items()}] if together else found
 
 
-def _histories(*variants: Sequence[Variant]) -> dict[str, Rows]:
+def _histories(*variants: Sequence[Variant]) -> dict[str, Histories]:
     """The histories of variants by name."""
     return {name: each.rows for some in variants for own in some for name, each in own.items()}
 

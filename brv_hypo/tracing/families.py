@@ -31,8 +31,7 @@ from brv_hypo.inference.problem import given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.inference.rows import Rows, Terms
-from brv_hypo.linearisation.channels import Part
-from brv_hypo.linearisation.channels import Rows as Histories
+from brv_hypo.linearisation.channels import Histories, Part
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes

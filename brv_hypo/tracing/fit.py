@@ -37,7 +37,7 @@ from brv_hypo.inference.noise import estimated_noise, first_noise, raised_noise
 from brv_hypo.inference.problem import GivenColumns, Problem, WhitenedRows
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, prediction_slopes, refine
-from brv_hypo.linearisation.channels import Noise, Part, Rows, part, split, whole
+from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
 from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances
@@ -137,7 +137,7 @@ class Corrected:
         self,
         model: Model,
         linear: Linear,
-        given: Mapping[str, Rows] | None = None,
+        given: Mapping[str, Histories] | None = None,
         processes: Sequence[RecordEffect] = (),
     ) -> Problem:
         """The model's regression on the fitted part, under white noise; `given` are histories that may become columns.
@@ -314,7 +314,7 @@ class Fit:
         return fit_hypothesis(self.problem, "none", ())
 
     @cached_property
-    def rest(self) -> Rows:
+    def rest(self) -> Histories:
         """The residual of rates (but for a constant a piece) and force (frame rows,)."""
         return self.problem.left(self.data.frame, self.model.columns, *self.solution)
 
