@@ -223,7 +223,8 @@ def acting_in(fit: HypothesisFit) -> set[str]:
 def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
     """The fit as its evidence has it: a nat counts as `weight` in errors; `level` is weighed; see `scale_variance`."""
     count, covariance = len(fit.columns), own.covariance / weight
-    values = own.values[:count] if fit.selected else own.values
+    # With knots and delays where they are: one at its bound would be moved beyond it.
+    values = own.values_without(range(len(fit.selected), len(fit.selected) + len(fit.nonlinear)))[:count]
     if fit.selected and not follows_static_moment(fit.mechanisms):
         terms = np.arange(fit.baseline_size, count)
         covariance[np.ix_(terms, terms)] += scale * np.outer(values[terms], values[terms])

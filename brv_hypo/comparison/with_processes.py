@@ -328,16 +328,16 @@ def _end_of_interval(problem: Problem, pair: Pair, number: int, sigma: float, we
     or becomes shorter (`sigma` < 0): between the values tried as the root of the fall.
     """
     (fit, own), count = pair, len(pair[0].columns)
-    parameter, place, free = fit.nonlinear[number], count + number, [len(fit.selected) + number]
-    level, at_mode = own.level_without(free), np.append(own.values[:count], [each.value for each in fit.nonlinear])
+    parameter, free = fit.nonlinear[number], [len(fit.selected) + number]
+    at_mode = np.append(own.values_without(free)[:count], [each.value for each in fit.nonlinear])
+    level = own.level_without(free)
     before, change = 0.0, np.zeros(at_mode.size)
     for doublings, times in enumerate(AFTER_ERRORS, start=1):
         value = min(max(parameter.value + times * sigma, parameter.value * 0.5**doublings), parameter.bounds[1])
         there, other = _at_amplitudes_of(problem, pair, parameter.moved(fit.selected, value))
         after = math.sqrt(max(2.0 * weight * (level - other.level_without(free)), 0.0))
-        # With the delay where it is, not where the linear model wants it.
-        moved_back = other.covariance[:count, place] * (other.values[place] / other.covariance[place, place])
-        further = np.append(other.values[:count] - moved_back, [each.value for each in there.nonlinear]) - at_mode
+        at = other.values_without(free)[:count]
+        further = np.append(at, [each.value for each in there.nonlinear]) - at_mode
         if after > 1.0:
             return np.asarray(change + (1.0 - before) / (after - before) * (further - change))
         before, change = after, further

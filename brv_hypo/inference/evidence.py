@@ -221,6 +221,13 @@ class Evidence(_Integrated):
         squares = float(at_mode @ np.linalg.solve(covariance, at_mode)) / self.noise**2
         return self.level - 0.5 * (squares + float(level))
 
+    def values_without(self, chosen: Sequence[int]) -> FloatArray:
+        """`values` without some of the terms and shifts, as `level_without` has them, at the same amplitudes."""
+        values, covariance = self.values, self.covariance
+        places = values.size - self.terms.x.shape[1] + np.array(chosen, dtype=int)
+        gain = np.linalg.solve(covariance[np.ix_(places, places)], values[places])
+        return np.asarray(values - covariance[:, places] @ gain)
+
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""
         out, amplitude = np.zeros(self.rows.y.size), _amplitudes(self.rows, self.at)[process]

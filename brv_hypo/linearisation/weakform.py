@@ -29,10 +29,15 @@ _END = 1e-9
 
 @dataclass(frozen=True)
 class Antiderivative:
-    """Splines through `values` (m, columns) at nodes and their integrals from the first."""
+    """Splines through `values` (m, columns) at nodes and their integrals from the first.
+
+    `weight` (m,), where there is one, multiplies them, linear between nodes: the product is integrated as it is. A
+    spline through the product differs from it by more than what a short ramp far from the origin is.
+    """
 
     grid: SplineGrid
     values: ComplexArray
+    weight: FloatArray | None = None
 
     @cached_property
     def _slopes(self) -> ComplexArray:
@@ -41,7 +46,21 @@ class Antiderivative:
     @cached_property
     def at_nodes(self) -> ComplexArray:
         """Integrals up to each node (m, columns)."""
-        return self.grid.integrals(self.values, self._slopes)
+        plain = self.grid.integrals(self.values, self._slopes)
+        if self.weight is None:
+            return plain
+        h, g, s = self.grid.steps, self.values, self._slopes
+        moments = h**2 * (3.0 * g[:-1] + 7.0 * g[1:]) / 20.0 + h**3 * (s[:-1] / 30.0 - s[1:] / 20.0)
+        start, rate = self.weight[:-1, np.newaxis], self._rates[:, np.newaxis]
+        out = np.zeros_like(plain)
+        np.cumsum(start * np.diff(plain, axis=0) + rate * moments, axis=0, out=out[1:])
+        return out
+
+    @cached_property
+    def _rates(self) -> FloatArray:
+        """By how much the weight changes per second between nodes (m - 1,)."""
+        assert self.weight is not None
+        return np.asarray(np.diff(self.weight) / self.grid.steps[:, 0])
 
     def at(self, time: FloatArray, columns: IntArray) -> ComplexArray:
         """Integral of each column (k,) up to its own time (k,) s."""
@@ -52,6 +71,9 @@ class Antiderivative:
         bend = (s + self._slopes[i + 1, columns] - 2.0 * chord) / h
         c2, c3 = (chord - s) / h - bend, bend / h
         inside = u * (g + u * (s / 2.0 + u * (c2 / 3.0 + u * c3 / 4.0)))
+        if self.weight is not None:
+            moment = u**2 * (g / 2.0 + u * (s / 3.0 + u * (c2 / 4.0 + u * c3 / 5.0)))
+            inside = self.weight[i] * inside + self._rates[i] * moment
         return np.asarray(self.at_nodes[i, columns] + inside, dtype=complex)
 
 
@@ -71,7 +93,7 @@ class Integrals:
     @cached_property
     def first(self) -> Antiderivative:
         """Of (s - origin) g, which ramps need."""
-        return Antiderivative(self.grid, self.since[:, np.newaxis] * self.integrand)
+        return Antiderivative(self.grid, self.integrand, self.since)
 
 
 @dataclass(frozen=True)
