@@ -133,6 +133,8 @@ def judged(
         if leader.name != point.name:
             point = self_consistent(problem, leader)
             continue
+        if not config.refine:  # on the grid alone, the search misses what lies between
+            break
         again = replace(leader, frame=shared.frame.with_mechanisms(leader.mechanisms), log_evidence=None)
         again = self_consistent(shared, again)
         if again.information > point.information - SEARCH_MISSED:
