@@ -122,13 +122,15 @@ def judged(
     shared, settings = shared_problem(reconstructions, config)
     problem, fits, found = shared, _searched(shared, hypotheses, say), None
     point = self_consistent(shared, likeliest(fits))
-    for _ in range(LINEARISATIONS):
+    for remaining in reversed(range(LINEARISATIONS)):
         say(f"linearising about {hypothesis(point.name)}")
         whole, problem = linearised_about(problem, point, settings, config)
         there = _beside_processes(whole, problem, point, _linearised(problem, fits))
         fits = list(there.fits)
         if found is None or there.misfit < found.misfit * (1.0 + (2.0 * there.rows.size) ** -0.5):
             found = there
+        if not remaining:
+            break
         leader = likeliest(fits)
         if leader.name != point.name:
             point = self_consistent(problem, leader)
