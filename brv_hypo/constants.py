@@ -179,6 +179,7 @@ MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most,
 MODEL_CORRECTIONS = 2  # of the values of record effects, in the end
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 SCHEDULE_TRIFLE = 0.01  # of the static moment, below which a schedule's part of it is held to be none
+FAMILY_SPLINES = 16  # of each shape of a process of moments, at least, where families are compared: as most have
 RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
 RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
 CONFOUNDED_NEAR = 10.0  # information that a look-alike may lack against the leader

@@ -310,14 +310,17 @@ class Rows:
         return block_of_whitened_row(self.problem, TIME_BLOCKS)[: self.y.size]
 
 
-def rows_of(problem: Problem, point: HypothesisFit) -> Rows:
-    """The rows of a problem that has the processes of the record among its nuisances, about a fitted hypothesis."""
+def rows_of(problem: Problem, point: HypothesisFit, moments: Sequence[MomentProcess] | None = None) -> Rows:
+    """The rows of a problem that has the processes of the record among its nuisances, about a fitted hypothesis.
+
+    `moments`: the processes of the moment, those installed where not given.
+    """
     known = problem.frame.with_mechanisms(point.mechanisms)
     frame = known.with_in_plane_moment(point.columns, point.values)
     moment = float(np.sqrt(np.mean(np.abs(frame.moments(point.columns) @ point.values) ** 2)))
     nuisances, unknowns = problem.rows.nuisances, problem.rows.unknowns
     top, items, use = 2 * problem.rows.rates, nuisances.items, _counted(problem)
-    drifts, moments = record_processes(), moment_processes()
+    drifts, moments = record_processes(), moment_processes() if moments is None else moments
     names = {each.name for each in drifts}
     bounded = {k for k in nuisances.bounded.tolist() if items[k].name not in names}
     number = problem.rows.order - 2 * len(problem.rows.part.levels)  # of nuisances; negative of what is integrated

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from typing import cast
 
 import numpy as np
 
@@ -23,14 +24,14 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.diagnostics import process_history
 from brv_hypo.comparison.judgement import NORMAL_95
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
-from brv_hypo.constants import RECORD_EFFECT_LARGEST
+from brv_hypo.constants import FAMILY_SPLINES, RECORD_EFFECT_LARGEST
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.rows import Rows, Terms
+from brv_hypo.inference.rows import Rows, Terms, rows_of
 from brv_hypo.linearisation.channels import Histories, Part
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
@@ -137,7 +138,7 @@ class Beside:
 
         Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
         """
-        selected = self._selected(names)
+        selected = self._finer._selected(names)
         order = [*((self.families[name],) for name in names), *(some for some, _ in selected)]
         residuals = [self._residual(names[:count]) for count in range(len(names) + 1)]
         residuals += [each.residual for _, each in selected]
@@ -155,6 +156,11 @@ class Beside:
             known = {"family": family, "share": min(max(share, 0.0), 1.0), "interval_95": (low, high)}
             found.append(Family.model_validate({**known, "history": histories.get(family)}))
         return tuple(sorted(found, key=lambda each: -each.share))
+
+    @cached_property
+    def _finer(self) -> Beside:
+        """With every history of a moment as fine as most are, so that no family explains more by its resolution."""
+        return replace(self, rows=rows_of(self.rows.problem, self.point, _finer_processes()))
 
     def _residual(self, names: Sequence[str]) -> FloatArray:
         """That (n,) of the baseline, its tolerances and some effects, without processes."""
@@ -186,7 +192,7 @@ class Beside:
 
     def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
         """Of each family, the history of the process that makes most of the record, on the first flight."""
-        every: tuple[Process, ...] = (*moment_processes(), *record_processes())
+        every: tuple[Process, ...] = (*_finer_processes(), *record_processes())
         processes, groups = {process.name: process for process in every}, own.rows.groups
         sizes = [float(np.linalg.norm(own.made_by(k))) for k in range(len(groups))]
         largest = {groups[k].family: k for k in np.argsort(sizes).tolist()}
@@ -244,6 +250,17 @@ def beside_processes(
         if not has_tolerance(problem, name):
             shift += x @ np.array([each.value / each.size for each in own])
     return Beside(point, replace(rows, y=rows.y + shift), terms, families, start)
+
+
+def _finer_processes() -> tuple[MomentProcess, ...]:
+    """The processes of the moment, each shape with `FAMILY_SPLINES` at least."""
+    finer = []
+    for each in moment_processes():
+        own = type(each)
+        count = {"splines": max(own.splines, FAMILY_SPLINES), "__module__": own.__module__}
+        alike = cast(type[MomentProcess], type(own.__name__, (own,), count))
+        finer.append(alike.model_validate(each.model_dump()))
+    return tuple(finer)
 
 
 def _of_record(x: FloatArray, searched: int) -> Terms:

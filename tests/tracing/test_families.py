@@ -7,10 +7,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from brv_hypo.constants import FAMILY_SPLINES
 from brv_hypo.mechanisms.contract import FAMILIES
+from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
-from brv_hypo.tracing.families import Beside, beside_processes
+from brv_hypo.tracing.families import Beside, _finer_processes, beside_processes
 from brv_hypo.tracing.fit import converged, correct
 from tests.studies.independent.flights import Made, make_flight
 
@@ -44,6 +46,15 @@ def test_an_undeclared_effect_is_of_its_family_and_no_finding(kind: str) -> None
     result = traced(kind)
     assert max(result.families, key=result.families.__getitem__) == UNDECLARED[kind][1]
     assert result.findings == ()
+
+
+def test_families_are_compared_at_one_resolution() -> None:
+    """Else a lobed moment within a part of the flight is a body-fixed one, whose history is finer."""
+    finer = {each.name: each for each in _finer_processes()}
+    for each in moment_processes():
+        assert finer[each.name].family == each.family
+        assert finer[each.name].splines == max(each.splines, FAMILY_SPLINES)
+        assert isinstance(finer[each.name], type(each))
 
 
 @pytest.mark.slow

@@ -35,6 +35,8 @@ from brv_hypo.tracing.fit import Fit, converged, with_efficiency
 from tests.studies.loop.planting import DETECTED, free_length, free_part
 from tests.studies.loop.planting_on_record import with_moment
 
+FAMILIES = 3  # printed
+
 
 @dataclass(frozen=True)
 class Ground:
@@ -175,9 +177,15 @@ def found_in(base: Ground, flight: Flight) -> Trace:
     return trace(replace(flight), TraceConfig(start=start, max_steps=2, maximum_likelihood=False))
 
 
+def families(result: Trace) -> str:
+    """The families that explain most of the residual before anything is added, largest first."""
+    shares = sorted(result.steps[0].families.items(), key=lambda each: -each[1])
+    return ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares[:FAMILIES] if share > 0.0)
+
+
 def line(effect: str, size: str, result: Trace) -> str:
     """One planted effect in words."""
-    told = [
+    steps = [
         f"{step.status} {step.added} ({step.description}): held out {step.error_before.held_out:.3g} to "
         f"{step.error_after.held_out:.3g}"
         + (f", confounded with {', '.join(near)}" if (near := step.candidates[0].near_equals) else "")
@@ -187,7 +195,8 @@ def line(effect: str, size: str, result: Trace) -> str:
     named = effect in result.added or any(
         effect in step.candidates[0].near_equals for step in result.steps if step.added
     )
-    return f"{effect} ({size}) {'found' if named else 'not found'}: {'; '.join(told) or 'nothing is added'}"
+    found = f"{effect} ({size}) {'found' if named else 'not found'}: {'; '.join(steps) or 'nothing is added'}"
+    return f"{found}; families: {families(result)}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
