@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
 from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED, QUIET
@@ -127,6 +128,12 @@ class RankedHypothesis(NullIsNaN):
     """ln of the predictive density of each stretch of time given the others, over the baseline only's; weighted."""
     held_out_gain_std_error: float = float("nan")
     ml: MaximumLikelihood | None = None
+
+    @property
+    def acting(self) -> tuple[NetInterval, ...]:
+        """From the first to the last interval in which a value is more than two standard errors."""
+        acts = [any(abs(value.value) > 2.0 * value.std_error for value in each.values) for each in self.intervals]
+        return self.intervals[acts.index(True) : len(acts) - acts[::-1].index(True)] if any(acts) else ()
 
 
 class FlightSummary(NullIsNaN):
@@ -390,7 +397,7 @@ class Comparison(HasCharts, Result):
 
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
-        lines, found = [self.verdict.reason], self.verdict.explained
+        lines, found = [" ".join(filter(None, (self.verdict.reason, self._when())))], self.verdict.explained
         if found is not None and (found.share or isfinite(found.processes)):
             share, low, high = map(_percent, (found.share, *found.interval_95))
             leader = [f"{self.ranking[0].mechanism} {share} % ({low} to {high} %)"] if found.share else []
@@ -410,6 +417,18 @@ class Comparison(HasCharts, Result):
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {QUOTED}.")
         return "\n".join(filter(None, lines))
+
+    def _when(self) -> str:
+        """From when to when the mechanism that the verdict names acts, and at which Mach numbers."""
+        leader = self.ranking[0] if self.ranking else None
+        if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
+            return ""
+        ends = (acts[0].start_s, acts[-1].stop_s)
+        said = f"It acts from {ends[0]:.2f} to {ends[1]:.2f} s"
+        for known in self.functions.get("C_m0", ())[(self.reference_flight or 1) - 1 :][:1]:
+            first, last = np.interp(ends, known.time_s, known.mach)
+            return f"{said} (Mach {number(first)} to {number(last)})."
+        return f"{said}."
 
     def rows(self) -> Sequence[Row]:
         """One row for each hypothesis, likeliest first, with its criteria and probability."""

@@ -217,10 +217,11 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
     said = (
-        f" But without processes it predicts held-out blocks no better than the baseline: its prediction error is "
-        f"{100.0 * ratio:.0f} % of the baseline's. The name rests on the evidence beside processes alone."
+        "Named beside processes only. Without them the mechanism predicts held-out blocks no better than the baseline "
+        f"({100.0 * ratio:.0f} % of its error): it describes when and in which plane the moment changed, and is no "
+        "established cause. "
     )
-    return verdict.model_copy(update={"reason": verdict.reason + said})
+    return verdict.model_copy(update={"reason": said + verdict.reason})
 
 
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:

@@ -94,18 +94,14 @@ def _sizes(comparison: Comparison) -> Chart:
 
 
 def _own_knots(row: RankedHypothesis, index: int, flight: FlightSummary) -> dict[float, str]:
-    """Times inside the record of one flight at which a hypothesis' coefficients change: onset, end, or neither ("").
-
-    A mechanism acts where a coefficient is more than two standard errors.
-    """
+    """Times inside the record of one flight at which a hypothesis' coefficients change: onset, end, or neither ("")."""
     own = {knot.time_s: knot.flights_s[index] for knot in row.knots}
-    acts = [any(abs(value.value) > 2.0 * value.std_error for value in each.values) for each in row.intervals]
-    first, last = (acts.index(True), len(acts) - acts[::-1].index(True)) if any(acts) else (0, 0)
-    names, found = {first: "onset", last: "end"}, dict[float, str]()
-    for k, each in enumerate(row.intervals):
+    acts, found = row.acting, dict[float, str]()
+    names = {acts[0].start_s: "onset", acts[-1].stop_s: "end"} if acts else {}
+    for each in row.intervals:
         at = own.get(each.start_s) if own else each.start_s
         if at is not None and flight.start_s < at < flight.stop_s:
-            found[at] = names.get(k, "")
+            found[at] = names.get(each.start_s, "")
     return found
 
 

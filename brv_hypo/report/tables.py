@@ -46,6 +46,7 @@ _VEHICLE = (
     "As the record has it. All moment coefficients are proportional to iyy over reference area and length: where one "
     "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
 )
+_IN_PLANE: Mapping[str, str] = {"C_m0": "C_m,in"}  # what the moment at no angle of attack is at another
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 ONLY_TOGETHER = "The data give what these make together, which the functions show, and none of them by itself."
 ONLY_AS_ESTIMATED = "That value and its error hold only for sizes of processes as estimated: no evidence by itself."
@@ -203,7 +204,7 @@ def function_blocks(functions: Mapping[Function, Sequence[Derivative]]) -> list[
             place |= {"time, s": f"{whole.time_s[k]:.2f}", "Mach": number(whole.mach[k])}
             place |= {"alpha, deg": "–".join(ends)} if ends else {}
             known = list(zip(functions, found, strict=True))
-            flown.append(place | {name: _at_flown(each, k) for name, each in known})
+            flown.append(place | {_IN_PLANE.get(name, name): _at_flown(each, k) for name, each in known})
             zero.append(place | {name: _at_zero(each, k) for name, each in known})
     said = [text for name, known in functions.items() for text in collinear_texts(name, known)]
     return [

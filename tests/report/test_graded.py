@@ -17,8 +17,10 @@ from brv_hypo.comparison.result import (
     Explained,
     MaximumLikelihood,
     MechanismLimit,
+    NetInterval,
     ProcessEstimate,
     RecordError,
+    TermEstimate,
     beyond_text,
 )
 from brv_hypo.docs import text
@@ -190,6 +192,22 @@ class TestPython:
             .splitlines()[1]
             .endswith("(81 to 92 %), processes 13 %, noise <0.01 %.")
         )
+
+    def test_when_a_named_mechanism_acts_is_part_of_the_answer(self) -> None:
+        """Where a coefficient is more than two standard errors; of one that is not named, nothing is said."""
+        term = TermEstimate(
+            name="C", mechanism="damping", channel="in-plane", value=1.0, std_error=0.1, f_ratio=100.0, units="1"
+        )
+        small = term.model_copy(update={"value": 0.1})
+        ends = [(1.0, 2.0, small), (2.0, 3.0, term), (3.0, 4.5, term), (4.5, 6.0, small)]
+        intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(value,)) for a, b, value in ends)
+        for winner, said in (
+            ("damping", "One sentence. It acts from 2.00 to 4.50 s (Mach "),
+            (None, "One sentence.\n"),
+        ):
+            found = graded(winner)
+            row = found.ranking[0].model_copy(update={"intervals": intervals})
+            assert found.model_copy(update={"ranking": (row,)}).conclusion().startswith(said)
 
     def test_errors_beyond_tolerances_are_part_of_the_answer(self) -> None:
         """A trim of 14 tolerances is, what is within its tolerance is not; also where nothing is adequate."""
