@@ -18,7 +18,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import SPENT, Shape, even_edges, regions
 from brv_hypo.constants import SCANNED
 from brv_hypo.inference.evidence import Evidence, maximised, with_amplitudes
-from brv_hypo.inference.fit import HypothesisFit, joined, solved
+from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import KNOT_MARGIN, middle, nonlinear_parameters
@@ -57,20 +57,7 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
         return [pair]
     like = replace(fit, frame=frame.with_mechanisms(fit.mechanisms))
     beside = (null, null.ordinary) if null.has_large_processes else (null,)
-    return [pair, *_bracketed(problem, pair), *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]])]
-
-
-def _bracketed(problem: Problem, pair: Pair) -> list[Pair]:
-    """With two changes of like direction at neighbouring knots joined to one between them, one such pair after another:
-    with a change between two knots, both are likelier than either.
-    """
-    found: list[Pair] = []
-    while True:
-        fit, own = found[-1] if found else pair
-        columns = joined(fit.selected, own.values[fit.baseline_size :], problem.knots)
-        if columns is None:
-            return found
-        found.append(moved(problem, fitted(problem, fit, columns, own)))
+    return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]])]
 
 
 def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:

@@ -128,7 +128,7 @@ class Flow(Body):
 class TwoLobes(MomentProcess):
     """Unequal stiffness in pitch and yaw."""
 
-    name, family, splines = "two_lobes", "harmonic", 5
+    name, family, splines = "two_lobes", "harmonic", 12
     title = "moment of a two-lobed cross-section"
     lobes: ClassVar[int] = 2
 

@@ -1,11 +1,11 @@
-"""Delays are where the evidence is largest, and their errors reach to where it falls; bracketed changes are one."""
+"""Delays are where the evidence is largest, and their errors reach to where it falls."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from brv_hypo.comparison.with_processes import Pair, _bracketed, _with_columns, along_delays, fitted, scanned
+from brv_hypo.comparison.with_processes import Pair, _with_columns, along_delays, scanned
 from brv_hypo.inference.evidence import with_amplitudes
 from tests.chains import judged_cone
 
@@ -82,23 +82,3 @@ def test_what_has_no_delay_has_no_such_error() -> None:
     pair = leading("bodyfixed")
     assert not np.any(along_delays(judged_cone("bodyfixed").problem, pair, 1.0))
     assert scanned(judged_cone("bodyfixed").problem, pair) is pair
-
-
-def test_two_changes_on_either_side_of_one_are_joined() -> None:
-    problem, (fit, own) = judged_cone("bodyfixed").problem, leading("bodyfixed")
-    jumps = sorted({c.time_basis for c in fit.selected if c.time_basis.kind == "jump"}, key=lambda each: each.start)
-    spacing = float(np.min(np.diff(problem.knots)))
-    apart = [
-        column.at(column.theta, type(jumps[0])("jump", jumps[0].start + shift))
-        for shift in (-0.5 * spacing, 0.5 * spacing)
-        for column in fit.selected
-        if column.time_basis == jumps[0]
-    ]
-    others = [column for column in fit.selected if column.time_basis != jumps[0]]
-    split = fitted(problem, fit, [*apart, *others], own)
-    joined = _bracketed(problem, split)
-    assert joined
-    best = max(joined, key=lambda each: each[1].level)
-    assert best[1].level > split[1].level
-    near = min(abs(column.time_basis.start - jumps[0].start) for column in best[0].selected)
-    assert near < 0.2 * spacing
