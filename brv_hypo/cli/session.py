@@ -93,6 +93,14 @@ _unwinds = False
 _signal: int | None = None  # that arrived
 
 
+class Signalled(KeyboardInterrupt):
+    """A signal, as what unwinds the command.
+
+    Not KeyboardInterrupt itself: one that passes through `exec` of a text, by which a dataclass is made for instance,
+    leaves a mark in CPython, and the process then dies of SIGINT whatever code it ends with.
+    """
+
+
 def listen() -> None:
     """Handle both signals from now on."""
     for number in ENDS:
@@ -132,7 +140,7 @@ def _handle(number: int, frame: FrameType | None) -> None:
     clock = threading.Timer(GRACE_SECONDS, _leave, [code, word])
     clock.daemon = True
     clock.start()
-    raise KeyboardInterrupt
+    raise Signalled
 
 
 def _leave(code: int, word: str) -> None:

@@ -20,6 +20,10 @@ Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
+QUIET_NOISE = (
+    " The noise is smaller than the record states: if a low-pass took it out, no stated error includes that the "
+    "filter's delay makes knots late, and its width makes jumps gradual."
+)
 
 
 class TermEstimate(NullIsNaN):
@@ -410,8 +414,7 @@ class Comparison(HasCharts, Result):
             within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
-            quiet = " The noise is smaller than the record states." if fits.ratio < QUIET else ""
-            lines.append(f"{within}{repeated}.{quiet}")
+            lines.append(f"{within}{repeated}.{QUIET_NOISE if fits.ratio < QUIET else ''}")
         poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
         lines.append(beyond_text(self.record_errors, poses))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:

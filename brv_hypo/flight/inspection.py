@@ -38,6 +38,11 @@ INSPECTED_LEVEL = 1.5
 INSPECTED_AGREES = 1.25
 INSPECTED_FEWEST_SAMPLES = 50  # of a periodogram
 INSPECTED_PER_CYCLE = 10.0  # samples
+# A record was low-passed whose noise, in the last of eight parts of the band above the motion, is less than this share
+# of what is left there of any of the lower four if it falls with the square of the frequency: as rates where a moment
+# jumps.
+FILTERED_TO, FILTERED_PARTS = 0.3, 8
+FILTERED_ABOVE = (8.0, 0.1)  # times the motion's frequency, and of half the sample rate: what is noise
 
 
 PhaseName = Literal["pad", "burn", "coast", "parachute"]
@@ -196,7 +201,11 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
         vehicle=ready.vehicle,
         phases=phases,
         notes=ready.notes,
-        warnings=(*_warnings(channels, per_cycle, phases), *filter(None, steps)),
+        warnings=(
+            *_warnings(channels, per_cycle, phases),
+            *([FILTERED] if low_passed(ready, frequency) else []),
+            *filter(None, steps),
+        ),
     )
 
 
@@ -217,6 +226,29 @@ def white_noise(values: FloatArray) -> Noise:
     level = float(np.median(levels))
     agrees = 0.0 < sigma <= INSPECTED_AGREES * level and level <= INSPECTED_AGREES * sigma
     return Noise(sigma, trusted=agrees and bool(levels.max() <= INSPECTED_LEVEL * levels.min()))
+
+
+FILTERED = (
+    "q and r have little noise at their highest frequencies: they were low-passed (import's `rate` does so, without "
+    "delay). Errors of coefficients allow for that; no stated error includes that a filter's delay makes knots late, "
+    "and its width makes jumps gradual"
+)
+
+
+def low_passed(flight: Flight, frequency: float) -> bool:
+    """Whether the noise of q and r ends within the band, in the longest segment; `frequency`: of the motion, Hz."""
+    from scipy.signal.windows import blackmanharris
+
+    start, stop = max(flight.segments, key=lambda segment: segment[1] - segment[0])
+    window = blackmanharris(stop - start)  # whose side lobes lie below any noise
+    spectra = (np.fft.rfft((each[start:stop] - np.mean(each[start:stop])) * window) for each in (flight.q, flight.r))
+    size, at = np.sqrt(sum(np.abs(each) ** 2 for each in spectra)), np.fft.rfftfreq(stop - start, flight.step)
+    cycles, share = FILTERED_ABOVE
+    parts = np.array_split(np.flatnonzero(at > max(cycles * frequency, share * at[-1])), FILTERED_PARTS)
+    if parts[-1].size < INSPECTED_FEWEST_SAMPLES // FILTERED_PARTS:
+        return False
+    levels = [float(np.median(size[part] * at[part] ** 2)) for part in parts]
+    return levels[-1] < FILTERED_TO * max(levels[: FILTERED_PARTS // 2])
 
 
 def held_or_rounded(name: str, time: FloatArray, values: FloatArray) -> str | None:

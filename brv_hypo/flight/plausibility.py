@@ -116,6 +116,15 @@ Air = tuple[FloatArray, FloatArray, FloatArray]
 """Speed (n,) m/s, what is proportional to the dynamic pressure (n,), and the unit's place (3,) m from the c.g."""
 
 
+def air_of(channels: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray] | None:
+    """The first two of `Air`, by the channels (n,), SI; None where they do not give them."""
+    name = next((name for name in ("dynamic_pressure", "density", "altitude") if name in channels), None)
+    if name is None or "velocity" not in channels:
+        return None
+    scale = channels[name] if name != "altitude" else np.exp(-channels[name] / SCALE_HEIGHT)
+    return channels["velocity"], scale if name == "dynamic_pressure" else scale * channels["velocity"] ** 2
+
+
 def nose_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: Air | None = None) -> Tilt | None:
     """The nose by thrust, drag and much spin of `rates` (3, n) rad/s and `forces` (3, n) m/s^2, else by a coast."""
     flown = powered_flight(time, forces)
@@ -248,25 +257,34 @@ def relative_turns() -> Iterator[FloatArray]:
 
 
 def relative_axes(
-    time: FloatArray, rates: FloatArray, forces: FloatArray, units: Mapping[str, float]
+    time: FloatArray,
+    rates: FloatArray,
+    forces: FloatArray,
+    units: Mapping[str, float],
+    air: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[str, FloatArray, float] | None:
     """Units and turn (3, 3) of the gyros under which the accelerometers follow from them best, and how surely.
 
-    `rates` (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose. The
-    last value is the unexplained share of the best over that of the next. None without thrust and a coast of a second.
+    `rates` (3, n) in any of `units` (their sizes in rad/s) less their biases, `forces` (3, n) m/s^2, x to the nose;
+    `air` as of `air_of`, else what thrust makes. The last value is the unexplained share of the best over that of the
+    next. None without a second of coast after thrust, or of known air.
     """
     from scipy.ndimage import uniform_filter1d
 
-    flown, step = powered_flight(time, forces), float(np.median(np.diff(time)))
-    if flown is None:
+    step = float(np.median(np.diff(time)))
+    if air is not None:
+        speed, scale = air
+        used = slice(*max(runs(np.isfinite(speed + scale)), key=lambda run: run[1] - run[0], default=(0, 0)))
+    elif (flown := powered_flight(time, forces)) is not None:
+        speed, used = flown[1], slice(flown[2][1] + round(FADED / step), flown[2][2])
+        scale = speed**2 * np.exp(-integral(time, speed) / SCALE_HEIGHT)
+    else:
         return None
-    used = slice(flown[2][1] + round(FADED / step), flown[2][2])
     if (used.stop - used.start) * step < 1.0:
         return None
-    scale = flown[1] ** 2 * np.exp(-integral(time, flown[1]) / SCALE_HEIGHT)
     width = max(1, round(RELATIVE_SMOOTHED / step))
     smooth = np.stack([uniform_filter1d(joined(each), width)[used] for each in (*rates, *forces)])
-    since, speed = time[used] - time[used.start], flown[1][used]
+    since, speed = time[used] - time[used.start], speed[used]
     found = []
     for name, size in units.items():
         for matrix in relative_turns():
@@ -275,6 +293,13 @@ def relative_axes(
             found.append((squares[1] / squares[0] if slope > 0.0 else 1.0, name, matrix))
     found.sort(key=lambda each: each[0])
     return found[0][1], found[0][2], found[0][0] / max(found[1][0], 1e-300)
+
+
+def as_turned(triad: Sequence[str], turn: FloatArray) -> str:
+    """What a signed permutation (3, 3) makes of a triad's channels: `p, q, r were -p, -q, r`."""
+    axes = np.argmax(np.abs(turn), axis=1)
+    names = [("-" if row[axis] < 0.0 else "") + triad[axis] for axis, row in zip(axes, turn, strict=True)]
+    return f"{', '.join(triad)} were {', '.join(names)}"
 
 
 # ---- What breaks the physics of any vehicle, and units that are turned ----
@@ -423,10 +448,8 @@ def gyro_fault(time: FloatArray, rates: FloatArray, forces: FloatArray) -> tuple
     found = relative_axes(time, rates, forces, {"": 1.0, " in deg/s": degree, " in rad/s, read as deg/s": 1.0 / degree})
     if found is None or found[2] > limits.GYROS_SURE or (found[0] == "" and np.array_equal(found[1], np.eye(3))):
         return ()
-    axes = [int(np.argmax(np.abs(row))) for row in found[1]]
-    names = [("-" if row[axis] < 0.0 else "") + GYROS[axis] for axis, row in zip(axes, found[1], strict=True)]
     words = (
-        f"the forces across the axis follow from the rates as if p, q, r were {', '.join(names)}{found[0]}, leaving "
+        f"the forces across the axis follow from the rates as if {as_turned(GYROS, found[1])}{found[0]}, leaving "
         f"{found[2]:.2f} of what the next best leaves: correct units, axes and signs of the gyros in the map"
     )
     return (RecordFault.over(time, "p, q, r", "axes" if found[0] == "" else "units", words, decisive=True),)

@@ -23,7 +23,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
-from brv_hypo.flight.plausibility import gains, mounting_fault, nose_axis, relative_axes
+from brv_hypo.flight.plausibility import air_of, as_turned, gains, mounting_fault, nose_axis, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
@@ -84,6 +84,7 @@ def _examined(path: Path) -> ForeignTable:
     _stand_upright(table)
     _units_of_gyros(table)
     _units_of_air(table)
+    _check_axes(table)
     for channel, names in others.items():
         if names and channel in table.entries:
             table.change(channel, "the likeliest name", f"{', '.join(names)} may be {channel} as well")
@@ -262,6 +263,31 @@ def _units_of_gyros(table: ForeignTable) -> None:
             table.change(name, f"{units} by range (up to {most:.3g})", units=units, unsure=doubts)
 
 
+def _check_axes(table: ForeignTable) -> None:
+    """Signs and axes of a log without thrust, by its own air data: doubts, as gyros and accelerometers may be wrong."""
+    if table.tilt is not None or not {*GYROS, *ACCELEROMETERS} <= set(table.entries):
+        return
+    given = ("velocity", "dynamic_pressure", "density", "altitude")
+    air = air_of({name: table.in_si(name) for name in given if name in table.entries})
+    found = None
+    if air is not None:
+        found = relative_axes(table.in_si("time"), table.triad(GYROS), table.triad(ACCELEROMETERS), {"": 1.0}, air)
+    if found is None or found[2] > limits.GYROS_SURE:
+        why = "speed and air data in the same file would show them" if air is None else "the forces do not show them"
+        table.unsure.append(f"signs and axes of gyros and accelerometers were not checked: {why}")
+        return
+    turn = found[1]
+    # Both triads turned together, or mirrored, read the same: the accelerometers may be the ones at fault.
+    mirrored = turn[0, 0] * turn
+    triads = [(GYROS, turn), *([(ACCELEROMETERS, mirrored)] if np.linalg.det(turn) > 0.0 else [])]
+    triads.sort(key=lambda each: int(np.count_nonzero(each[1] != np.eye(3))))
+    wrong = np.flatnonzero((triads[0][1] != np.eye(3)).any(axis=1))
+    if wrong.size:
+        said = ", or ".join(as_turned(*each) for each in triads)
+        doubt = f"the forces across the axis follow from the rates as if {said}: correct one of them"
+        table.change(triads[0][0][wrong[0]], "its sign or axis in doubt", doubt)
+
+
 def _gained(table: ForeignTable) -> None:
     """Units of speed and altitude by what the thrust gains."""
     recorded: dict[str, FloatArray] = {n: table.values(n) for n in ("velocity", "altitude") if n in table.entries}
@@ -299,7 +325,7 @@ def _speed_like_push(table: ForeignTable) -> None:
     An altitude that rises by the path of the speed, or nearly, is in the same units of length.
     """
     time = table.in_si("time")
-    pairs = rules.speed_units(time, table.values("velocity"), table.values("ax"))
+    pairs, reversed_sign = rules.speed_units(time, table.values("velocity"), table.values("ax"))
     named = (table.entries["velocity"].units, table.entries["ax"].units)
     if table.rest_s is not None:
         pairs = tuple(pair for pair in pairs if pair[1] == named[1])
@@ -308,6 +334,8 @@ def _speed_like_push(table: ForeignTable) -> None:
     speeds, pushes = named if named in pairs else pairs[0]
     table.sure("velocity", speeds, f"it changes as ax says, in {speeds} and {pushes}")
     table.sure("ax", pushes, f"it changes the speed, in {pushes} and {speeds}")
+    if reversed_sign and table.tilt is None:
+        table.change("ax", "against the speed", "the speed changes as if ax had the other sign")
     for name in ("ay", "az"):
         if name in table.entries and table.entries[name].units == named[1]:
             table.sure(name, pushes, f"as ax, in {pushes}")
@@ -381,9 +409,11 @@ _OF_VEHICLE = {
     "ixx": "about the spin axis",
     "iyy": "about either transverse axis",
     "reference_length": "the one length of all moment coefficients: the diameter",
-    "accelerometer_position": "from the centre of gravity, x to the nose; unknown: zeros, and its "
-    "size as instruments/accel_position",
+    "accelerometer_position": "from the centre of gravity, x to the nose",
 }
+_NO_POSITION = (
+    "accelerometer_position: zeros are assumed; if it stays unknown, state its size as instruments/accel_position"
+)
 _GRADE = "instruments: their grade is taken as industrial; their accuracy decides what the record can show"
 
 
@@ -394,7 +424,7 @@ def _written(table: ForeignTable) -> Guess:
     channels = {name: table.entries[name] for name in (*CHANNEL_DIMENSIONS, *ATTITUDE) if name in table.entries}
     missing = _missing(channels)
     unknown = [name for name in VEHICLE_DIMENSIONS if vehicle is None or name not in vehicle.entries]
-    said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}"] if unknown else []
+    said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION] if unknown else []
     unsure = [f"{name}: {doubt}" for name, entry in channels.items() for doubt in entry.unsure]
 
     def file_of(other: ForeignTable) -> str:
@@ -413,6 +443,7 @@ def _written(table: ForeignTable) -> Guess:
         missing=missing,
         properties={name: SI[dimension] for name, dimension in VEHICLE_DIMENSIONS.items()},
         meanings=_OF_VEHICLE,
+        no_position=_NO_POSITION,
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
         degrees=np.degrees,
         turned=bool(mounting_fault(table.in_si("time"), table.tilt)),

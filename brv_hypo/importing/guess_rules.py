@@ -219,8 +219,9 @@ def turning_units(
     return None if units is None else (units, float(np.sign(factor)))
 
 
-def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[tuple[str, str], ...]:
-    """Pairs of units of a speed (n,) and of the acceleration (n,) that changes it, as their ratio allows.
+def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[tuple[tuple[str, str], ...], bool]:
+    """Pairs of units of a speed (n,) and of the acceleration (n,) that changes it, as their ratio allows; whether the
+    acceleration has the other sign.
 
     What the accelerometer senses differs from the change of speed by gravity, or a part of it: a constant. Empty where
     the one does not follow from the other.
@@ -231,13 +232,13 @@ def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[
     found, *_ = np.linalg.lstsq(columns[known], speed[known], rcond=None)
     left = speed[known] - columns[known] @ found
     if float(np.std(left)) > 0.1 * float(np.std(speed[known])):
-        return ()
+        return (), False
     fits = [
         (abs(np.log(abs(found[0]) * v / a)), v_name, a_name)
         for v_name, v in sizes("speed").items()
         for a_name, a in sizes("acceleration").items()
     ]
-    return tuple((speeds, pushes) for off, speeds, pushes in sorted(fits) if off < WITHIN)
+    return tuple((speeds, pushes) for off, speeds, pushes in sorted(fits) if off < WITHIN), bool(found[0] < 0.0)
 
 
 def pressure_units(pressure: FloatArray, density: FloatArray, speed: FloatArray) -> str | None:

@@ -47,7 +47,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.format import assemble
 from brv_hypo.flight.inspection import Phase, PhaseName, find_phases, held_or_rounded
-from brv_hypo.flight.plausibility import SCALE_HEIGHT, Tilt, contradictions, gyro_fault, mounting_fault, nose_axis
+from brv_hypo.flight.plausibility import Tilt, air_of, contradictions, gyro_fault, mounting_fault, nose_axis
 from brv_hypo.flight.record import (
     ACCELEROMETERS,
     CHANNEL_DIMENSIONS,
@@ -466,14 +466,12 @@ def _nose(time: FloatArray, channels: Channels, mapping: RecordMap) -> Tilt | No
     """The nose by thrust; without, by a coast of known speed."""
     if not set(INERTIAL_CHANNELS) <= set(channels):
         return None
-    name = next((name for name in ("dynamic_pressure", "density", "altitude") if name in channels), None)
-    if name is None or "velocity" not in channels:
+    air = air_of(channels)
+    if air is None:
         return nose_axis(time, *_triads(channels))
-    scale = channels[name] if name != "altitude" else np.exp(-channels[name] / SCALE_HEIGHT)
-    scale = scale if name == "dynamic_pressure" else scale * channels["velocity"] ** 2
     place = mapping.vehicle.get("accelerometer_position", VehicleValue(value=0.0, units="m"))
     value = to_si(getattr(place, "value", 0.0), place.units, "length", "vehicle/accelerometer_position")
-    return nose_axis(time, *_triads(channels), (channels["velocity"], scale, np.broadcast_to(value, (3,))))
+    return nose_axis(time, *_triads(channels), (*air, np.broadcast_to(value, (3,))))
 
 
 def _triads(channels: Channels) -> tuple[FloatArray, FloatArray]:

@@ -75,7 +75,7 @@ ASCENT_FEWEST = 20  # samples with force and altitude
 # Samples that a cycle of the transverse oscillation keeps: a moment is differentiated from its rates, and delays are
 # shorter than a cycle.
 DECIMATED_PER_CYCLE = 30.0
-DECIMATED_FEWEST = 500.0  # samples that a window keeps, if it has them
+DECIMATED_FEWEST = 500.0  # samples of a window, if it has them, before the ends of the filter are left out
 DECIMATED_WORTH = 1.3  # times the rate asked for, below which a filter costs more than it saves
 DECIMATED_LEAST_GAIN = 2.0  # times the samples that the motion needs, below which a record is left as it is
 DECIMATED_PASS_END = 0.3  # of the new rate

@@ -221,7 +221,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
                 return ended(_singular(unseen), str(unseen))
             return replace(ended(Status.CONVERGED), segments=segments)
         del segments, step  # not kept beside the next
-    return ended(Status.ITERATION_LIMIT, f"{options.max_iterations} iterations")
+    return ended(Status.ITERATION_LIMIT)
 
 
 def _singular(error: SingularStatesError) -> Status:

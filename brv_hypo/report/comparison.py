@@ -274,12 +274,15 @@ def _compared(comparison: Comparison) -> list[Block]:
     no_limits = (why,) if withheld else ()
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
     known = [f"{name}: at most {share(value)} of the moment's rms" for name, value in shares.items() if value == value]
-    title, read = "largest share of the moment's rms, %", "How large each mechanism may be at 95 %, whatever won."
+    title = "largest share of the moment's rms, %"
+    read = (
+        "At 95 %: the most that the leader may make, and that any other could hide beside it; no sign that it is there."
+    )
     return [
         _evidence(comparison),
         _probability(comparison),
-        Chart("limits", "Limits", title, charts.share_bars(shares, "third"), caption=read),
-        Texts((*no_limits, *known), "Limits", shown="verbose"),
+        Chart("limits", "Upper limits", title, charts.share_bars(shares, "third"), caption=read),
+        Texts((*no_limits, *known), f"Upper limits. {read}", shown="verbose"),
         Texts(comparison.disagreements, "Disagreements"),
     ]
 

@@ -36,6 +36,7 @@ ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of t
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 _OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
+SLOW = "drifts, gusts and other slow changes, in every hypothesis"
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the coefficients of its "
     "splines in time, as the moment coefficient C_m that they make, or the instrument's or air's error; relative: over "
@@ -105,7 +106,7 @@ def process_blocks(comparison: Comparison) -> list[Block]:
         }
         for each in shown_processes(comparison)
     ]
-    beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)}" if rows else ""
+    beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
     named = comparison.verdict.winner not in (None, "none")
     related = Texts((NAME_AND_FAMILY,) if named else (), bullets=False, shown="verbose")
@@ -128,13 +129,13 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     """What the columns of the processes mean, and which are left out of the table."""
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
-    others = (f"Of at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
+    what = "Of" if shown else f"Processes ({SLOW}) of"
+    others = (f"{what} at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
+    simulated = "To simulate the largest: entries for a configuration of `brv-hypo simulate` (join those of one key)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(others, bullets=False, shown="verbose" if shown else "always"),
-        Texts(
-            [each.as_planted for each in shown[:ROWS_AT_FIRST]], "To plant the largest again (simulate)", shown="page"
-        ),
+        Texts([each.as_planted for each in shown[:ROWS_AT_FIRST]], simulated, shown="page"),
     ]
 
 
@@ -156,12 +157,13 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
             groups.setdefault(group, []).append(each)
     begins = [[f"{name} at {at.start_s:.2f} s" for name in group] for group, some in groups.items() for at in some]
     table = term_table(heading, net, "always", most=ROWS_AT_FIRST, collinear=begins)
-    said = collinear_names(groups) if any(COLLINEAR_MARK in row["value"] for row in table.rows) else []
+    marked = [COLLINEAR_MARK in row["value"] for row in table.rows]
+    beside: Shown = "always" if any(marked[:ROWS_AT_FIRST]) else "verbose"
     known = [e for row in leader for e in row.derived if e.region_s is None]
     derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
     shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
     texts = Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)
-    return [table, Texts(said, bullets=False), texts]
+    return [table, Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside), texts]
 
 
 def size_table(comparison: Comparison) -> Table:

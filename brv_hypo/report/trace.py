@@ -198,7 +198,9 @@ def _step(step: Step) -> list[Block]:
         for row in step.candidates
     ]
     largest = next((each.history for each in step.decomposition if each.interval_95[0] > LEAST_FAMILY), None)
-    families = families_text(step)
+    small = [each.family for each in step.decomposition if each.interval_95[0] <= LEAST_FAMILY]
+    others = f"not surely above {share(LEAST_FAMILY)}: {', '.join(small)}" if small else ""
+    families = "; ".join(filter(None, (families_text(step), others)))
     sentences = [f"By family: {families}."] if families else []
     sentences += [f"{_history_text(largest)}."] if largest is not None else []
     sentences.append(outcome_text(step))

@@ -237,7 +237,10 @@ class Truth:
             "C_m": self.C_m,
             "C_n": self.C_n,
             # In HDF5 a slash would open a group, and names of terms may hold one.
-            "parameters": {name.replace("/", " per "): value for name, value in self.parameters.items()},
+            "parameters": {
+                name.replace("/", " per "): Quantity(np.asarray(value), "as in the configuration")
+                for name, value in self.parameters.items()
+            },
         }
 
 

@@ -258,8 +258,8 @@ def _finer_processes() -> tuple[MomentProcess, ...]:
     for each in moment_processes():
         own = type(each)
         count = {"splines": max(own.splines, FAMILY_SPLINES), "__module__": own.__module__}
-        alike = cast(type[MomentProcess], type(own.__name__, (own,), count))
-        finer.append(alike.model_validate(each.model_dump()))
+        kind = cast(type[MomentProcess], type(own.__name__, (own,), count))
+        finer.append(kind.model_validate(each.model_dump()))
     return tuple(finer)
 
 

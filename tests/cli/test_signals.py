@@ -134,6 +134,35 @@ def test_what_swallows_the_signal_is_ended_after_the_grace(number):
     assert len(errors.splitlines()) == 1
 
 
+IN_EXEC = """
+import brv_hypo.cli.main as main, typer
+from brv_hypo.cli.session import guarded
+
+def command():
+    exec("import os, signal; os.kill(os.getpid(), signal.{})")
+
+main.app = typer.Typer()
+main.app.command()(guarded(command))
+main.run()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.thorough)])
+def test_a_signal_while_a_text_is_executed_keeps_its_code(tmp_path, number):
+    """CPython marks a KeyboardInterrupt that passes through `exec` of a text, and dies of SIGINT at its end."""
+    (tmp_path / "command_in_exec.py").write_text(IN_EXEC.format(number.name))
+    paths = os.pathsep.join([str(tmp_path), *(path for path in sys.path if path)])
+    done = subprocess.run(
+        [sys.executable, "-m", "command_in_exec"],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == CODES[number][0]
+    assert CODES[number][1] in done.stderr
+
+
 def test_what_a_library_makes_of_a_signal_is_the_signal(monkeypatch, capsys):
     """A signal in the middle of an import comes back as an ImportError."""
 

@@ -24,10 +24,7 @@ class Noted(Walk):
     ("task", "expected"),
     [
         ("demo", ["demo"]),
-        (
-            "mechanism",
-            [*("mechanisms", "simulate", "compare", "compare"), *("mechanisms", "simulate", "simulate", "compare")],
-        ),
+        ("mechanism", [*("mechanisms", "simulate", "compare", "compare"), "mechanisms", *("simulate", "compare") * 2]),
         ("effect", ["mechanisms", "mechanisms", "python", "trace"]),
         ("sisters", ["simulate", "trace", "simulate", "predict"]),
         ("seed", ["simulate", "inspect", "compare"]),

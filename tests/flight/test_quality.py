@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import inspect_flight, white_noise
 from brv_hypo.flight.clock import strongest_frequency
+from brv_hypo.flight.inspection import FILTERED
+from brv_hypo.simulation import simulate
 from tests.flight.records import flight, motion, write_raw
 
 
@@ -93,3 +97,19 @@ def test_few_samples_a_cycle_are_warned_of(tmp_path: Path) -> None:
     found = inspect_flight(write_raw(tmp_path / "f.h5", motion(400, 10.0, frequency=2.0)))
     assert found.samples_per_cycle == pytest.approx(5.0, rel=0.05)
     assert any("samples a cycle" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("plant", ["", "bodyfixed"])
+def test_a_record_that_was_low_passed_is_said_to_be(plant: str) -> None:
+    """And none that was not, however quiet: where a moment jumps, rates fall with the square of the frequency."""
+    quiet = {"gyro": {"noise": 1e-7}, "accelerometer": {"noise": 1e-5}}
+    plants = (plant,) if plant else ()
+    as_it_was, jumps = (
+        simulate("research_cone", seed=2, plant=plants, duration=3.0, **changes).flight
+        for changes in ({}, {"instruments": quiet})
+    )
+    assert FILTERED not in (*inspect_flight(as_it_was).warnings, *inspect_flight(jumps).warnings)
+    for filtering, order in ((sosfilt, 2), (sosfiltfilt, 4)):
+        low_pass = butter(order, 30.0, fs=as_it_was.sample_rate, output="sos")
+        rates = {name: filtering(low_pass, getattr(as_it_was, name)) for name in ("q", "r")}
+        assert FILTERED in inspect_flight(replace(as_it_was, **rates)).warnings

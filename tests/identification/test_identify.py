@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -145,6 +146,7 @@ def test_a_search_that_ends_early_names_remedies_that_a_command_has(bodyfixed):
     assert found.status == "iteration limit"
     assert "`--start`, `--stop`" in found.message
     assert "max_iterations" not in found.message
+    assert not re.search(r"\d+ iterations", found.message)  # of the last search: `iterations` counts all
 
 
 def test_a_record_too_short_is_a_status_not_an_exception(bodyfixed):

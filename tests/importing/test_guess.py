@@ -15,6 +15,7 @@ from brv_hypo.flight.record import CHANNEL_DIMENSIONS
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.guess import guess_map
 from brv_hypo.importing.guess_rules import by_name, turning_units, units_in
+from brv_hypo.simulation import simulate
 from tests.flight.records import UNITS, VEHICLE
 from tests.importing import rockets
 from tests.importing.test_foreign import write_csv, write_mat, write_parquet
@@ -284,3 +285,40 @@ def test_what_the_axial_accelerometer_is_in_the_others_are_in(tmp_path: Path, st
     assert found["q"]["column"] == (f"{struct}." if struct else "") + "gyro_y"
     assert not any("acc_" in doubt for doubt in guess.unsure)
     assert next(doubt for doubt in guess.unsure if "gyro_x" in doubt).endswith("deg/s is a guess")
+
+
+@pytest.mark.parametrize(
+    ("mistaken", "said"),
+    [
+        ((), None),
+        (("az",), "as if ax, ay, az were ax, ay, -az, or p, q, r were -p, -q, r"),
+        (("q",), "as if p, q, r were p, -q, r"),
+        (("ax",), "the speed changes as if ax had the other sign"),
+    ],
+)
+def test_a_reversed_sign_on_an_entry_is_noticed(tmp_path: Path, mistaken: tuple[str, ...], said: str | None) -> None:
+    """Speed and dynamic pressure tell the signs where no thrust does."""
+    flight = simulate("blunt_capsule", seed=1, duration=4.0).flight
+    units = {"time": "s", **dict.fromkeys("pqr", "radps"), **dict.fromkeys(("ax", "ay", "az"), "mps2")}
+    units |= {"velocity": "mps", "dynamic_pressure": "Pa"}
+    columns = {f"{n}_{u}": (-1.0 if n in mistaken else 1.0) * getattr(flight, n) for n, u in units.items()}
+    guess = guess_map(write_csv(tmp_path / "a.csv", columns))
+    doubts = [doubt for doubt in guess.unsure if " as if " in doubt]
+    assert [said in doubt for doubt in doubts] == ([True] if said else [])
+    assert not any("not checked" in doubt for doubt in guess.unsure)
+    assert all(f"# UNSURE: {doubt.partition(': ')[2]}" in guess.text for doubt in doubts)
+
+
+def test_signs_that_nothing_shows_are_said_to_be_unchecked(tmp_path: Path) -> None:
+    flight = simulate("blunt_capsule", seed=1, duration=4.0).flight
+    columns = {name: getattr(flight, name) for name in ("time", "p", "q", "r", "ax", "ay", "az", "velocity")}
+    guess = guess_map(write_csv(tmp_path / "a.csv", columns))
+    assert any("signs and axes of gyros and accelerometers were not checked" in doubt for doubt in guess.unsure)
+
+
+def test_a_position_that_no_table_gives_is_marked(tmp_path: Path) -> None:
+    guess = guess_map(write_csv(tmp_path / "a.csv", logged()))
+    lines = guess.text.splitlines()
+    place = next(k for k, line in enumerate(lines) if line.startswith("  accelerometer_position"))
+    assert lines[place - 1].startswith("  # MISSING: accelerometer_position: zeros are assumed")
+    assert any(doubt.startswith("accelerometer_position: zeros are assumed") for doubt in guess.unsure)

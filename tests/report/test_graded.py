@@ -111,6 +111,20 @@ class TestTerminal:
             assert line_of(short, each.name) == line_of(whole, each.name)
         assert "gyro_drift" not in short
 
+    def test_a_star_is_explained_where_a_row_that_is_shown_has_one(self) -> None:
+        value = graded().ranking[0].terms[0].model_copy(update={"value": 1.0, "std_error": 0.1, "region_s": (0.0, 1.0)})
+        values = [value.model_copy(update={"name": f"term_{k}"}) for k in range(6)]
+        for pair, short in ((("term_0", "term_5"), True), (("term_4", "term_5"), False)):
+            interval = NetInterval(start_s=0.0, stop_s=1.0, values=values, collinear_groups=(pair,))
+            row = graded().ranking[0].model_copy(update={"intervals": (interval,)})
+            named = graded().model_copy(update={"ranking": (row, *graded().ranking[1:])})
+            assert ("are nearly collinear" in printed(named)) == short
+            assert "are nearly collinear" in printed(named, verbose=True)
+
+    def test_limits_are_said_to_be_no_sign_of_a_mechanism(self) -> None:
+        said = " ".join(printed(graded(), verbose=True).split())
+        assert "Upper limits. At 95 %: the most that the leader may make, and that any other could hide" in said
+
     def test_a_process_has_its_size_with_error_and_unit_and_its_multiple_of_an_ordinary_size(self) -> None:
         shown = printed(graded())
         assert line_of(shown, "turbulence") == ["turbulence", "air", "1.43", "0.21", "m/s", "14", "×", "1.6", "%"]
@@ -124,8 +138,9 @@ class TestTerminal:
         assert "may be one drift" not in printed(graded())
 
     def test_that_no_process_is_large_is_said(self) -> None:
-        shown = printed(graded(processes=PROCESSES[-1:]))
-        assert f"Of at most 0.1 % of the static moment: {PROCESSES[-1].name}." in shown
+        shown = " ".join(printed(graded(processes=PROCESSES[-1:])).split())
+        said = f"slow changes, in every hypothesis) of at most 0.1 % of the static moment: {PROCESSES[-1].name}."
+        assert said in shown
         assert "Processes beside" not in shown
 
     def test_a_verdict_of_an_earlier_version_has_neither(self) -> None:

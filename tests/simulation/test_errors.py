@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -88,6 +89,9 @@ def test_the_truth_holds_what_was_drawn_and_names_only_what_was_planted(tmp_path
     (trim,) = (e for e in flight.config.asymmetries if e.mechanism == "trim")
     place = flight.config.asymmetries.index(trim)
     assert truth["parameters"][f"asymmetries.{place}.terms.C_m0"] == trim.terms["C_m0"]
+    with h5py.File(tmp_path / "flight.h5") as file:
+        units = {name: file[f"truth/{name}"].attrs["units"] for name in ("alpha", "C_m", "parameters/vehicle.mass")}
+    assert units == {"alpha": "rad", "C_m": "dimensionless", "parameters/vehicle.mass": "as in the configuration"}
     before = flight.truth.time < 0.29
     np.testing.assert_allclose(flight.truth.planted_in_plane[before], 0.0, atol=1e-12)
 

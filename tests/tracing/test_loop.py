@@ -10,6 +10,7 @@ import pytest
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.report.document import Texts, flat
 from brv_hypo.report.trace import trace_document
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
@@ -146,7 +147,8 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     own = dict.fromkeys(("time_s", "mach", "alpha_rad", "values", "std_errors"), (1.0,))
     history = ProcessHistory(process="own_drift", title="a drift of one's own", units="1", **own)
     family = Family(family="body", share=0.83, interval_95=(0.7, 0.9), history=history)
-    first = traced.steps[0].model_copy(update={"decomposition": (family,)})
+    small = Family(family="air", share=0.02, interval_95=(0.0, 0.05))
+    first = traced.steps[0].model_copy(update={"decomposition": (family, small)})
     shares = "body 83 % (70 % to 90 %, mostly own_drift)."
     for findings, said in (
         ((), f"No effect with a name was found; families of processes explain the residual: {shares}"),
@@ -154,4 +156,6 @@ def test_what_a_trace_found_and_what_families_hold_is_one_sentence() -> None:
     ):
         document = trace_document(traced.model_copy(update={"findings": findings, "steps": (first,)}))
         assert document.conclusion.splitlines()[0] == said
+    texts = [text for block in flat(document.blocks) if isinstance(block, Texts) for text in block.texts]
+    assert f"By family: {shares[:-1]}; not surely above 0.5 %: air." in texts
     assert document.ahead == ()
