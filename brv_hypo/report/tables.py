@@ -40,7 +40,8 @@ SLOW = "drifts, gusts and other slow changes, in every hypothesis"
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the coefficients of its "
     "splines in time, as the moment coefficient C_m that they make, or the instrument's or air's error; relative: over "
-    "an ordinary size; of moment: rms of what the process makes of the record, over the static moment's."
+    "an ordinary size; of moment: rms of what the process makes of the record, over the static moment's. A size below "
+    "its sigma: the record does not say that this one acts, and another may make the same."
 )
 
 _VEHICLE = (
