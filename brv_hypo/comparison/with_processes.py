@@ -60,15 +60,12 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
     return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]])]
 
 
-def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
-    """The likeliest beside processes of a hypothesis as it is, in one region, between its own knots and grown from
-    there; then without the changes that are not wanted, its knots and delays where they are likeliest.
+def plainest(problem: Problem, offered: Sequence[Pair]) -> Pair:
+    """The likeliest beside processes of a hypothesis as it is, in one region and grown from there; then without the
+    changes that are not wanted, its knots and delays where they are likeliest.
     """
-    (fit, _), pairs = offered[0], list(offered)
-    if len(fit.mechanisms) == 1:
-        time = fit.frame.coefficient_time
-        own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
-        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
+    pairs = list(offered)
+    if len(pairs[0][0].mechanisms) == 1:
         pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
     return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
 
@@ -216,8 +213,8 @@ def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor],
 
 
 def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor]) -> HypothesisFit:
-    """The hypothesis of a fit with other columns, without processes."""
-    columns = (*problem.baseline, *selected)
+    """The hypothesis of a fit with other columns, without processes; two changes at one time are one."""
+    columns = (*problem.baseline, *dict.fromkeys(selected))
     fit = solved(Reduced(problem, like.frame), like.name, like.mechanisms, columns, like.searched)
     return replace(fit, nonlinear=nonlinear_parameters(fit.selected, like.frame, problem.knots))
 
@@ -372,7 +369,7 @@ def _without_unwanted(problem: Problem, pair: Pair) -> Pair:
             (early, theta), start = close[0]
             joined = replace(early, start=start)
             there = [c.at(theta, joined) if (c.time_basis, c.theta) == (early, theta) else c for c in fit.selected]
-            pair = moved(problem, fitted(problem, fit, tuple(dict.fromkeys(there)), own))
+            pair = moved(problem, fitted(problem, fit, there, own))
             continue
         if len(bases) < 2:
             return pair

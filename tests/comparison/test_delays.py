@@ -82,3 +82,11 @@ def test_what_has_no_delay_has_no_such_error() -> None:
     pair = leading("bodyfixed")
     assert not np.any(along_delays(judged_cone("bodyfixed").problem, pair, 1.0))
     assert scanned(judged_cone("bodyfixed").problem, pair) is pair
+
+
+def test_two_changes_at_one_time_are_one() -> None:
+    """As where a further region ends where another begins; each would be undetermined beside the other."""
+    pair, problem = leading("bodyfixed"), judged_cone("bodyfixed").problem
+    again = _with_columns(problem, pair[0], (*pair[0].selected, *pair[0].selected[-2:]))
+    assert again.selected == pair[0].selected
+    assert len(again.nonlinear) == len(pair[0].nonlinear)
