@@ -217,9 +217,9 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
     if verdict.winner in (None, NONE) or ratio <= 1.0:
         return verdict
     said = (
-        "Named beside processes only. Without them the mechanism predicts held-out blocks no better than the baseline "
-        f"({100.0 * ratio:.0f} % of its error): it describes when and in which plane the moment changed, and is no "
-        "established cause. "
+        f"{verdict.winner} is named beside processes only: without them it predicts held-out blocks no better than the "
+        f"baseline ({100.0 * ratio:.0f} % of its error). It describes when and in which plane the moment changed, and "
+        "is no established cause. "
     )
     return verdict.model_copy(update={"reason": said + verdict.reason})
 

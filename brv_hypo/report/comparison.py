@@ -282,7 +282,7 @@ def _compared(comparison: Comparison) -> list[Block]:
         _evidence(comparison),
         _probability(comparison),
         Chart("limits", "Upper limits", title, charts.share_bars(shares, "third"), caption=read),
-        Texts((*no_limits, *known), f"Upper limits. {read}", shown="verbose"),
+        Texts((*no_limits, *known), "Upper limits at 95 %, also of what could hide beside the leader", shown="verbose"),
         Texts(comparison.disagreements, "Disagreements"),
     ]
 

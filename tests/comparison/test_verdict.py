@@ -143,7 +143,7 @@ def test_a_name_that_predicts_held_out_blocks_worse_than_the_baseline_is_said_to
     named, null = said(NULL, LAG), said(NULL)
     assert with_prediction_error(named, 0.4) == named
     reason = with_prediction_error(named, 1.3).reason
-    assert reason.startswith("Named beside processes only. ")
+    assert reason.startswith("lag is named beside processes only: ")
     assert "(130 % of its error)" in reason
     assert with_prediction_error(null, 1.3) == null
 

@@ -123,7 +123,7 @@ class TestTerminal:
 
     def test_limits_are_said_to_be_no_sign_of_a_mechanism(self) -> None:
         said = " ".join(printed(graded(), verbose=True).split())
-        assert "Upper limits. At 95 %: the most that the leader may make, and that any other could hide" in said
+        assert "Upper limits at 95 %, also of what could hide beside the leader" in said
 
     def test_a_process_has_its_size_with_error_and_unit_and_its_multiple_of_an_ordinary_size(self) -> None:
         shown = printed(graded())
@@ -162,7 +162,12 @@ class TestTerminal:
 class TestPage:
     def test_the_verdict_is_followed_by_the_ranking_and_processes_and_then_the_contents(self) -> None:
         html = page(comparison_document(graded()))
-        said = (f">One sentence.\n{SENTENCE}", '<th scope="col">rank</th>', ">Processes beside", ">Data quality</a>")
+        said = (
+            f"<strong>Verdict: damping</strong>\nOne sentence.\n{SENTENCE}",
+            '<th scope="col">rank</th>',
+            ">Processes beside",
+            ">Data quality</a>",
+        )
         places = [html.index(text) for text in said]
         assert places == sorted(places)
         assert "A process is a smooth change that nobody has modelled" in html
