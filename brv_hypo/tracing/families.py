@@ -159,7 +159,7 @@ class Beside:
 
     @cached_property
     def _finer(self) -> Beside:
-        """With every history of a moment as fine as most are, so that no family explains more by its resolution."""
+        """With every history of a moment nearly as fine, so that no family explains more by its resolution alone."""
         return replace(self, rows=rows_of(self.rows.problem, self.point, _finer_processes()))
 
     def _residual(self, names: Sequence[str]) -> FloatArray:
