@@ -132,7 +132,7 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
     what = "Of" if shown else f"Processes ({SLOW}) of"
     others = (f"{what} at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
-    simulated = "To simulate the largest: entries for a configuration of `brv-hypo simulate` (join those of one key)"
+    simulated = "To simulate the largest: entries for a configuration of brv-hypo simulate (join those of one key)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
         Texts(others, bullets=False, shown="verbose" if shown else "always"),
