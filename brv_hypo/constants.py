@@ -104,6 +104,9 @@ COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and 
 BEYOND_TOLERANCE = 3.0
 BEYOND_TOLERANCE_NAMED = 3
 QUIET = 0.7  # of the residual that noise and tolerances explain, below which the noise is smaller than stated
+FAR_BETTER = (
+    0.25  # of a held-out error: below it, on several flights, a rival is said to predict far better; wording alone
+)
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5

@@ -34,7 +34,7 @@ from brv_hypo.comparison.limits import limits
 from brv_hypo.comparison.preparation import sharing_warnings, short_warnings
 from brv_hypo.comparison.result import Comparison, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
-from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_prediction_error
+from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_better_rival, with_prediction_error
 from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
 from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight import FlightSource, flights_of
@@ -162,7 +162,10 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     say("predicting held-out blocks")
     errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
-    verdict = with_prediction_error(verdict, errors[beside.leader] / errors[beside.null])
+    ratios = {fit.name: float(error / errors[beside.null]) for fit, error in zip(fits, errors, strict=True)}
+    verdict = with_prediction_error(verdict, ratios[fits[beside.leader].name])
+    if len(flights) > 1:
+        verdict = with_better_rival(verdict, ratios)
     selected = clock.perf_counter()
     likelihoods = identify_credible(problem, fits, verdict, config, say)
     finished = clock.perf_counter()

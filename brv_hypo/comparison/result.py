@@ -135,8 +135,12 @@ class RankedHypothesis(NullIsNaN):
 
     @property
     def acting(self) -> tuple[NetInterval, ...]:
-        """From the first to the last interval in which a value is more than two standard errors."""
-        acts = [any(abs(value.value) > 2.0 * value.std_error for value in each.values) for each in self.intervals]
+        """From the first to the last interval in which a value is more than two standard errors.
+
+        A direction is none of these: it has one whatever the size is.
+        """
+        sizes = [[value for value in each.values if value.units != "rad"] for each in self.intervals]
+        acts = [any(abs(value.value) > 2.0 * value.std_error for value in some) for some in sizes]
         return self.intervals[acts.index(True) : len(acts) - acts[::-1].index(True)] if any(acts) else ()
 
 
@@ -351,7 +355,7 @@ class Series(MotionHistories):
     """
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
     """Whole; near nothing and near all to hundredths."""
     if 0.0 < share < 5e-5:
         return "<0.01"
@@ -395,7 +399,7 @@ class Comparison(HasCharts, Result):
         names = ", ".join(map(hypothesis, verdict.equivalent))
         winner = hypothesis(verdict.winner or "")
         headline = verdict.outcome + (f" {winner}" if winner else f" ({names})" if names else "")
-        explains = f" (explains {_percent(found.share)} %)" if winner and found and found.share else ""
+        explains = f" (explains {percent(found.share)} %)" if winner and found and found.share else ""
         count = "1 flight" if len(self.flights) == 1 else f"{len(self.flights)} flights"
         return f"{count}, {len(self.ranking)} hypotheses: {headline}{explains}"
 
@@ -403,12 +407,12 @@ class Comparison(HasCharts, Result):
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
         lines, found = [" ".join(filter(None, (self.verdict.reason, self._when())))], self.verdict.explained
         if found is not None and (found.share or isfinite(found.processes)):
-            share, low, high = map(_percent, (found.share, *found.interval_95))
+            share, low, high = map(percent, (found.share, *found.interval_95))
             leader = [f"{self.ranking[0].mechanism} {share} % ({low} to {high} %)"] if found.share else []
             parts = {"processes and noise": found.unexplained}  # of an earlier version
             if isfinite(found.processes):
                 parts = {"processes": found.processes, "noise": found.noise}
-            rest = [f"{name} {_percent(part)} %" for name, part in parts.items()]
+            rest = [f"{name} {percent(part)} %" for name, part in parts.items()]
             lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
         if (fits := self.verdict.adequacy) is not None:
             within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"

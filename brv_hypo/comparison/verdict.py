@@ -11,8 +11,8 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict
-from brv_hypo.constants import CREDIBLE_PROBABILITY, OTHER_PRIOR, WINNING_PROBABILITY
+from brv_hypo.comparison.result import Adequacy, Explained, ProcessEstimate, Verdict, percent
+from brv_hypo.constants import CREDIBLE_PROBABILITY, FAR_BETTER, OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.io.text import hypothesis
 from brv_hypo.thresholds import NOISE_LEVEL
 
@@ -205,7 +205,7 @@ def _named(verdict: Verdict, leader: Candidate) -> str:
     chance = _share(verdict.probability[leader.name])
     if leader.name == NONE:
         return f"No mechanism is needed: baseline and processes explain the moments (probability {chance})."
-    part = f"{100.0 * verdict.explained.share:.3g} %" if verdict.explained is not None else "part"
+    part = f"{percent(verdict.explained.share)} %" if verdict.explained is not None else "part"
     return (
         f"{leader.name} explains the moments best (probability {chance}): {part} of the mean square that the baseline "
         "does not."
@@ -222,6 +222,21 @@ def with_prediction_error(verdict: Verdict, ratio: float) -> Verdict:
         "is no established cause. "
     )
     return verdict.model_copy(update={"reason": said + verdict.reason})
+
+
+def with_better_rival(verdict: Verdict, ratios: Mapping[str, float]) -> Verdict:
+    """The verdict on several flights, with what speaks against a mechanism that it names: a rival whose held-out error,
+    of `ratios` to the baseline's by name, is far smaller.
+    """
+    best = min(ratios, key=ratios.__getitem__)
+    if verdict.winner in (None, NONE) or ratios[best] > FAR_BETTER * ratios[verdict.winner]:
+        return verdict
+    said = (
+        f" But {best} predicts held-out blocks far better ({100.0 * ratios[best]:.0f} % of the baseline's error, "
+        f"{verdict.winner} {100.0 * ratios[verdict.winner]:.0f} %): where an event does not come at one Mach number on "
+        "all flights, a joint comparison misses it. Compare each flight by itself."
+    )
+    return verdict.model_copy(update={"reason": verdict.reason + said})
 
 
 def _undecided(verdict: Verdict, leader: Candidate, predicts: bool, outside: Sequence[Candidate]) -> str:

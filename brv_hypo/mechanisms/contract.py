@@ -293,7 +293,7 @@ class RecordProcess(RecordEffect):
     units: ClassVar[str]
     """SI units of the history."""
     size: ClassVar[float]
-    """One unit of the amplitude: the drift of an ordinary instrument or day."""
+    """One unit of the amplitude, whose prior is centred on a tenth of it."""
 
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """One for each channel and spline."""

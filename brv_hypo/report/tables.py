@@ -21,6 +21,8 @@ from brv_hypo.comparison.result import (
     TermEstimate,
     beyond_tolerances,
 )
+from brv_hypo.comparison.verdict import OTHER
+from brv_hypo.constants import CREDIBLE_PROBABILITY
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
@@ -84,6 +86,9 @@ def ranking_table(comparison: Comparison) -> Table:
         }
         for row in comparison.ranking
     ]
+    if verdict.probability.get(OTHER, 0.0) >= CREDIBLE_PROBABILITY:
+        nothing = dict.fromkeys(rows[0] if rows else (), NOT_A_NUMBER)
+        rows.append(nothing | {"mechanism": "other", "prob.": probability(verdict.probability[OTHER])})
     credible = [i for i, row in enumerate(comparison.ranking) if row.mechanism in verdict.equivalent]
     return Table(rows, "Hypotheses", words=("mechanism",), marked=credible)
 
@@ -109,9 +114,7 @@ def process_blocks(comparison: Comparison) -> list[Block]:
     ]
     beside = f"Processes beside {hypothesis(comparison.ranking[0].mechanism)} ({SLOW})" if rows else ""
     table = Table(rows, beside, ("process", "family", "unit"), most=ROWS_AT_FIRST)
-    named = comparison.verdict.winner not in (None, "none")
-    related = Texts((NAME_AND_FAMILY,) if named else (), bullets=False, shown="verbose")
-    return [table, Texts(_one_drift(comparison), bullets=False), related]
+    return [table, Texts(_one_drift(comparison), bullets=False)]
 
 
 def _one_drift(comparison: Comparison) -> list[str]:
@@ -304,10 +307,11 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
     lines = []
     for item in derived:
         unit = "" if item.units == "1" else f" {item.units}"
-        line = f"{item.name} = {known_to(item.value, item.std_error)} ± {number(item.std_error, 2)}{unit}"
+        value = known_to(item.value, item.std_error) if np.isfinite(item.std_error) else number(item.value, 7)
+        line = f"{item.name} = {value} ± {number(item.std_error, 2)}{unit}"
         if item.units == "rad":
             line += f" ({np.degrees(item.value):.1f} ± {np.degrees(item.std_error):.1f} deg)"
-        lines.append(line + (f" in {interval(item.region_s)} s" if item.region_s else ""))
+        lines.append(line + (f", of the change at {item.region_s[0]:.2f} s" if item.region_s else ""))
     return lines
 
 

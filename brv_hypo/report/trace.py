@@ -84,7 +84,7 @@ def _history_text(history: ProcessHistory) -> str:
     for k in sorted({history.values.index(min(history.values)), history.values.index(max(history.values))}):
         value = f"{number(history.values[k], 2)} ± {number(history.std_errors[k], 1)}{units}"
         where = f"Mach {number(history.mach[k])}, alpha {number(np.degrees(history.alpha_rad[k]), 2)}°"
-        places.append(f"{value} at {number(history.time_s[k])} s ({where})")
+        places.append(f"{value} at {history.time_s[k]:.2f} s ({where})")
     return f"{history.title[:1].upper()}{history.title[1:]}: {' to '.join(places)}"
 
 

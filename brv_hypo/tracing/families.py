@@ -20,7 +20,7 @@ from typing import cast
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.diagnostics import process_history
 from brv_hypo.comparison.judgement import NORMAL_95
 from brv_hypo.comparison.with_processes import fitted, in_one_region, moved, plainest
@@ -296,20 +296,29 @@ def _history(process: Process, motion: Motion, own: Evidence, number: int) -> Pr
 
 
 def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
-    """The family whose shapes make most of what an effect's moment is, while it acts."""
-    moments, known = [], list(zip(point.columns, point.values.tolist(), strict=True))
+    """The family whose shapes make most of what an effect's moment is, each by itself between two changes of it."""
+    found, known = dict[str, float](), list(zip(point.columns, point.values.tolist(), strict=True))
+    residuals = {process.name: 0.0 for process in moment_processes()}
     for number, motion in enumerate(motions):
         chosen = [(c, value) for c, value in known if c.mechanism == name and c.acts_on(number)]
         terms = evaluated([column for column, _ in chosen], point.frame.mechanisms, motion)
         shapes = (term.in_plane + 1j * term.out_of_plane for term in terms)
         weights = (value * column.time_basis(motion.coefficient_time) for column, value in chosen)
-        moments.append(summed(shapes, weights, motion.alpha.astype(complex)))
-    moment, found = np.concatenate(moments), dict[str, float]()
-    acts = np.abs(moment) > 0.0
-    y = np.concatenate([moment[acts].real, moment[acts].imag])
+        moment = summed(shapes, weights, motion.alpha.astype(complex))
+        changes = sorted({end for c, _ in chosen for end in (c.time_basis.start, c.time_basis.stop)})
+        parts = np.searchsorted(changes, motion.coefficient_time, side="right")
+        for process in moment_processes():
+            made = np.array(process.shapes(motion))
+            residuals[process.name] += sum(
+                _unlike(moment[use], made[:, use]) for use in parts == np.unique(parts)[:, np.newaxis]
+            )
     for process in moment_processes():
-        own = np.concatenate([np.array(process.shapes(motion)) for motion in motions], axis=1)[:, acts]
-        x = np.concatenate([own.real, own.imag], axis=1).T
-        rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
-        found[process.family] = min(float(rest @ rest), found.get(process.family, np.inf))
+        found[process.family] = min(residuals[process.name], found.get(process.family, np.inf))
     return min(found, key=found.__getitem__)
+
+
+def _unlike(moment: ComplexArray, shapes: ComplexArray) -> float:
+    """Sum of squares of a moment (n,) that constant multiples of shapes (shapes, n) do not make."""
+    y, x = np.concatenate([moment.real, moment.imag]), np.concatenate([shapes.real, shapes.imag], axis=1).T
+    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    return float(rest @ rest)

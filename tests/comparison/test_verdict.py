@@ -13,7 +13,17 @@ from hypothesis import strategies as st
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import Explained, ProcessEstimate, Verdict
-from brv_hypo.comparison.verdict import NONE, OTHER, Candidate, Fit, decide, judge, probabilities, with_prediction_error
+from brv_hypo.comparison.verdict import (
+    NONE,
+    OTHER,
+    Candidate,
+    Fit,
+    decide,
+    judge,
+    probabilities,
+    with_better_rival,
+    with_prediction_error,
+)
 from brv_hypo.constants import OTHER_PRIOR, WINNING_PROBABILITY
 from brv_hypo.thresholds import NOISE_LEVEL
 
@@ -148,6 +158,14 @@ def test_a_name_that_predicts_held_out_blocks_worse_than_the_baseline_is_said_to
     assert with_prediction_error(null, 1.3) == null
 
 
+def test_a_rival_that_predicts_far_better_on_several_flights_is_said() -> None:
+    named = said(NULL, LAG)
+    assert with_better_rival(named, {NONE: 1.0, "lag": 0.4, "damping": 0.11}) == named
+    reason = with_better_rival(named, {NONE: 1.0, "lag": 0.9, "damping": 0.03}).reason
+    assert "damping predicts held-out blocks far better (3 % of the baseline's error, lag 90 %)" in reason
+    assert with_better_rival(said(NULL), {NONE: 1.0, "lag": 0.1}) == said(NULL)
+
+
 def test_the_baseline_may_be_named() -> None:
     verdict = said(candidate(NONE, 0.0), candidate("lag", -8.0))
     assert (verdict.winner, verdict.outcome, verdict.equivalent) == (NONE, "named", (NONE,))
@@ -156,7 +174,7 @@ def test_the_baseline_may_be_named() -> None:
     )
 
 
-@pytest.mark.parametrize(("share", "words"), [(0.9989, "99.9 %"), (0.0123, "1.23 %"), (None, "part")])
+@pytest.mark.parametrize(("share", "words"), [(0.9989, "99.89 %"), (0.0123, "1 %"), (None, "part")])
 def test_a_name_says_how_much_it_explains(share: float | None, words: str) -> None:
     verdict = judge([NULL, LAG], [], GOOD, None if share is None else explained(share))
     assert f": {words} of the mean square" in verdict.reason

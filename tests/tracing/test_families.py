@@ -12,8 +12,9 @@ from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
-from brv_hypo.tracing.families import Beside, _finer_processes, beside_processes
+from brv_hypo.tracing.families import Beside, _family_of, _finer_processes, beside_processes
 from brv_hypo.tracing.fit import converged, correct
+from tests.chains import judged_cone
 from tests.studies.independent.flights import Made, make_flight
 
 CONFIG = TraceConfig(max_steps=2, maximum_likelihood=False, effects=("lag", "magnus", "damping", "trim", "gyro_bias"))
@@ -55,6 +56,14 @@ def test_families_are_compared_at_one_resolution() -> None:
         assert finer[each.name].family == each.family
         assert finer[each.name].splines == max(each.splines, FAMILY_SPLINES)
         assert isinstance(finer[each.name], type(each))
+
+
+def test_an_effect_is_of_the_family_of_its_shape_whatever_it_does_in_time() -> None:
+    """One that ends is small, not nothing, after its end."""
+    beside = judged_cone("bodyfixed")
+    fit = beside.fits[beside.leader]
+    assert len({column.time_basis for column in fit.selected}) > 1
+    assert _family_of(fit, beside.problem.frame.motions, "bodyfixed") == "body"
 
 
 @pytest.mark.slow
