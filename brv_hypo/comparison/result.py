@@ -21,8 +21,8 @@ Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
 QUIET_NOISE = (
-    " The noise is smaller than the record states: if a low-pass took it out, no stated error includes that the "
-    "filter's delay makes knots late, and its width makes jumps gradual."
+    " The noise is smaller than the record states, as of samples that were averaged or filtered: a filter with a delay "
+    "(import's `rate` has none) makes knots late, its width jumps gradual, and no stated error includes that."
 )
 
 
