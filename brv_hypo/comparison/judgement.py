@@ -53,7 +53,7 @@ from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, rms_
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import at
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.thresholds import MECHANISM_ACTS, SPECIFIC
+from brv_hypo.thresholds import MECHANISM_ACTS, NOISE_LEVEL, SPECIFIC
 
 OUT_OF_REACH = 300.0  # nats behind the best, from which a hypothesis is not worked on
 WIDENED = 50.0  # nats behind the best, up to which the onsets of a hypothesis may take time
@@ -116,8 +116,9 @@ def judged(
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
     Where another has the larger evidence there, the record is linearised about that one once more; so it is about the
-    same one where that, as it is found there, explains the record far better than the search on the grid had it. The
-    later of the two linearisations is kept, unless its leader's residual is larger by more than noise scatters.
+    same one where its residual is more than noise and, as it is found there, explains the record far better than the search
+    on the grid had it. The later of the two linearisations is kept, unless its leader's residual is larger by more than
+    noise scatters.
     """
     shared, settings = shared_problem(reconstructions, config)
     problem, fits, found = shared, _searched(shared, hypotheses, say), None
@@ -135,8 +136,8 @@ def judged(
         if leader.name != point.name:
             point = self_consistent(problem, leader)
             continue
-        if not config.refine:  # on the grid alone, the search misses what lies between
-            break
+        if not config.refine or there.misfit < 1.0 + NOISE_LEVEL[1]:
+            break  # on the grid alone, the search misses what lies between; a residual as of noise lacks nothing
         again = replace(leader, frame=shared.frame.with_mechanisms(leader.mechanisms), log_evidence=None)
         again = self_consistent(shared, again)
         if again.information > point.information - SEARCH_MISSED:
