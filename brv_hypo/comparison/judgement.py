@@ -116,9 +116,9 @@ def judged(
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
     Where another has the larger evidence there, the record is linearised about that one once more; so it is about the
-    same one where its residual is more than noise and, as it is found there, explains the record far better than the search
-    on the grid had it. The later of the two linearisations is kept, unless its leader's residual is larger by more than
-    noise scatters.
+    same one where its residual is more than noise and it explains the record far better, as it is found there, than as
+    the search on the grid had it. The later of the two linearisations is kept, unless its leader's residual is larger
+    by more than noise scatters.
     """
     shared, settings = shared_problem(reconstructions, config)
     problem, fits, found = shared, _searched(shared, hypotheses, say), None
