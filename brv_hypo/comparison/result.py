@@ -97,6 +97,11 @@ class NetInterval(NullIsNaN):
     values: tuple[TermEstimate, ...]
     collinear_groups: tuple[tuple[str, ...], ...] = ()
 
+    @property
+    def acts(self) -> bool:
+        """Whether a value is more than two standard errors; not a direction, which has one at any size."""
+        return any(abs(each.value) > 2.0 * each.std_error for each in self.values if each.units != "rad")
+
 
 class RankedHypothesis(NullIsNaN):
     """One hypothesis as fitted and scored.
@@ -135,12 +140,8 @@ class RankedHypothesis(NullIsNaN):
 
     @property
     def acting(self) -> tuple[NetInterval, ...]:
-        """From the first to the last interval in which a value is more than two standard errors.
-
-        A direction is none of these: it has one whatever the size is.
-        """
-        sizes = [[value for value in each.values if value.units != "rad"] for each in self.intervals]
-        acts = [any(abs(value.value) > 2.0 * value.std_error for value in some) for some in sizes]
+        """From the first to the last interval in which the mechanism acts."""
+        acts = [each.acts for each in self.intervals]
         return self.intervals[acts.index(True) : len(acts) - acts[::-1].index(True)] if any(acts) else ()
 
 

@@ -253,7 +253,8 @@ def _found(name: str, known: Sequence[str]) -> Item:
         return installed()[name].item
     if name.endswith(".py"):
         raise UsageError(f"'{name}' is a file of plugins: give it by --plugin, and its mechanisms by their names")
-    hint = meant(name, known, f"installed: {', '.join(known)}.", cutoff=0.4, most=3)
+    causes = [each for each in known if not isinstance(installed()[each].item, Process)]
+    hint = meant(name, causes, f"installed: {', '.join(causes)}.", cutoff=0.4, most=3)
     reasons = "".join(f" {reason}" for reason in left_out() if f"'{name}'" in reason)
     where = "`brv-hypo mechanisms` lists what is installed, --plugin FILE adds a file's"
     raise UsageError(f"unknown mechanism '{name}'; {hint} {where}.{reasons}")

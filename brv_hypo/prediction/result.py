@@ -15,6 +15,7 @@ from brv_hypo.constants import (
     PREDICTED_NEARLY_ALL,
     PREDICTED_SMALL,
 )
+from brv_hypo.io.text import p_value
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 from brv_hypo.thresholds import REFUSED
@@ -216,9 +217,9 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
         units = "" if difference.units == "1" else f" {difference.units}"
         beside = ", processes fitted beside the model" if difference.beside_processes else ""
         said += (
-            f" This flight contradicts the model (p {difference.p_value:.2g}): {difference.term} is "
-            f"{difference.frozen:.4g}{units} there, and {difference.value:+.2g} ± {difference.std_error:.2g} more "
-            f"here{beside}."
+            f" This flight contradicts the model (p {p_value(difference.p_value)}): {difference.term} is "
+            f"{difference.frozen:.4g}{units} there, and here {difference.frozen + difference.value:.4g}, a difference "
+            f"of {difference.value:+.2g} ± {difference.std_error:.2g}{beside}."
         )
     if change is not None:
         where = f"{change.start_s:.2f} and {change.stop_s:.2f} s"
@@ -226,9 +227,8 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             where += f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
         units = "" if change.units == "1" else f" {change.units}"
         said += (
-            f" This flight differs most from the model between {where}: {change.term} is "
-            f"{'larger' if change.value > 0.0 else 'smaller'} there by {abs(change.value):.3g} ± "
-            f"{change.std_error:.2g}{units} than elsewhere (F {change.f_ratio:.0f})."
+            f" This flight differs most from the model between {where}: {change.term} differs there by "
+            f"{change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere (F {change.f_ratio:.0f})."
         )
     said += fixed_too_much
     if left_out := found.left_out:

@@ -153,7 +153,9 @@ def net_values(row: RankedHypothesis) -> list[TermEstimate]:
 def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
     leader = comparison.ranking[:1]
-    net = [value for row in leader for value in net_values(row) if abs(value.value) > 2.0 * value.std_error]
+    idle = {(each.start_s, each.stop_s) for row in leader for each in row.intervals if not each.acts}
+    every = (value for row in leader for value in net_values(row) if value.region_s not in idle)
+    net = [value for value in every if abs(value.value) > 2.0 * value.std_error]
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
     groups: dict[tuple[str, ...], list[NetInterval]] = {}
     for each in (each for row in leader for each in row.intervals):

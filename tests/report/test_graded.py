@@ -214,13 +214,14 @@ class TestPython:
         )
 
     def test_when_a_named_mechanism_acts_is_part_of_the_answer(self) -> None:
-        """Where a coefficient is more than two standard errors; of one that is not named, nothing is said."""
+        """Where a coefficient, not a direction, is more than two standard errors; only where it is named."""
         term = TermEstimate(
             name="C", mechanism="damping", channel="in-plane", value=1.0, std_error=0.1, f_ratio=100.0, units="1"
         )
         small = term.model_copy(update={"value": 0.1})
+        direction = term.model_copy(update={"name": "phi", "value": 2.0, "units": "rad"})
         ends = [(1.0, 2.0, small), (2.0, 3.0, term), (3.0, 4.5, term), (4.5, 6.0, small)]
-        intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(value,)) for a, b, value in ends)
+        intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(value, direction)) for a, b, value in ends)
         for winner, said in (
             ("damping", "One sentence. It acts from 2.00 to 4.50 s (Mach "),
             (None, "One sentence.\n"),
