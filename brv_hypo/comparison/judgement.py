@@ -178,7 +178,7 @@ def _likeliest_forms(problem: Problem, pairs: Sequence[Pair], null: Evidence, fr
     likely = [max(some, key=level) for some in offered]
     least = max(map(level, likely)) - OUT_OF_REACH
     found = [
-        plainest(problem, some) if best[0].selected and level(best) > least else best
+        plainest(problem, some, null) if best[0].selected and level(best) > least else best
         for some, best in zip(offered, likely, strict=True)
     ]
     high = max(map(level, found)) - WIDENED

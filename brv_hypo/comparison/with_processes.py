@@ -60,12 +60,15 @@ def in_one_region(problem: Problem, pair: Pair, null: Evidence, frame: RateFrame
     return [pair, *acting(problem, like, fit.mechanisms, beside, starts=[pair[1]])]
 
 
-def plainest(problem: Problem, offered: Sequence[Pair]) -> Pair:
-    """The likeliest beside processes of a hypothesis as it is, in one region and grown from there; then without the
-    changes that are not wanted, its knots and delays where they are likeliest.
+def plainest(problem: Problem, offered: Sequence[Pair], null: Evidence) -> Pair:
+    """The likeliest beside processes of a hypothesis as it is, in one region, between its own knots and grown from
+    there; then without the changes that are not wanted, its knots and delays where they are likeliest.
     """
-    pairs = list(offered)
-    if len(pairs[0][0].mechanisms) == 1:
+    (fit, _), pairs = offered[0], list(offered)
+    if len(fit.mechanisms) == 1:
+        time = fit.frame.coefficient_time
+        own = np.unique(np.clip([-np.inf, *(c.time_basis.start for c in fit.selected), np.inf], time.min(), time.max()))
+        pairs += acting(problem, offered[-1][0], fit.mechanisms, [null], own, starts=[each for _, each in offered])
         pairs.append(_grown(problem, max(pairs[1:] or pairs, key=level)))
     return moved(problem, _completed(problem, _without_unwanted(problem, max(pairs, key=level))))
 

@@ -91,7 +91,7 @@ class Beside:
             one = len(self.rows.frame.motions) == 1
             frame = self.rows.frame_of(pair[0])
             offered = in_one_region(problem, pair, self.null, frame) if one else [pair]
-            pair = plainest(problem, offered) if one else moved(problem, pair)
+            pair = plainest(problem, offered, self.null) if one else moved(problem, pair)
         return pair[1].level - self.null.level, pair[0].selected
 
     def gain_of(self, fit: HypothesisFit) -> float:
