@@ -175,7 +175,7 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
     places, said = np.flatnonzero(chosen), []
     for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
         ends = dict.fromkeys((int(run[0]), int(run[-1])))
-        times = " to ".join(f"{slope.time_s[k]:.1f}" for k in ends)
+        times = " to ".join(f"{round(slope.time_s[k], 1):.9g}" for k in ends)
         mach = " to ".join(f"{slope.mach[k]:.3g}" for k in ends)
         known = f" (Mach {mach})" if np.isfinite(slope.mach[run[0]]) else ""
         said.append(f"{'at' if len(ends) == 1 else 'from'} {times} s{known}")
