@@ -297,8 +297,8 @@ def _history(process: Process, motion: Motion, own: Evidence, number: int) -> Pr
 
 def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> str:
     """The family whose shapes make most of what an effect's moment is, each by itself between two changes of it."""
-    found, known = dict[str, float](), list(zip(point.columns, point.values.tolist(), strict=True))
-    residuals = {process.name: 0.0 for process in moment_processes()}
+    known, processes = list(zip(point.columns, point.values.tolist(), strict=True)), moment_processes()
+    residuals = np.zeros(len(processes))
     for number, motion in enumerate(motions):
         chosen = [(c, value) for c, value in known if c.mechanism == name and c.acts_on(number)]
         terms = evaluated([column for column, _ in chosen], point.frame.mechanisms, motion)
@@ -307,14 +307,10 @@ def _family_of(point: HypothesisFit, motions: Sequence[Motion], name: str) -> st
         moment = summed(shapes, weights, motion.alpha.astype(complex))
         changes = sorted({end for c, _ in chosen for end in (c.time_basis.start, c.time_basis.stop)})
         parts = np.searchsorted(changes, motion.coefficient_time, side="right")
-        for process in moment_processes():
+        for k, process in enumerate(processes):
             made = np.array(process.shapes(motion))
-            residuals[process.name] += sum(
-                _unlike(moment[use], made[:, use]) for use in parts == np.unique(parts)[:, np.newaxis]
-            )
-    for process in moment_processes():
-        found[process.family] = min(residuals[process.name], found.get(process.family, np.inf))
-    return min(found, key=found.__getitem__)
+            residuals[k] += sum(_unlike(moment[use], made[:, use]) for use in parts == np.unique(parts)[:, np.newaxis])
+    return processes[int(np.argmin(residuals))].family
 
 
 def _unlike(moment: ComplexArray, shapes: ComplexArray) -> float:
