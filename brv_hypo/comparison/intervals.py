@@ -72,15 +72,15 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
         if weights[j] != 0.0:
             groups.setdefault((column.mechanism, _first_like(fit.selected, column), column.term), []).append(j)
     first, count = fit.baseline_size, len(fit.selected)
-    rows = np.zeros((len(groups), count + len(fit.nonlinear)))
+    rows = np.zeros((len(groups), first + count + len(fit.nonlinear)))
     for i, members in enumerate(groups.values()):
-        rows[i, members] = weights[members]
-    values = rows[:, :count] @ fit.values[first:]
-    for k, parameter in enumerate(fit.nonlinear, start=count):
+        rows[i, first + np.array(members)] = weights[members]
+    values = rows[:, : first + count] @ fit.values
+    for k, parameter in enumerate(fit.nonlinear, start=first + count):
         if parameter.kind == "width":  # what came on over it is a rate times it, and known better than either
-            mine = list(parameter.columns)
-            rows[:, k] = rows[:, mine] @ fit.values[first:][mine] / parameter.value
-    covariance = rows @ fit.joint_covariance[first:, first:] @ rows.T
+            mine = first + np.array(parameter.columns)
+            rows[:, k] = rows[:, mine] @ fit.values[mine] / parameter.value
+    covariance = fit.covariance_of(rows)
     where = {"channel": "both", "region_s": (start, stop)}
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     found = []

@@ -238,8 +238,8 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
     knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
     step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
     covariance[knots, knots] += step**2 / 12.0
-    found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance)
-    return within_bounds(replace(found, bound_cost=0.0))
+    found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance, bound_cost=0.0)
+    return within_bounds(replace(found, left_out=own.left_out(weight)))
 
 
 def explained(judged: Judged) -> Explained:

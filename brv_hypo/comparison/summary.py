@@ -236,6 +236,7 @@ def _likelihood(fit: HypothesisFit, identification: Identification | None) -> Ma
         values=identification.values,
         nonlinear=(),
         joint_covariance=identification.covariance,
+        left_out=None,
     )
     block = likelihood_block(identification, _terms(refined, range(fit.baseline_size, len(fit.columns))))
     return block.model_copy(update={"knots": _knots(refined)})

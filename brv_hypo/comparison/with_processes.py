@@ -231,7 +231,7 @@ def _with_values_of(fit: HypothesisFit, own: Evidence) -> HypothesisFit:
     terms = int(np.sum(own.terms.scaled))
     if terms != len(fit.selected):
         return fit
-    values = own.values_without(range(terms, own.terms.spread.size))[fit.baseline_size :][:terms]
+    values = own.values_without(range(terms, own.terms.known))[fit.baseline_size :][:terms]
     return replace(fit, values=np.append(fit.values[: fit.baseline_size], values))
 
 
