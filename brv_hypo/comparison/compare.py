@@ -263,10 +263,18 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
-    """By name; that of a nuisance effect asks for it in every hypothesis, and makes none of its own."""
+    """By name; that of a nuisance effect or process asks for it in every hypothesis, and makes none of its own.
+
+    Raises UsageError where these are all that is named.
+    """
     items = {name: entry.item for name, entry in installed().items()}
     beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
     names = [name for name in config.mechanisms or () if name not in beside]
+    if config.mechanisms and not names:
+        raise UsageError(
+            f"nothing to compare: every hypothesis has {', '.join(config.mechanisms)} beside its mechanism. Name "
+            f"mechanisms too, as in lag,sticking,{config.mechanisms[0]}; none is the baseline only."
+        )
     found = {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}
     own = dict.fromkeys(mechanism.name for mechanisms in found.values() for mechanism in mechanisms)
     for name in config.options.keys() - own.keys():
