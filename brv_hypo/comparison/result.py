@@ -18,7 +18,9 @@ from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
-QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
+QUOTED = (
+    "quote coefficients, delays and knots of the other tables, which are fitted with processes, but for values marked *"
+)
 """In place of a maximum likelihood in trouble."""
 QUIET_NOISE = (
     " The noise is smaller than the record states, as of samples that were averaged or filtered: a filter with a delay "
@@ -367,7 +369,7 @@ class Comparison(HasCharts, Result):
     """The ranking of the hypotheses with its verdict.
 
     `reference_flight`: number (from 1) of the one of several flights in whose time regions and knots are told; None for
-    one flight, and where all have the same clock.
+    one flight, and where all have the same clock. The `flight` of `functions` counts from 0.
     `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have
     chosen other terms than the exact one.
     """

@@ -151,25 +151,29 @@ def net_values(row: RankedHypothesis) -> list[TermEstimate]:
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
-    """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
+    """What the leader does between its knots, first where that is more than two standard errors; its knots and delays."""
     leader = comparison.ranking[:1]
     idle = {(each.start_s, each.stop_s) for row in leader for each in row.intervals if not each.acts}
-    every = (value for row in leader for value in net_values(row) if value.region_s not in idle)
-    net = [value for value in every if abs(value.value) > 2.0 * value.std_error]
+    every = [value for row in leader for value in net_values(row)]
+    net = [value for value in every if value.region_s not in idle and abs(value.value) > 2.0 * value.std_error]
+    most = min(len(net), ROWS_AT_FIRST) or ROWS_AT_FIRST
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
     groups: dict[tuple[str, ...], list[NetInterval]] = {}
     for each in (each for row in leader for each in row.intervals):
         for group in each.collinear_groups:
             groups.setdefault(group, []).append(each)
     begins = [[f"{name} at {at.start_s:.2f} s" for name in group] for group, some in groups.items() for at in some]
-    table = term_table(heading, net, "always", most=ROWS_AT_FIRST, collinear=begins)
+    ordered = [*net, *(value for value in every if value not in net)]
+    table = term_table(heading, ordered, "always", most=most, collinear=begins)
     marked = [COLLINEAR_MARK in row["value"] for row in table.rows]
-    beside: Shown = "always" if any(marked[:ROWS_AT_FIRST]) else "verbose"
+    beside: Shown = "always" if any(marked[:most]) else "verbose"
     known = [e for row in leader for e in row.derived if e.region_s is None]
     derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
-    shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
-    texts = Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)
-    return [table, Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside), texts]
+    return [
+        table,
+        Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
+        Texts(derived, most=ROWS_AT_FIRST),
+    ]
 
 
 def size_table(comparison: Comparison) -> Table:

@@ -118,7 +118,7 @@ def trace_document(result: Trace) -> Document:
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors),
-        f"Maximum likelihood, {trouble}: quote the table of the model." if trouble else "",
+        f"Maximum likelihood, {trouble}: quote the table of the model, but for values marked *." if trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
