@@ -12,7 +12,7 @@ from pydantic import Field
 from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED, QUIET
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import hypothesis, number
+from brv_hypo.io.text import hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 
@@ -434,7 +434,7 @@ class Comparison(HasCharts, Result):
         if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
             return ""
         ends = (acts[0].start_s, acts[-1].stop_s)
-        said = f"It acts from {ends[0]:.2f} to {ends[1]:.2f} s"
+        said = f"It acts from {times(*ends)}"
         for known in self.functions.get("C_m0", ())[(self.reference_flight or 1) - 1 :][:1]:
             first, last = np.interp(ends, known.time_s, known.mach)
             return f"{said} (Mach {number(first)} to {number(last)})."

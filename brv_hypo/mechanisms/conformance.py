@@ -207,7 +207,9 @@ def is_declared(item: Mechanism | RecordEffect) -> None:
     kind = getattr(item, "kind", None)
     expect(kind in kinds, f"`kind` is {kind!r}, expected one of {kinds}")
     for attribute, example in _OF_RECORD_PROCESSES.items() if isinstance(item, RecordProcess) else ():
-        expect(hasattr(item, attribute), f"`{attribute}` is missing: set it in the class, as in {attribute} = {example}")
+        expect(
+            hasattr(item, attribute), f"`{attribute}` is missing: set it in the class, as in {attribute} = {example}"
+        )
 
 
 def documents_its_terms(mechanism: Mechanism) -> None:

@@ -26,7 +26,7 @@ from brv_hypo.constants import CREDIBLE_PROBABILITY
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
+from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share, times
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
@@ -151,7 +151,7 @@ def net_values(row: RankedHypothesis) -> list[TermEstimate]:
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
-    """What the leader does between its knots, first where that is more than two standard errors; its knots and delays."""
+    """What the leader does between its knots, first what exceeds two standard errors; its knots and delays."""
     leader = comparison.ranking[:1]
     idle = {(each.start_s, each.stop_s) for row in leader for each in row.intervals if not each.acts}
     every = [value for row in leader for value in net_values(row)]
@@ -245,7 +245,7 @@ def collinear_texts(name: str, functions: Sequence[Derivative]) -> list[str]:
             first, last = found.time_s[places[0]], found.time_s[places[-1]]
             flight = f" of flight {found.flight + 1}" if len(functions) > 1 else ""
             others = [f"{other} (correlation up to {max(each):.2f})" for other, each in found.collinear_with.items()]
-            where = f"between {first:.0f} and {last:.0f} s"
+            where = f"{'at' if first == last else 'from'} {times(first, last)}"
             said.append(f"{COLLINEAR_MARK} {name}{flight} is nearly collinear with {', '.join(others)} {where}.")
     return said
 

@@ -223,7 +223,7 @@ class TestPython:
         ends = [(1.0, 2.0, small), (2.0, 3.0, term), (3.0, 4.5, term), (4.5, 6.0, small)]
         intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(value, direction)) for a, b, value in ends)
         for winner, said in (
-            ("damping", "One sentence. It acts from 2.00 to 4.50 s (Mach "),
+            ("damping", "One sentence. It acts from 2 to 4.5 s (Mach "),
             (None, "One sentence.\n"),
         ):
             found = graded(winner)

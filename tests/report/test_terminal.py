@@ -141,7 +141,7 @@ def test_a_function_is_marked_where_it_is_collinear_and_in_parentheses_where_it_
     flown, said, zero = function_blocks({"C_mq": [known]})
     assert [row["C_mq"] for row in flown.rows] == ["-0.300 ± 0.01", "-0.400 ± 0.01*"]
     assert [row["C_mq"] for row in zero.rows] == ["-0.100 ± 0.01", "(-0.200)"]
-    assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) between 2 and 2 s."
+    assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) at 2 s."
 
 
 def test_the_vehicle_is_listed_with_what_is_known_of_it() -> None:
