@@ -180,8 +180,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
     about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
     known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
-    if verdict.outcome != "none adequate" and (beyond := beyond_text(known["record_errors"])):
-        warnings = (*warnings, beyond)  # of what is inadequate they may be what it lacks
+    if beyond := beyond_text(known["record_errors"], verdict.outcome):
+        warnings = (*warnings, beyond)
     sized = best_by_size(problem, fits, criteria[beside.null])
     return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})
 

@@ -259,9 +259,10 @@ def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
     return [each for each in errors if abs(each.tolerances) > BEYOND_TOLERANCE]
 
 
-def beyond_text(errors: Sequence[RecordError], poses: str = "") -> str:
-    """The largest of those in a sentence, with what they may be instead; empty where there are none."""
+def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
+    """The largest of those in a sentence, and what they may be where none is adequate; empty where there are none."""
     beyond = beyond_tolerances(errors)
+    poses = ", which may be what the hypotheses lack" if outcome == "none adequate" else ""
     said = [
         f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
         f"({abs(each.tolerances):.1f} times)"
@@ -422,8 +423,7 @@ class Comparison(HasCharts, Result):
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
             lines.append(f"{within}{repeated}.{QUIET_NOISE if fits.ratio < QUIET else ''}")
-        poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
-        lines.append(beyond_text(self.record_errors, poses))
+        lines.append(beyond_text(self.record_errors, self.verdict.outcome))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {QUOTED}.")
         return "\n".join(filter(None, lines))

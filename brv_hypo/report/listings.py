@@ -83,7 +83,7 @@ def _usable(inspection: Inspection) -> str:
         return f"{text}; no periodic transverse motion is found"
     return (
         f"{text}; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
-        f"{number(inspection.samples_per_cycle)} samples a cycle"
+        f"{number(inspection.samples_per_cycle)} samples a cycle of it"
     )
 
 

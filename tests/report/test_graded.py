@@ -244,6 +244,7 @@ class TestPython:
         assert " ".join(printed(named).split()).count("Errors beyond the tolerances") == 1
         inadequate = graded(None).model_copy(update=update)
         assert "(--instruments), which may be what the hypotheses lack: trim C_m0" in inadequate.conclusion()
+        assert beyond_text(errors, "none adequate") in inadequate.conclusion()
 
     def test_trouble_of_the_maximum_likelihood_is_part_of_the_answer(self) -> None:
         fit = MaximumLikelihood(
