@@ -187,7 +187,8 @@ def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
     histories = {name: np.array(steps).T for name, steps in found.items()}
     panels = [Panel(name, charts.estimate(t, y, sigma, band="± 2 sigma")) for name, (t, y, sigma) in histories.items()]
     heading = f"Coefficients of {hypothesis(row.mechanism)}"
-    return setting.chart(f"coefficients-{row.mechanism}", heading, panels, "Net values between the knots.")
+    caption = f"Net values between the knots. {tables.RISING}"
+    return setting.chart(f"coefficients-{row.mechanism}", heading, panels, caption)
 
 
 # ---- A comparison as a document ----

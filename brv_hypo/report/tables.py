@@ -51,6 +51,7 @@ _VEHICLE = (
     "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
 )
 _IN_PLANE: Mapping[str, str] = {"C_m0": "C_m,in"}  # what the moment at no angle of attack is at another
+RISING = "In a region in which a value rises or falls steadily (a ramp, an onset width) it is the mean there."
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 ONLY_TOGETHER = "The data give what these make together, which the functions show, and none of them by itself."
 ONLY_AS_ESTIMATED = "That value and its error hold only for sizes of processes as estimated: no evidence by itself."
@@ -169,8 +170,10 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
     beside: Shown = "always" if any(marked[:most]) else "verbose"
     known = [e for row in leader for e in row.derived if e.region_s is None]
     derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
+    rises = any(term.name.startswith("ramp ") for row in leader for term in row.terms)
     return [
         table,
+        Texts((RISING,) if rises and table.rows else (), bullets=False),
         Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
         Texts(derived, most=ROWS_AT_FIRST),
     ]

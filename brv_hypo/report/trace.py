@@ -20,6 +20,15 @@ from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
 
+SCHEDULED = (
+    "scheduled: what trace starts from, with a static slope by Mach number; constant: with a constant slope, for "
+    "comparison (setting `baseline`; no held-out error chooses between them)."
+)
+WORSE = (
+    "scheduled may be the worse of them as it has more coefficients, or where the next row is the cubic static "
+    "moment: that is added to a model without the bend that constant has."
+)
+
 STATIC_TRACED = (
     "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
     "sample is near alpha = 0 (dotted), the model's bend extrapolates it, and compare, which leaves the bend to a "
@@ -128,6 +137,10 @@ def trace_document(result: Trace) -> Document:
     errors = Table(
         account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
     )
+    held_out = {each.model: each.held_out for each in result.account}
+    both = (SCHEDULED,) if held_out.keys() >= {"constant", "scheduled"} else ()
+    if both and held_out["constant"] < held_out["scheduled"]:
+        both = (SCHEDULED, WORSE)
     drawn, known = _charts(result), result.record_errors
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
@@ -159,6 +172,7 @@ def trace_document(result: Trace) -> Document:
         blocks=sections,
         beside=(
             errors,
+            Texts(both, bullets=False),
             families_chart(result.steps[0]),
             Texts(related, bullets=False, shown="page" if result.findings else "always"),
         ),

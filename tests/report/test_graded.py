@@ -222,10 +222,7 @@ class TestPython:
         direction = term.model_copy(update={"name": "phi", "value": 2.0, "units": "rad"})
         ends = [(1.0, 2.0, small), (2.0, 3.0, term), (3.0, 4.5, term), (4.5, 6.0, small)]
         intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(value, direction)) for a, b, value in ends)
-        for winner, said in (
-            ("damping", "One sentence. It acts from 2 to 4.5 s (Mach "),
-            (None, "One sentence.\n"),
-        ):
+        for winner, said in (("damping", "One sentence. It acts from 2 to 4.5 s (Mach "), (None, "One sentence.\n")):
             found = graded(winner)
             row = found.ranking[0].model_copy(update={"intervals": intervals})
             assert found.model_copy(update={"ranking": (row,)}).conclusion().startswith(said)
