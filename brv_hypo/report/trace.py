@@ -138,9 +138,9 @@ def trace_document(result: Trace) -> Document:
         account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
     )
     held_out = {each.model: each.held_out for each in result.account}
-    both = (SCHEDULED,) if held_out.keys() >= {"constant", "scheduled"} else ()
+    both = [SCHEDULED] if held_out.keys() >= {"constant", "scheduled"} else []
     if both and held_out["constant"] < held_out["scheduled"]:
-        both = (SCHEDULED, WORSE)
+        both.append(WORSE)
     drawn, known = _charts(result), result.record_errors
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()

@@ -144,8 +144,8 @@ def test_a_function_is_marked_where_it_is_collinear_and_in_parentheses_where_it_
     assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) at 2 s."
 
 
-@pytest.mark.parametrize(("constant", "told"), [(2.0, (SCHEDULED,)), (0.5, (SCHEDULED, WORSE))])
-def test_the_first_models_of_an_account_are_told_apart(constant: float, told: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(("constant", "told"), [(2.0, [SCHEDULED]), (0.5, [SCHEDULED, WORSE])])
+def test_the_first_models_of_an_account_are_told_apart(constant: float, told: list[str]) -> None:
     account = tuple(
         Account(model=n, held_out=v, std_error=0.1) for n, v in (("constant", constant), ("scheduled", 1.0))
     )
