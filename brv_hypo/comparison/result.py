@@ -18,10 +18,9 @@ from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
-QUOTED = (
-    "quote coefficients, delays and knots of the other tables, which are fitted with processes, but for values marked *"
-)
+QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
+BUT_MARKED = ", but for values marked *"
 QUIET_NOISE = (
     " The noise is smaller than the record states, as of samples that were averaged or filtered: a filter with a delay "
     "(import's `rate` has none) makes knots late, its width jumps gradual, and no stated error includes that."
@@ -397,6 +396,12 @@ class Comparison(HasCharts, Result):
     """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)
 
+    @property
+    def quoted(self) -> str:
+        """What to quote in place of a maximum likelihood in trouble: no value that is nearly collinear with others."""
+        groups = [self.collinear_groups, *(each.collinear_groups for row in self.ranking[:1] for each in row.intervals)]
+        return f"{QUOTED}{BUT_MARKED if any(groups) else ''}"
+
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
         verdict, found = self.verdict, self.verdict.explained
@@ -425,7 +430,9 @@ class Comparison(HasCharts, Result):
             lines.append(f"{within}{repeated}.{QUIET_NOISE if fits.ratio < QUIET else ''}")
         lines.append(beyond_text(self.record_errors, self.verdict.outcome))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
-            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {QUOTED}.")
+            lines.append(
+                f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."
+            )
         return "\n".join(filter(None, lines))
 
     def _when(self) -> str:

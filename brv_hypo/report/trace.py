@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.comparison.result import beyond_text
+from brv_hypo.comparison.result import BUT_MARKED, beyond_text
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
@@ -115,7 +115,7 @@ def trace_document(result: Trace) -> Document:
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
-    trouble = "" if result.ml is None else result.ml.trouble
+    trouble, marked = "" if result.ml is None else result.ml.trouble, BUT_MARKED if result.collinear_groups else ""
     collinear = tables.collinear_texts("C_mq", result.damping)
     conclusion = (
         "" if sound else CONTRADICTED,
@@ -127,7 +127,7 @@ def trace_document(result: Trace) -> Document:
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors),
-        f"Maximum likelihood, {trouble}: quote the table of the model, but for values marked *." if trouble else "",
+        f"Maximum likelihood, {trouble}: quote the table of the model{marked}." if trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}

@@ -267,10 +267,12 @@ class TestPython:
         fit = MaximumLikelihood(
             status="iteration limit", iterations=30, log_likelihood=None, message="x. Starting points disagree: y"
         )
-        row = graded().ranking[0].model_copy(update={"ml": fit})
+        row = graded().ranking[0].model_copy(update={"ml": fit, "intervals": ()})
         said = f"iteration limit, starting points disagree: {QUOTED}"
-        troubled = graded().model_copy(update={"ranking": (row,)})
+        troubled = graded().model_copy(update={"ranking": (row,), "collinear_groups": ()})
         assert troubled.conclusion().endswith(f"Maximum likelihood of damping: {said}.")
+        marked = troubled.model_copy(update={"collinear_groups": (("C_b", "C_m0"),)})
+        assert marked.conclusion().endswith(f"{said}, but for values marked *.")
 
     def test_rows_have_the_evidence(self) -> None:
         assert [row["log_evidence"] for row in graded().rows()] == [12.34, 0.0]
