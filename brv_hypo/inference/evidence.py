@@ -286,14 +286,26 @@ class Evidence(_Integrated):
 
         What is left out of one flight changes nothing of the others' elimination.
         """
+        costs = np.array([_value(rest, self.rows, found, self.at) for rest, found in self._without_stretches])
+        return costs - _value(self.products, self.rows, self.solution, self.at)
+
+    @property
+    def values_left_out(self) -> FloatArray:
+        """`values` without each stretch of time, at the same amplitudes (stretches, values)."""
+        borders = np.array([found.border for _, found in self._without_stretches])
+        return np.asarray(borders @ self._values_of_border.T)
+
+    @cached_property
+    def _without_stretches(self) -> tuple[tuple[Products, _Solution], ...]:
+        """The scalar products of all rows but those of each stretch of time, and what is found of them."""
         known = _eliminated(self.products, self.rows, self.at)
 
-        def cost(products: Products) -> float:
-            parts = {**known, **_eliminated(products, self.rows, self.at)}
-            return _value(products, self.rows, _solved(products, parts, self.rows, self.terms, self.at), self.at)
+        def found(rest: Products) -> _Solution:
+            parts = {**known, **_eliminated(rest, self.rows, self.at)}
+            return _solved(rest, parts, self.rows, self.terms, self.at)
 
         rests = (self.products.less(each.beside(self.rows, self.terms.x)) for each in self.rows.stretch_products)
-        return np.array([cost(each) for each in rests]) - cost(self.products)
+        return tuple((rest, found(rest)) for rest in rests)
 
     @cached_property
     def _factors(self) -> dict[int, _Factor]:
