@@ -12,7 +12,7 @@ from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, computed_field
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import COLLINEAR, EXTRAPOLATED_SHARE, REPORTED_SLOPES
@@ -43,6 +43,7 @@ class Derivative(NullIsNaN):
     """
 
     flight: int
+    """Counted from 0, as Python does; `reference_flight` of a comparison, and what is printed, from 1."""
     time_s: tuple[float, ...]
     mach: tuple[float, ...]
     alpha_rad: tuple[float, ...]
@@ -53,6 +54,7 @@ class Derivative(NullIsNaN):
     alpha_ends_rad: tuple[tuple[float, float], ...] = ()
     collinear_with: dict[str, tuple[float, ...]] = Field(default_factory=dict)
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def extrapolated(self) -> tuple[bool, ...]:
         """At which places no sample is near alpha = 0, so that the value there is what the model makes of others."""
