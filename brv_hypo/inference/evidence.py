@@ -229,10 +229,15 @@ class Evidence(_Integrated):
 
     @property
     def events_apart(self) -> tuple[FloatArray, FloatArray]:
-        """By how much knots of several flights come later on each, s (knots, flights), and their standard errors."""
+        """By how much knots of several flights come later on each than on all in the mean, s (knots, flights), and
+        their standard errors.
+        """
         first, flights = self.rows.shared.shape[1] + self.terms.known, len(self.rows.blocks)
-        sigmas = self.noise * np.sqrt(np.diag(self.solution.covariance)[first:])
-        return self.solution.border[first:].reshape(-1, flights), sigmas.reshape(-1, flights)
+        count = self.terms.apart // flights
+        beyond = np.kron(np.eye(count), np.eye(flights) - 1.0 / flights)
+        covariance = beyond @ self.solution.covariance[first:, first:] @ beyond
+        sigmas = self.noise * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return (beyond @ self.solution.border[first:]).reshape(count, flights), sigmas.reshape(count, flights)
 
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""
