@@ -138,10 +138,12 @@ class Evidence(_Integrated):
     def share_of_terms(self) -> float:
         """Of the squares that terms and processes make beside the baseline, those that terms make.
 
-        Those that processes make of noise alone do not count: its square for every degree of freedom that they take.
+        Terms as they are with knots and delays where they are. Squares that processes make of noise alone do not count:
+        its square for every degree of freedom that they take.
         """
-        chosen = np.flatnonzero(self.terms.scaled)
-        made = self.terms.x[:, chosen] @ self.solution.border[self.rows.shared.shape[1] + chosen]
+        known, terms = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
+        values = self.values_without(range(terms, self.terms.known))[known : known + terms]
+        made = self.terms.x[:, :terms] @ values
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
