@@ -54,7 +54,16 @@ from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.final_model import estimates, pair, slopes_at
-from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, correct, fitted_about, next_corrections, noise_floor
+from brv_hypo.tracing.fit import (
+    Coefficients,
+    Corrected,
+    Fit,
+    Flights,
+    correct,
+    fitted_about,
+    next_corrections,
+    noise_floor,
+)
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
 _REGIONS = 8  # stretches of the record whose errors are reported apart
@@ -201,14 +210,15 @@ def _frozen(
         kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
         model = model.but(columns=kept, applied=())
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
-    model, effects = _with_refitted(model, refit, flight, config)
+    source = Flights((flight,), config)
+    model, effects = _with_refitted(model, refit, source)
     values = [each.value if here or each.elsewhere is None else each.elsewhere for each in content.columns]
     known = place.keys() - to_refit
     fixed = np.array([values[place[c]] if c in known else np.nan for c in model.columns], dtype=float)
 
     def read_with(corrections: Errors) -> Fit:
         """The model where these are taken out of the record and `effects` are free within their tolerances."""
-        data = correct((flight,), model, config, (corrections,))
+        data = correct(source, model, (corrections,))
         there = _flown(content.flown, data)
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
         fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
@@ -251,9 +261,7 @@ def _remedy(fit: Fit, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str
     return ",".join((*refit, *more)) if more else ""
 
 
-def _with_refitted(
-    model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig
-) -> tuple[Model, tuple[str, ...]]:
+def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tuple[Model, tuple[str, ...]]:
     """The model with the constant columns of mechanisms that it lacks and that are to be fitted here, and which of the
     names are errors of record and vehicle; UsageError for a name that nothing has.
     """
@@ -267,13 +275,13 @@ def _with_refitted(
                     f"searched for by `compare --mechanisms {name}`, and by `trace`, whose model then has it. "
                     f"Leave {name} out, or predict with such a model."
                 )
-            motion = correct((flight,), model, config).reconstructions[0].motion
+            motion = correct(source, model).reconstructions[0].motion
             more = tuple(term_column(item, term, (), TimeBasis("constant")) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)
         elif item is not None:
             effects.append(name)
         elif name == INSTRUMENTS:
-            effects += _tolerated(flight)
+            effects += _tolerated(source.records[0])
     return model, tuple(effects)
 
 

@@ -241,7 +241,7 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
         model = fit.model + Model(mechanisms=known, columns=found.selected, added=(candidate.name,))
         data = replace(fit.data, frame=found.frame)
         if candidate.follows == "mach" and not has_schedule(fit.model):
-            return converged(data.originals, scheduled(model, data), data.config)
+            return converged(data.source, scheduled(model, data))
         return Fit(model, data, replace(fit.problem, frame=found.frame, baseline=model.columns), fit.linear)
     applied = []
     for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):
@@ -253,9 +253,8 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
         {name: value for name, value in known.items() if (number, *name) not in freed}
         for number, known in enumerate(fit.data.corrections)
     ]
-    flights, config = fit.data.originals, fit.data.config
-    data = correct(flights, model, config, corrections)
-    own, anew = fitted_about(data, model, fit.values, fit.problem.rows.noise), converged(flights, model, config)
+    data = correct(fit.data.source, model, corrections)
+    own, anew = fitted_about(data, model, fit.values, fit.problem.rows.noise), converged(data.source, model)
     return anew if anew.errors.mean_square * MODEL_TRIFLE < own.errors.mean_square else own
 
 
@@ -503,7 +502,7 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
     less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
     tolerance that every fit allows it.
     """
-    significance, problem = fit.data.config.significance, fit.problem
+    significance, problem = fit.data.source.config.significance, fit.problem
     order = ranked(candidates, {column.mechanism for column in problem.baseline}, has_schedule(fit.model))
     choice, tried, waiting = Choice(order, ()), list[Tried](), list(order)
     while waiting and len(tried) < LOOP_TRIES:
@@ -569,7 +568,7 @@ def most_explaining(fit: Fit, offered: Sequence[Candidate], own: Candidate) -> I
 
 def _repetitions(problem: Problem, fit: Fit) -> Iterator[Problem]:
     """The problem with other blocks, other knots, and another inertia and dynamic pressure."""
-    data, config = fit.data, fit.data.config
+    data, config = fit.data, fit.data.source.config
     for share in LOOP_REPEATED_BLOCKS:
         fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
         yield problem.on(fitted)

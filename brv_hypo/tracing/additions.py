@@ -42,7 +42,7 @@ def analyse_step(
     catalogue: dict[str, list[Variant]] = {}
     for effect in effects:  # one that the model has on some of the flights is tried on the others
         known = {applied.flight for applied in model.applied if applied.effect.name == effect.name}
-        others = {number: flight for number, flight in enumerate(linear) if number not in known}
+        others = {number: flight for number, flight in enumerate(linear.flights) if number not in known}
         catalogue[effect.name] = _variants_of(frame, others, effect)
     plain = fit.data.regression(model, linear, _histories(*catalogue.values()))
     sharp = plain.under(estimated_noise(plain))
@@ -122,7 +122,7 @@ def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
     """
     for turn in range(RECORD_EFFECT_CLOSER):
         history = next(iter(candidate.variant.values()))
-        flights = {history.flight: fit.linear[history.flight]}
+        flights = {history.flight: fit.linear.flights[history.flight]}
         variants = _variants_of(fit.problem.frame, flights, history.effect, f"{turn}.")
         fit = replace(fit, problem=replace(fit.problem, given={**fit.problem.given, **_histories(variants)}))
         nearer = _try_record_effect(fit, variants)

@@ -212,7 +212,7 @@ def beside_processes(
     known = {(each.effect.name, each.component, each.flight) for each in before.applied}
     applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
     histories = dict(given or {}) | {
-        _label(a): on_frame(data.frame, a.flight, linear[a.flight].effect(a.effect, a.component, a.size))
+        _label(a): on_frame(data.frame, a.flight, linear.flights[a.flight].effect(a.effect, a.component, a.size))
         for a in applied
     }
     corrections = [dict(each) for each in data.corrections]

@@ -65,7 +65,7 @@ def gathered(
     discovery: MechanismFile | None,
 ) -> Trace:
     """The result of the contract; `before` are the residual moments of the first model."""
-    data, flights, final = fit.data, fit.data.originals, fit.residual
+    data, flights, final = fit.data, fit.data.source.records, fit.residual
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
@@ -261,7 +261,7 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
 
 def _definition(fit: Fit, model: Model, found: Coefficients) -> SavedModel:
     """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
-    flights, (elsewhere, left) = fit.data.originals, _elsewhere(fit, model, found)
+    flights, (elsewhere, left) = fit.data.source.records, _elsewhere(fit, model, found)
     known = model.but(columns=found.columns).saved()
     return known.with_coefficients(found.values, found.covariance, elsewhere.values, elsewhere.covariance).model_copy(
         update={
@@ -294,7 +294,7 @@ def _elsewhere(fit: Fit, model: Model, own: Coefficients) -> tuple[Coefficients,
     if np.all(lasts) and not model.applied:
         return own, fit.left
     columns = tuple(itertools.compress(model.columns, lasts))
-    fit = converged(fit.data.originals, model.but(columns=columns, applied=()), fit.data.config)
+    fit = converged(fit.data.source, model.but(columns=columns, applied=()))
     found = fit.on_whole_record().coefficients
     # What was refined on the way is the same column still.
     place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}

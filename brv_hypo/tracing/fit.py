@@ -40,7 +40,7 @@ from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, pr
 from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
-from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances
+from brv_hypo.linearisation.nuisance import Errors, KnownHistories, Nuisance, nuisances
 from brv_hypo.linearisation.propagated_motion import linearisation_point
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.linearisation.whitening import difference, white
@@ -57,8 +57,34 @@ from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
 from brv_hypo.tracing.result import Residual, TraceConfig
 
-Linear = tuple[LinearisedFlight, ...]
-"""One a flight."""
+
+@dataclass(frozen=True)
+class Flights:
+    """Flights and the settings that they are traced by; what each reads without a model's errors is found once."""
+
+    records: tuple[Flight, ...]
+    config: TraceConfig
+    _known: dict[tuple[int, str], tuple[InertialRecord, Reconstruction]] = field(default_factory=dict, repr=False)
+
+    def read(self, number: int, model: Model, corrections: Errors) -> tuple[InertialRecord, Reconstruction]:
+        """One flight without its errors that a model holds, and `corrections` besides, where it is linearised."""
+        own = tuple(applied for applied in model.applied if applied.flight == number)
+        if corrections or (number, repr(own)) not in self._known:
+            settings, read = ReconstructionConfig(method=self.config.method), without(self.records[number], corrections)
+            read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
+            point = linearisation_point(reconstruct(read, settings), settings)
+            if corrections:  # not read again
+                return point
+            self._known[number, repr(own)] = point
+        return self._known[number, repr(own)]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Each flight linearised about a model, with what errors of its record do there, as far as it is known."""
+
+    flights: tuple[LinearisedFlight, ...]
+    known: KnownHistories = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
@@ -69,8 +95,7 @@ class Corrected:
     their priors still, but is linearised where those of the record are corrected and those of the vehicle act.
     """
 
-    originals: tuple[Flight, ...]
-    config: TraceConfig
+    source: Flights
     records: tuple[InertialRecord, ...]
     frame: RateFrame
     fitted: Part
@@ -131,7 +156,7 @@ class Corrected:
             columns, vehicle = tuple(model.columns[j] for j in own), model.tolerated(reconstruction.flight)
             known = with_vehicle(self.frame, columns, values[own], vehicle, self.corrections[number])
             found.append(linearised(record, reconstruction, *known))
-        return tuple(found)
+        return Linear(tuple(found))
 
     def regression(
         self,
@@ -145,18 +170,18 @@ class Corrected:
         Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
         of the record may act.
         """
-        frame, config, flights = self.frame, self.config, len(linear)
+        frame, config, flights = self.frame, self.source.config, len(linear.flights)
         free = [
             {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
             for number in range(flights)
         ]
         effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
-        unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
+        unknown = nuisances(frame, linear.flights, effects, vehicle, free, self.corrections, linear.known)
         return Problem(
             frame=frame.with_mechanisms([GivenColumns()]),
             records=self.records,
-            force=on_rows(frame, linear)[0],
-            rows=WhitenedRows(self.fitted, first_noise(linear), unknown),
+            force=on_rows(frame, linear.flights)[0],
+            rows=WhitenedRows(self.fitted, first_noise(linear.flights), unknown),
             baseline=model.columns,
             knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
             max_terms=config.max_terms * flights,
@@ -165,27 +190,19 @@ class Corrected:
         )
 
 
-def correct(
-    flights: Sequence[Flight], model: Model, config: TraceConfig, corrections: Sequence[Errors] | None = None
-) -> Corrected:
+def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None = None) -> Corrected:
     """Reconstruct the flights as the model reads their records, `corrections` out of each besides.
 
     What the reconstruction finds of the remaining errors within their tolerances is taken out too.
     """
-    corrections = tuple(corrections) if corrections is not None else tuple({} for _ in flights)
-    settings = ReconstructionConfig(method=config.method)
-    points = []
-    for number, flight in enumerate(flights):
-        read = without(flight, corrections[number])
-        own = [applied for applied in model.applied if applied.flight == number]
-        read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
-        points.append(linearisation_point(reconstruct(read, settings), settings))
+    corrections = tuple(corrections) if corrections is not None else tuple({} for _ in source.records)
+    points = [source.read(number, model, known) for number, known in enumerate(corrections)]
     records = tuple(record for record, _ in points)
     frame = build_frame([reconstruction for _, reconstruction in points], list(model.mechanisms.values()))
     pairs = zip(records, frame.reconstructions, strict=True)
     valid = on_rows(frame, [linearised(*pair, frame, (), np.zeros(0)) for pair in pairs])[1]  # no spike, and measured
-    parts = (*split(frame, valid, config.blocks), whole(frame, valid))
-    return Corrected(tuple(flights), config, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
+    parts = (*split(frame, valid, source.config.blocks), whole(frame, valid))
+    return Corrected(source, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
 
 
 @dataclass(frozen=True)
@@ -371,7 +388,7 @@ def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None
     return Fit(model, data, problem.under(noise), linear)
 
 
-def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
+def converged(source: Flights, model: Model) -> Fit:
     """The fit of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
     What they do to the reconstruction is not small enough to be linear from the record as it is. Knots and delays
@@ -379,7 +396,7 @@ def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> F
     are of the rates' differences, and those of columns that are nearly one are anything. Where it fits worse, much is
     unexplained, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
     """
-    fit = _near_its_errors(flights, model, config)
+    fit = _near_its_errors(source, model)
     for _ in range(MODEL_OWN_POINTS):
         nearer = fitted_about(fit.data, fit.model, fit.values)
         fall = fit.errors.mean_square / nearer.errors.mean_square
@@ -391,12 +408,12 @@ def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> F
     return fit
 
 
-def _near_its_errors(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
-    fit = fitted_about(correct(flights, model, config), model)
+def _near_its_errors(source: Flights, model: Model) -> Fit:
+    fit = fitted_about(correct(source, model), model)
     for _ in range(MODEL_LINEARISATIONS):
         found, before = fit.record_errors, fit.data.corrections
-        corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(flights)]
-        nearer = fitted_about(correct(flights, model, config, corrections), model).at_best_knots()
+        corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(source.records)]
+        nearer = fitted_about(correct(source, model, corrections), model).at_best_knots()
         if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
             # The errors of the record that were found are none; what was found of the vehicle's moments acts.
             allowed = [{mechanism.name for mechanism in model.tolerated(flight)} for flight in fit.data.flights]
@@ -438,7 +455,7 @@ def refitted(fit: Fit) -> Fit:
             for a in fit.model.applied
         )
         model = fit.model.but(applied=applied)
-        data = correct(fit.data.originals, model, fit.data.config, fit.data.corrections)
+        data = correct(fit.data.source, model, fit.data.corrections)
         found = fitted_about(data, model, fit.values, fit.problem.rows.noise)
         if found.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
             break

@@ -39,7 +39,7 @@ from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model, starting_columns, with_priors
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, correct, fitted_about, refitted
 from brv_hypo.tracing.result import (
     Account,
     Baseline,
@@ -97,15 +97,15 @@ def trace(
                 "configuration."
             )
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        result = _trace(records, config, stages(report_to(progress), {}))
+        result = _trace(Flights(records, config), stages(report_to(progress), {}))
     return result.model_copy(update={"record": record_summary([try_record(flight)[1] for flight in own])})
 
 
-def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str], None]) -> Trace:
-    begun = clock.perf_counter()
+def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
+    begun, config = clock.perf_counter(), source.config
     tried, turns = _effects(config), list[Turn]()
     say("reconstructing the motion")
-    fit = _start(flights, config, config.baseline)
+    fit = _start(source, config.baseline)
     discovery: MechanismFile | None = None
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
@@ -136,14 +136,14 @@ def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEf
     return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
 
 
-def _start(flights: tuple[Flight, ...], config: TraceConfig, baseline: Baseline) -> Fit:
+def _start(source: Flights, baseline: Baseline) -> Fit:
     """The model that the trace starts from."""
-    start = config.start
+    flights, config, start = source.records, source.config, source.config.start
     if not isinstance(start, str):
-        return converged(flights, restored(start, flights), config)
+        return converged(source, restored(start, flights))
     known = parse_hypothesis(start)
     model = start_model(flights, known, baseline, config.aero)
-    data = correct(flights, model, config)
+    data = correct(source, model)
     columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
     model = with_priors(model.but(columns=columns, added=added), data)
     chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
@@ -157,20 +157,19 @@ def _start(flights: tuple[Flight, ...], config: TraceConfig, baseline: Baseline)
     )
     model = model + Model(columns=declared)
     if chosen:
-        problem = converged(flights, model, config).problem
+        problem = converged(source, model).problem
         model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)
-    return converged(flights, model, config)
+    return converged(source, model)
 
 
 def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
     """The held-out error of one model after another, from constant coefficients to the last."""
     first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
-    flights, config = first.data.originals, first.data.config
-    start, models = "constant", list[tuple[str, Fit]]()
+    config, start, models = first.data.source.config, "constant", list[tuple[str, Fit]]()
     if config.start != "none" or config.aero is not None:
         start = "the model given"
     elif has_schedule(first.model):
-        models, start = [(start, _start(flights, config, "constant"))], "scheduled"
+        models, start = [(start, _start(first.data.source, "constant"))], "scheduled"
     models += zip((start, *added), [*(turn.before for turn in turns[: len(added)]), last], strict=True)
     errors = [(name, fit.held_out) for name, fit in models]
     return tuple(
@@ -201,7 +200,8 @@ def _turn(
 
     What steps `before` added and is not wanted beside it is removed.
     """
-    model, flights, config = fit.model, fit.data.originals, fit.data.config
+    model, source, config = fit.model, fit.data.source, fit.data.source.config
+    flights = source.records
     usable = tuple(m for m in mechanisms if _applicable(m, fit.data))
     bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, fit.data.frame.motions[0])]
     # What changes in time may be described better by more columns of it.
@@ -222,10 +222,10 @@ def _turn(
         after = choice.accepted.fit
         if choice.accepted.candidate.effect is None:
             # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-            after = converged(flights, after.model, config)
+            after = converged(source, after.model)
         earlier = [each.added for each in before if each.added is not None and each.added != step.added]
         if gone := unwanted(after, earlier):
-            after = converged(flights, after.model.without(gone), config)
+            after = converged(source, after.model.without(gone))
             step = step.model_copy(update={"removed": gone})
     return Turn(step, here, after, _discovery(choice, config.significance))
 

@@ -20,7 +20,7 @@ from brv_hypo.prediction import Prediction, predict
 from brv_hypo.tracing import Trace, TraceConfig
 from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.final_model import model_error
-from brv_hypo.tracing.fit import Corrected, correct
+from brv_hypo.tracing.fit import Corrected, Flights, correct
 from tests.chains import traced_trim, trimmed
 from tests.flights import nominal
 
@@ -43,7 +43,7 @@ JUMP = SavedColumn(
 def data() -> Corrected:
     flight = nominal().flight
     falling = replace(flight, mach=np.linspace(12.0, 6.0, flight.samples))
-    return correct((falling,), start_model((falling,), ()), TraceConfig())
+    return correct(Flights((falling,), TraceConfig()), start_model((falling,), ()))
 
 
 def left_at(data: Corrected, sigma: Any, seed: int = 1) -> ResidualMoments:
@@ -91,7 +91,7 @@ def test_it_is_told_where_it_was_left(data: Corrected) -> None:
 
 def test_without_a_mach_number_there_is_one_value() -> None:
     flight = nominal().flight
-    unknown = correct((replace(flight, mach=None),), start_model((flight,), ()), TraceConfig())
+    unknown = correct(Flights((replace(flight, mach=None),), TraceConfig()), start_model((flight,), ()))
     found = model_error(unknown, left_at(unknown, 1e-3), left_at(unknown, 1e-3))
     assert found.mach == ()
     assert found.own[0] == pytest.approx(1e-3, rel=0.2)

@@ -18,7 +18,7 @@ from brv_hypo.prediction import predict
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model, starting_columns, with_priors
-from brv_hypo.tracing.fit import correct
+from brv_hypo.tracing.fit import Flights, correct
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, nominal
 from tests.studies.loop.planting import another_flight
 
@@ -56,7 +56,7 @@ def bend_of(result: Trace) -> tuple[float, float]:
 
 def model_of(flight: Flight, aero: AeroTable | None = None, held: tuple[str, ...] = ()) -> Model:
     model = start_model((flight,), [find(name) for name in held], "constant", aero)
-    data = correct((flight,), model, TraceConfig())
+    data = correct(Flights((flight,), TraceConfig()), model)
     return with_priors(model.but(columns=starting_columns(model, data.frame)), data)
 
 

@@ -50,7 +50,8 @@ def beside_nothing(*found: Candidate, white: bool = False, scheduled: bool = Tru
     nuisances = SimpleNamespace(items=(), bounded=())
     problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
     model = Model().having(*([SlopeSchedule(low=5.0, high=10.0, size=0.1)] if scheduled else []))
-    data, residual = SimpleNamespace(config=TraceConfig(significance=0.01)), SimpleNamespace(white=white)
+    source = SimpleNamespace(config=TraceConfig(significance=0.01))
+    data, residual = SimpleNamespace(source=source), SimpleNamespace(white=white)
     fit: Any = SimpleNamespace(problem=problem, model=model, data=data, residual=residual)
     beside: Any = None
     return first_accepted(fit, found, beside)

@@ -13,7 +13,7 @@ from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
 from brv_hypo.tracing.families import Beside, _family_of, _finer_processes, beside_processes
-from brv_hypo.tracing.fit import converged, correct
+from brv_hypo.tracing.fit import Flights, converged, correct
 from tests.chains import judged_cone
 from tests.studies.independent.flights import Made, make_flight
 
@@ -88,9 +88,9 @@ def beside_nothing() -> Beside:
     """The baseline of a flight beside all processes, with nothing added."""
     made = flight("damping_alpha")
     model = start_model((made.flight,), ())
-    data = correct((made.flight,), model, CONFIG)
+    data = correct(Flights((made.flight,), CONFIG), model)
     model = model.but(columns=starting_columns(model, data.frame))
-    state = converged((made.flight,), with_priors(model, data), CONFIG)
+    state = converged(Flights((made.flight,), CONFIG), with_priors(model, data))
     return beside_processes(state, state.model)
 
 

@@ -18,7 +18,7 @@ from brv_hypo.motion.smoother import BENT
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.acceptance import schedules_first
 from brv_hypo.tracing.baseline import has_schedule, scheduled, start_model, starting_columns, static_moment
-from brv_hypo.tracing.fit import correct, next_corrections
+from brv_hypo.tracing.fit import Flights, correct, next_corrections
 from tests.flights import nominal
 
 machs = st.floats(0.5, 30.0)
@@ -95,7 +95,7 @@ def _falling() -> Any:
 def test_the_schedule_is_known_by_its_prior() -> None:
     flight = _falling()
     model = start_model((flight,), (), "scheduled")
-    data = correct((flight,), model, TraceConfig())
+    data = correct(Flights((flight,), TraceConfig()), model)
     model = scheduled(model.but(columns=starting_columns(model, data.frame)), data)
     names = [mechanism.name for mechanism in model.tolerated(flight)]
     assert names.count(SlopeSchedule.name) == 1

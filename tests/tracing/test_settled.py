@@ -11,7 +11,7 @@ from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
-from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about
+from brv_hypo.tracing.fit import Fit, Flights, converged, correct, fitted_about
 from tests.chains import TRIM, traced_trim
 from tests.comparison.pulse import fitted, pulse
 from tests.flights import nominal
@@ -25,9 +25,9 @@ def state() -> Fit:
     """A moment that begins and ends, with the knots that a fit gave it."""
     flights = (pulse().flight,)
     model = start_model(flights, [find("bodyfixed")])
-    columns = starting_columns(model, correct(flights, model, CONFIG).frame)
+    columns = starting_columns(model, correct(Flights(flights, CONFIG), model).frame)
     model = model.but(columns=(*columns, *fitted("bodyfixed").selected))
-    return converged(flights, model, CONFIG)
+    return converged(Flights(flights, CONFIG), model)
 
 
 @pytest.mark.thorough
@@ -71,11 +71,11 @@ def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_bette
     flights = (sized(232010, "reynolds_stiffness").made.flight,)
     config = CONFIG.model_copy(update={"baseline": "constant"})
     model = start_model(flights, [find("mach_stiffness")], "constant")
-    data = correct(flights, model, config)
+    data = correct(Flights(flights, config), model)
     motion, always = data.reconstructions[0].motion, TimeBasis("constant")
     terms = find("mach_stiffness").terms(motion, {})
     powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
     model = with_priors(model.but(columns=(*starting_columns(model, data.frame), *powers)), data)
-    state = converged(flights, model, config)
+    state = converged(Flights(flights, config), model)
     again = fitted_about(state.data, state.model, state.values)
     assert again.errors.mean_square > 0.98 * state.errors.mean_square

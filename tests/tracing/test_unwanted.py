@@ -13,7 +13,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.additions import generic_name
 from brv_hypo.tracing.baseline import start_model, starting_columns
-from brv_hypo.tracing.fit import Fit, converged, correct
+from brv_hypo.tracing.fit import Fit, Flights, converged, correct
 from brv_hypo.tracing.result import Errors, Residual, Step, lasting_steps
 from brv_hypo.tracing.trace import unwanted
 from tests.comparison.pulse import fitted, pulse
@@ -25,7 +25,7 @@ def model_of(*names: str) -> Model:
     """Constant coefficients, the moment that was planted, and other effects."""
     flights = (pulse().flight,)
     model = start_model(flights, [find(name) for name in ("bodyfixed", *names)])
-    frame = correct(flights, model, CONFIG).frame
+    frame = correct(Flights(flights, CONFIG), model).frame
     terms = {name: find(name).terms(frame.motions[0], {}) for name in names}
     others = tuple(
         Regressor(name, term.name, (), TimeBasis("constant"), term.units) for name in names for term in terms[name]
@@ -36,7 +36,7 @@ def model_of(*names: str) -> Model:
 
 @pytest.fixture(scope="module")
 def state() -> Fit:
-    return converged((pulse().flight,), model_of("magnus", "trim", "mach_stiffness"), CONFIG)
+    return converged(Flights((pulse().flight,), CONFIG), model_of("magnus", "trim", "mach_stiffness"))
 
 
 @pytest.mark.thorough
