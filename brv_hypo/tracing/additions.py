@@ -21,7 +21,7 @@ from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, solved_again
+from brv_hypo.tracing.acceptance import Candidate, History, Variant, bounded, solved_again
 from brv_hypo.tracing.description import discover
 from brv_hypo.tracing.fit import Fit, with_efficiency
 
@@ -52,12 +52,11 @@ def analyse_step(
     found = [candidate for candidate in tried if candidate is not None]
     if found:
         fit = replace(fit, problem=with_efficiency(fit.problem, likeliest([each.fit for each in found])))
-        fits = [replace(each.fit, efficiency=fit.problem.efficiency) for each in found]
-        pairs = zip(fits, found, strict=True)
-        found = [candidate_of(fit.problem, fit.null, own, each.kind, each.variant) for own, each in pairs]
         for place, candidate in enumerate(found):
+            own = bounded(fit.problem, replace(candidate.fit, efficiency=fit.problem.efficiency))
+            found[place] = replace(candidate, null=fit.null, fit=own)
             if len(catalogue.get(candidate.name, ())) > 1:
-                fit, found[place] = _closer(fit, candidate)
+                fit, found[place] = _closer(fit, found[place])
     found.sort(key=attrgetter("fit.information"))
     described = discover(fit.problem, fit.null, generic_name(model)) if describe else None
     return fit, (*found, *([] if described is None else [described]))
@@ -112,7 +111,7 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
     if not found:
         return None
     best, variant = min(found, key=lambda pair: pair[0].information)
-    return candidate_of(problem, fit.null, best, next(iter(variant.values())).effect.kind, variant)
+    return Candidate(next(iter(variant.values())).effect.kind, fit.null, best, variant)
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
@@ -151,7 +150,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
         searched = len({column for offer in offered for column in offer})
         named = mechanism.name, (mechanism,), frame
         fits = [each for offer in offered for each in forward(problem, *named, offer, searched)]
-    return candidate_of(problem, fit.null, likeliest(fits), "mechanism") if fits else None
+    return Candidate("mechanism", fit.null, likeliest(fits)) if fits else None
 
 
 def _offered(

@@ -49,7 +49,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.tracing.acceptance import Candidate, candidate_of
+from brv_hypo.tracing.acceptance import Candidate
 
 # ---- The dictionary ----
 
@@ -211,7 +211,7 @@ def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | No
         return None
     fit = likeliest(found)
     terms = as_terms(fit.selected, fit.values[fit.baseline_size :], fit.mechanisms[0])
-    return candidate_of(problem, null, fit, "discovered", file=file_of(name, fit.mechanisms[0].title, terms))
+    return Candidate("discovered", null, fit, file=file_of(name, fit.mechanisms[0].title, terms))
 
 
 def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:

@@ -20,7 +20,6 @@ from brv_hypo.constants import FINDING_SHOWN, HELD_OUT_SHORTEST, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
-from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import GIVEN
@@ -34,9 +33,9 @@ from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
-from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded, with_columns
+from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded
 from brv_hypo.tracing.additions import analyse_step
-from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model, starting_columns, with_priors
+from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, correct, fitted_about, refitted
@@ -219,10 +218,11 @@ def _turn(
             here, choice, before = there, named, ()
     step, after = step_of(number, here, choice, before), None
     if choice.accepted is not None:
-        after = choice.accepted.fit
-        if choice.accepted.candidate.effect is None:
-            # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-            after = converged(source, after.model)
+        # Beside a model that lacked the effect, the errors of the record had taken up some of it.
+        model = choice.accepted.fit.model
+        if choice.accepted.candidate.follows == "mach" and not has_schedule(here.model):
+            model = scheduled(model, choice.accepted.fit.data)
+        after = converged(source, model)
         earlier = [each.added for each in before if each.added is not None and each.added != step.added]
         if gone := unwanted(after, earlier):
             after = converged(source, after.model.without(gone))
@@ -313,7 +313,7 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
                 f_ratio=each.f_ratio,
                 p_value_adjusted=choice.chances[each.name],
                 explains=each.explains,
-                description=_described(each, fit.data.flights),
+                description=_described(each, fit),
                 near_equals=confounded(each, reported),
             )
             for each in reported
@@ -331,11 +331,11 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
     )
 
 
-def _described(candidate: Candidate, flights: Sequence[Flight]) -> str:
-    """What a candidate says of these flights."""
+def _described(candidate: Candidate, fit: Fit) -> str:
+    """What a candidate beside a model says of its flights."""
     if candidate.file is not None:
         return candidate.file.title
-    effect, parts = candidate.effect, []
+    effect, flights, parts = candidate.effect, fit.data.flights, []
     for column, value in zip(candidate.fit.selected, candidate.fit.values[candidate.fit.baseline_size :], strict=True):
         name, number, when = column.label, column.flight, ""
         if effect is not None:
@@ -348,19 +348,22 @@ def _described(candidate: Candidate, flights: Sequence[Flight]) -> str:
         parts.append(f"{name} {value:.3g}{units}{when}{which}")
     time = getattr(effect, "time", None)
     at = "" if time is None else f" at {time:.3f} s"
-    where = "" if effect is None or candidate.in_rates > FINDING_SHOWN else " (in the specific force only)"
+    own, rates = candidate.fit, fit.problem.rows.rates
+    before, after = (each.residual[:rates] for each in (candidate.null, own))
+    shown = float(before @ before - after @ after) > FINDING_SHOWN * own.rss / own.samples
+    where = "" if effect is None or shown else " (in the specific force only)"
     return ", ".join(parts) + at + where
 
 
 def _after(leading: Tried) -> dict[str, Any]:
     """What a step says of the candidate that leads."""
     return {
-        "description": _described(leading.candidate, leading.before.data.flights),
+        "description": _described(leading.candidate, leading.before),
         "error_after": _errors(leading.fit),
         "error_ratio_held_out": leading.ratio,
         "error_ratio_std_error": leading.ratio_error,
-        "force_error_after": _force_errors(leading.after),
-        "held_out_score": leading.agreement.fall,
+        "force_error_after": _force_errors(leading.fit),
+        "held_out_score": leading.score,
     }
 
 
@@ -389,7 +392,10 @@ def _left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
     shared = any(column.flight is None and column.mechanism != GIVEN for column in candidate.fit.selected)
     if len(flights) < 2 or not shared:
         return None
-    fits = (fit, with_columns(fit, candidate))
+    own = replace(
+        fit, model=fit.model.but(columns=candidate.fit.columns), data=replace(fit.data, frame=candidate.fit.frame)
+    )
+    fits = (fit, own)
     before, after = ([_predicted(each, number) for number in flights] for each in fits)
     sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
     return FlightLeftOut(
