@@ -179,7 +179,6 @@ MODEL_LINEARISATIONS = 2  # with what the tolerances allow taken out of the reco
 MODEL_PLAUSIBLE = 3.0
 MODEL_MOMENT_ROUNDS = 2  # of the in-plane moment that a delay looks back to, and of the columns that make it
 MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most, while what is left falls
-MODEL_CORRECTIONS = 2  # of the values of record effects, in the end
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 SCHEDULE_TRIFLE = 0.01  # of the static moment, below which a schedule's part of it is held to be none
 FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping

@@ -24,7 +24,7 @@ from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.comparison.summary import flight_summary, record_summary
+from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
 from brv_hypo.constants import (
     BAND_FREQUENCIES,
     BAND_LEAST_NOISE,
@@ -53,17 +53,8 @@ from brv_hypo.prediction.result import Band, ErrorsOfPrediction, ModelSource, Pr
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
-from brv_hypo.tracing.final_model import estimates, pair, slopes_at
-from brv_hypo.tracing.fit import (
-    Coefficients,
-    Corrected,
-    Fit,
-    Flights,
-    correct,
-    fitted_about,
-    next_corrections,
-    noise_floor,
-)
+from brv_hypo.tracing.final_model import pair, slopes_at
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections, noise_floor
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
 _REGIONS = 8  # stretches of the record whose errors are reported apart
@@ -160,7 +151,7 @@ def _predict(
     remain = np.flatnonzero(np.isfinite(within.fixed))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    terms = estimates(Coefficients(columns, fit.values, covariance), data)
+    terms = estimates(columns, fit.values, covariance, data.frame)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),

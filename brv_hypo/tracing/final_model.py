@@ -17,7 +17,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
-from brv_hypo.comparison.summary import channel_of, flight_summary, likelihood_block, motion_histories
+from brv_hypo.comparison.summary import estimates, flight_summary, likelihood_block, motion_histories, of_flight
 from brv_hypo.constants import (
     LIKELIHOOD_STEPS,
     MODEL_ERROR_CHANCE,
@@ -39,9 +39,9 @@ from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
-from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
+from brv_hypo.model.baseline import KnownSlopeSchedule, SlopeSchedule
 from brv_hypo.model.model import Model, ModelError, SavedModel, digest
-from brv_hypo.model.term import BASELINE, Regressor, TimeBasis, evaluated
+from brv_hypo.model.term import Regressor, TimeBasis, evaluated
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
@@ -50,7 +50,6 @@ from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged, noise_floor
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
-_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 # What a static moment may be a function of.
 _FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds")
 _ALWAYS = TimeBasis("constant")
@@ -70,6 +69,7 @@ def gathered(
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
+    terms = estimates(found.columns, found.values, found.covariance, data.frame)
     findings, pairs = names_added(steps, "finding"), zip(flights, data.reconstructions, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
@@ -79,7 +79,10 @@ def gathered(
         hints=tuple(name for name in names_added(steps, "hint") if name not in findings),
         families=steps[0].families,
         account=account,
-        model=ModelSummary(terms=(*estimates(found, data), *_record_terms(whole)), definition=definition),
+        model=ModelSummary(
+            terms=(*estimates(found.columns, found.values, found.covariance, data.frame), *_record_terms(whole)),
+            definition=definition,
+        ),
         record_errors=record_errors(beside),
         **collinear(found.columns, found.covariance),
         static_slopes=slopes,
@@ -222,29 +225,6 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
 
-def estimates(found: Coefficients, data: Corrected) -> tuple[TermEstimate, ...]:
-    """Coefficients with their standard errors, as a result has them."""
-    sigmas, out = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)).tolist(), []
-    for column, value, sigma in zip(found.columns, found.values.tolist(), sigmas, strict=True):
-        basis, reconstruction = column.time_basis, data.reconstructions[column.flight or 0]
-        time = reconstruction.flight.time
-        acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
-        where = {
-            "channel": channel_of(column, data.frame.mechanisms, reconstruction.motion),
-            "region_s": None if basis.kind == "constant" else acts,
-            "delay_s": column.delay,
-        }
-        mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
-        label = column.label + _of_flight(data, column.flight)
-        out.append(estimate(label, mechanism, value, sigma, column.units, **where))
-    return tuple(out)
-
-
-def _of_flight(data: Corrected, number: int | None) -> str:
-    """Which flight a term is of, where there are several; counted from 1."""
-    return "" if number is None or len(data.records) == 1 else f" [flight {number + 1}]"
-
-
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
     along.
@@ -254,7 +234,7 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
     found = []
     for a in whole.model.applied:
-        name, sigma = a.component + _of_flight(whole.data, a.flight), of[a.effect.name, a.component, a.flight]
+        name, sigma = a.component + of_flight(whole.data.frame, a.flight), of[a.effect.name, a.component, a.flight]
         found.append(estimate(name, a.effect.name, a.value, sigma, a.units, channel="record"))
     return tuple(found)
 
@@ -401,7 +381,7 @@ def maximum_likelihood(fit: Fit) -> MaximumLikelihood:
     fixed = {(each.effect.name, each.component): each.value for each in model.applied}
     regressed = Regressed.of(fit.problem, fit.data.frame, model.columns, *fit.solution).beside([fixed])
     found = identify(data.frame, columns, values, regressed=regressed, max_iterations=LIKELIHOOD_STEPS)
-    return likelihood_block(found, estimates(Coefficients(found.columns, found.values, found.covariance), data))
+    return likelihood_block(found, estimates(found.columns, found.values, found.covariance, data.frame))
 
 
 def _known_schedule(fit: Fit) -> KnownSlopeSchedule | None:

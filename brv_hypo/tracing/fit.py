@@ -17,7 +17,6 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import (
-    MODEL_CORRECTIONS,
     MODEL_LINEARISATIONS,
     MODEL_MOMENT_ROUNDS,
     MODEL_OWN_POINTS,
@@ -391,12 +390,18 @@ def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None
 def converged(source: Flights, model: Model) -> Fit:
     """The fit of a model, linearised where the errors that the tolerances allow are nearly taken out.
 
-    What they do to the reconstruction is not small enough to be linear from the record as it is. Knots and delays
-    of the model are refined there. Last it is linearised about its own coefficients, while it fits better so: the first
-    are of the rates' differences, and those of columns that are nearly one are anything. Where it fits worse, much is
-    unexplained, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
+    What they do to the reconstruction is not small enough to be linear from the record as it is; nor are the errors
+    that the model holds, whose values follow. Knots and delays of the model are refined there. Last it is linearised
+    about its own coefficients, while it fits better so: the first are of the rates' differences, and those of columns
+    that are nearly one are anything. Where it fits worse, much is unexplained, errors far beyond their tolerances are
+    linear about no point, and the next is as good as chance.
     """
-    fit = _near_its_errors(source, model)
+    fit = fitted_about(correct(source, model), model)
+    for _ in range(MODEL_LINEARISATIONS):
+        nearer = _without_its_errors(fit)
+        if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
+            break
+        fit = nearer
     for _ in range(MODEL_OWN_POINTS):
         nearer = fitted_about(fit.data, fit.model, fit.values)
         fall = fit.errors.mean_square / nearer.errors.mean_square
@@ -408,22 +413,16 @@ def converged(source: Flights, model: Model) -> Fit:
     return fit
 
 
-def _near_its_errors(source: Flights, model: Model) -> Fit:
-    fit = fitted_about(correct(source, model), model)
-    for _ in range(MODEL_LINEARISATIONS):
-        found, before = fit.record_errors, fit.data.corrections
-        corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(source.records)]
-        nearer = fitted_about(correct(source, model, corrections), model).at_best_knots()
-        if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
-            # The errors of the record that were found are none; what was found of the vehicle's moments acts.
-            allowed = [{mechanism.name for mechanism in model.tolerated(flight)} for flight in fit.data.flights]
-            acting = tuple(
-                {**known, **{name: value for name, value in more.items() if name[0] in names}}
-                for known, more, names in zip(before, corrections, allowed, strict=True)
-            )
-            return fitted_about(replace(fit.data, corrections=acting), model, fit.values)
-        fit, model = nearer, nearer.model
-    return fit
+def _without_its_errors(fit: Fit) -> Fit:
+    """The model where the errors of the record that a fit finds are taken out, its knots and delays refined."""
+    source, found, before = fit.data.source, fit.record_errors, fit.data.corrections
+    corrections = [next_corrections(k, each, fit.model, found[k], before[k]) for k, each in enumerate(source.records)]
+    applied = tuple(
+        a.model_copy(update={"value": a.value + found[a.flight].get((a.effect.name, a.component), 0.0)})
+        for a in fit.model.applied
+    )
+    model = fit.model.but(applied=applied)
+    return fitted_about(correct(source, model, corrections), model).at_best_knots()
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
@@ -440,27 +439,6 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
         if (name in most or name[0] in of_vehicle) and name not in free
     }
     return {**before, **within}
-
-
-def refitted(fit: Fit) -> Fit:
-    """The fit with its errors of the record fitted once more, all together and under the final noise.
-
-    Their first values are those of a reconstruction that the errors themselves had distorted. The fit itself where that
-    is no better.
-    """
-    for _ in range(MODEL_CORRECTIONS if fit.model.applied else 0):
-        wrong = fit.record_errors
-        applied = tuple(
-            a.model_copy(update={"value": a.value + wrong[a.flight].get((a.effect.name, a.component), 0.0)})
-            for a in fit.model.applied
-        )
-        model = fit.model.but(applied=applied)
-        data = correct(fit.data.source, model, fit.data.corrections)
-        found = fitted_about(data, model, fit.values, fit.problem.rows.noise)
-        if found.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
-            break
-        fit = found
-    return fit
 
 
 # ---- The residual: whiteness, size, where it is largest, its frequency ----

@@ -38,7 +38,7 @@ from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, correct, fitted_about, refitted
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, correct, fitted_about
 from brv_hypo.tracing.result import (
     Account,
     Baseline,
@@ -118,7 +118,7 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
             nothing_more: Stop = "white" if turn.step.residual.white else "nothing significant"
             stopped = "nothing improves held-out error" if turn.step.refused else nothing_more
             break
-    first, fit = turns[0].before, refitted(fit)
+    first = turns[0].before
     steps = _confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
     result = gathered(fit, first.left, steps, _account(turns, fit), stopped, discovery)
     if config.maximum_likelihood:
