@@ -205,7 +205,6 @@ DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
 DESCRIBED_SHARP = 0.1
 DESCRIBED_GRADUAL = 0.3
 DESCRIBED_SLOW = 1.0
-DESCRIBED_HATS = 8  # places of a hat, each as wide as the way to the next
 
 # ---- Loop: choice, findings and hints ----
 

@@ -22,7 +22,6 @@ from brv_hypo.constants import (
     DESCRIBED_FINER,
     DESCRIBED_FREE,
     DESCRIBED_GRADUAL,
-    DESCRIBED_HATS,
     DESCRIBED_NEIGHBOURS,
     DESCRIBED_SHARP,
     DESCRIBED_SLOW,
@@ -107,7 +106,7 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
         values = np.concatenate([values_of(motion, quantity) for motion in motions])
         low, high = float(np.min(values)), float(np.max(values))
         if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
-            found += [*_steps(quantity, low, high), *_smooth(quantity, low, high)]
+            found += _steps(quantity, low, high)
     return tuple(found)
 
 
@@ -174,24 +173,6 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
 
     places = [low + k * spacing for k in range(1, DESCRIBED_STEPS + 1)]
     return [entry(axis, share, value) for axis in _PLANE for share in _WIDTHS for value in places]
-
-
-def _smooth(quantity: Quantity, low: float, high: float) -> list[Entry]:
-    """Splines: stiffness, out-of-plane slope, damping and body-fixed moment around a value of the quantity."""
-    width = (high - low) / (DESCRIBED_HATS - 1)
-    found = []
-    for at in (low + k * width for k in range(DESCRIBED_HATS)):
-        hat, label = (Factor(of=quantity, function="bump", at=at, width=width),), f"hat at {quantity} {at:.12g}"
-        inside, outside = (_term(f"{axis} alpha, {label}", axis, 1, hat) for axis in _PLANE)
-        forms = {
-            "a change of the stiffness": (inside,),
-            "an out-of-plane moment with alpha": (outside,),
-            "a change of damping": (_term(f"rates, {label}", "along_rates", 0, hat),),
-            "a body-fixed moment": tuple(_term(f"{axis}, {label}", axis, 0, hat) for axis in _BODY),
-        }
-        where = f"around {_QUANTITIES[quantity]} {at:.4g}"
-        found += [Entry(f"{form} {where}", terms, follows=quantity, form=form) for form, terms in forms.items()]
-    return found
 
 
 # ---- Its entries beside a model ----

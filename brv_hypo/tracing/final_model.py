@@ -69,7 +69,6 @@ def gathered(
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
-    terms = estimates(found.columns, found.values, found.covariance, data.frame)
     findings, pairs = names_added(steps, "finding"), zip(flights, data.reconstructions, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
