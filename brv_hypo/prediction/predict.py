@@ -130,14 +130,15 @@ def _predict(
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
     measured = data.moments(data.frame.observed)
-    left, own, left_within = fit.left, replace(fit, fixed=np.zeros(0)).left, within.left
+    left, own, left_within = fit.left, _freed(fit, tuple(c.mechanism for c in columns)).left, within.left
     errors = ErrorsOfPrediction(
         without=_mean_square(measured, measured.usable),
         frozen=_mean_square(left, left.usable),
         own=_mean_square(own, own.usable),
         noise=noise_floor(data.whole, measured),
     )
-    covariance, known = fit.covariance[: len(columns), : len(columns)].copy(), np.flatnonzero(np.isfinite(fit.fixed))
+    fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
+    known = np.flatnonzero(np.isfinite(fixed))
     known_by, change, difference = _covariance_of(content, places[known], not here), None, None
     covariance[np.ix_(known, known)] = known_by
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
@@ -145,10 +146,10 @@ def _predict(
     if not here:  # a test of estimates against the record that they are of would count it twice
         whole = data.regression(fit.model, fit.linear, processes=record_processes())
         alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
-        change = find_local_change(fixed_within(alone, columns, fit.fixed, known_by))
+        change = find_local_change(fixed_within(alone, columns, fixed, known_by))
         better = max(alone, beside, key=lambda each: each.level)
-        difference = find_difference(better, columns, fit.fixed, known_by)
-    remain = np.flatnonzero(np.isfinite(within.fixed))
+        difference = find_difference(better, columns, fixed, known_by)
+    remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
     terms = estimates(columns, fit.values, covariance, data.frame)
@@ -181,9 +182,8 @@ def _predict(
 
 def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
     """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
-    own = np.array([column.mechanism in names for column in fit.model.columns], dtype=bool)
-    errors = np.array([item.name in names for item in fit.nuisances], dtype=bool)
-    return replace(fit, fixed=np.where(own, np.nan, fit.fixed), others=np.where(errors, np.nan, fit.others))
+    own = [*(column.mechanism for column in fit.model.columns), *(item.name for item in fit.nuisances)]
+    return replace(fit, known=np.where(np.isin(own, names), np.nan, fit.known))
 
 
 def _frozen(
@@ -216,7 +216,7 @@ def _frozen(
         # What has no prior was found on this very record, and is taken out of it.
         held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
         others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])
-        return replace(fit, problem=fit.problem.on(part), fixed=fixed, others=others)
+        return replace(fit, problem=fit.problem.on(part), known=np.append(fixed, others))
 
     corrections: Errors = {}
     found = read_with(corrections)
@@ -246,7 +246,7 @@ def _tolerated(flight: Flight) -> tuple[str, ...]:
 
 def _remedy(fit: Fit, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
     """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
-    columns = zip(fit.model.columns, fit.fixed, strict=True)
+    columns = zip(fit.model.columns, fit.known, strict=False)
     fixed = {column.mechanism for column, value in columns if np.isfinite(value)}
     more = [*(name for name in tolerated if name in fixed), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
     return ",".join((*refit, *more)) if more else ""

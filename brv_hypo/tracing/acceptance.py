@@ -33,7 +33,6 @@ from brv_hypo.constants import (
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
     LOOP_REPEATED_BLOCKS,
-    LOOP_REPEATED_KNOTS,
     LOOP_RIVALS,
     LOOP_SCHEDULE,
     LOOP_TRIES,
@@ -50,7 +49,7 @@ from brv_hypo.linearisation.channels import Histories, split
 from brv_hypo.mechanisms.contract import Component, RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
-from brv_hypo.model.term import Regressor, default_knots
+from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule
 from brv_hypo.tracing.families import Beside, beside_processes
@@ -304,16 +303,18 @@ class Tried:
         """Whether the held-out part agrees.
 
         The moments' error has to fall, by how much matters little where the fitted part leaves no doubt. An error of
-        the record may show in the specific force alone: it must not make the moments significantly worse. What every
-        fit has within its tolerance has nothing to predict that others within theirs could not: that it must be larger
-        is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
-        read anew with the effect taken out, which the stretches' own scatter does not know of.
+        the record may show in the specific force alone, and must not make the moments significantly worse then. What
+        every fit has within its tolerance has nothing to predict that others within theirs could not: that it must be
+        larger is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the
+        record is read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
         no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out.scatter)
         if self.has_tolerance:
             return no_worse
+        if self.ratio < 1.0 and self.certain:
+            return self.score >= 0.0
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
-        return falls and self.score >= (0.0 if self.certain else HELD_OUT_SIGMAS)
+        return falls and self.score >= HELD_OUT_SIGMAS
 
     @property
     def is_established(self) -> bool:
@@ -445,8 +446,8 @@ def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried
     """A candidate added to the model; weighed beside processes where the held-out part agrees with it."""
     added, before = with_candidate(fit, candidate), fit
     if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
-        others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
-        before = replace(fit, others=np.array(others))
+        known = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
+        before = replace(fit, known=np.array([*np.full(len(fit.model.columns), np.nan), *known]))
     tried = Tried(candidate, before, added, certain, tolerance)
     if not tried.agrees:
         return tried
@@ -472,14 +473,10 @@ def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidat
 
 
 def _repetitions(problem: Problem, fit: Fit) -> Iterator[Problem]:
-    """The problem with other blocks, other knots, and another inertia and dynamic pressure."""
-    data, config = fit.data, fit.data.source.config
+    """The problem with other blocks, and with another inertia and dynamic pressure."""
     for share in LOOP_REPEATED_BLOCKS:
-        fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
+        fitted, _ = split(fit.data.frame, fit.data.whole.valid, round(share * fit.data.source.config.blocks))
         yield problem.on(fitted)
-    start, stop = float(data.frame.time.min()), float(data.frame.time.max())
-    for more in LOOP_REPEATED_KNOTS:
-        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
     nuisances = problem.rows.nuisances
     for effect in REPEATED_ERRORS:
         for side in (-1.0, 1.0):

@@ -7,7 +7,7 @@ are nearly taken out, and about the model's own coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -249,24 +249,23 @@ class Coefficients:
 class Fit:
     """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`.
 
-    `fixed` (columns,) are coefficients and `others` (unknowns,) nuisances that are not fitted, NaN for those that are;
-    empty where all are.
+    `known` (columns + unknowns,) are coefficients and nuisances that are not fitted, NaN for those that are; empty
+    where all are.
     """
 
     model: Model
     data: Corrected
     problem: Problem
     linear: Linear
-    fixed: FloatArray = field(default_factory=lambda: np.zeros(0))
-    others: FloatArray = field(default_factory=lambda: np.zeros(0))
+    known: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def solution(self) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,)."""
-        if not (self.fixed.size or self.others.size):
+        if not self.known.size:
             return self.problem.solution(self.data.frame, self.model.columns)
         _, values, _ = self.all_unknowns
-        return values[: len(self.model.columns)], values[values.size - len(self.nuisances) :]
+        return values[self._places[: len(self.model.columns)]], values[self._places[len(self.model.columns) :]]
 
     @property
     def values(self) -> FloatArray:
@@ -278,11 +277,17 @@ class Fit:
         """Columns, constants of integration and nuisances (rows, all), what they come to, and which are fitted."""
         design = self.problem.whole_design(self.data.frame, self.model.columns)
         values = np.full(design.shape[1], np.nan)
-        values[: self.fixed.size] = self.fixed
-        values[values.size - self.others.size :] = self.others
+        if self.known.size:
+            values[self._places] = self.known
         free, values = np.isnan(values), np.nan_to_num(values)
         values[free] = solve_scaled(design[:, free], self.problem.raw_response - design @ values)
         return design, values, free
+
+    @property
+    def _places(self) -> IntArray:
+        """Where coefficients and nuisances stand among all unknowns: between them are constants of integration."""
+        columns, first = len(self.model.columns), 2 * len(self.problem.rows.part.levels)
+        return np.append(np.arange(columns), columns + first + np.arange(len(self.nuisances)))
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -300,8 +305,7 @@ class Fit:
         covariance, count = np.zeros((free.size, free.size)), int(free.sum())
         found = covariance_of(fitted, residual, problem.samples, efficiency)
         covariance[np.ix_(free, free)] = found[:count, :count]
-        kept = np.r_[: len(columns), free.size - len(self.nuisances) : free.size]
-        return np.asarray(covariance[np.ix_(kept, kept)], dtype=float)
+        return np.asarray(covariance[np.ix_(self._places, self._places)], dtype=float)
 
     @property
     def coefficients(self) -> Coefficients:
@@ -388,22 +392,27 @@ def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None
 
 
 def converged(source: Flights, model: Model) -> Fit:
-    """The fit of a model, linearised where the errors that the tolerances allow are nearly taken out.
+    """The fit of a model, linearised where the errors that the tolerances allow are nearly taken out."""
+    return converged_from(fitted_about(correct(source, model), model))
 
-    What they do to the reconstruction is not small enough to be linear from the record as it is; nor are the errors
+
+def converged_from(fit: Fit) -> Fit:
+    """The same, from another point.
+
+    What errors do to the reconstruction is not small enough to be linear from the record as it is; nor are the errors
     that the model holds, whose values follow. Knots and delays of the model are refined there. Last it is linearised
-    about its own coefficients, while it fits better so: the first are of the rates' differences, and those of columns
-    that are nearly one are anything. Where it fits worse, much is unexplained, errors far beyond their tolerances are
-    linear about no point, and the next is as good as chance.
+    about its own coefficients: the first are of the rates' differences, and those of columns that are nearly one are
+    anything. Where it fits worse, much is unexplained, errors far beyond their tolerances are linear about no point,
+    and the next is as good as chance.
     """
-    fit = fitted_about(correct(source, model), model)
-    for _ in range(MODEL_LINEARISATIONS):
-        nearer = _without_its_errors(fit)
-        if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
-            break
-        fit = nearer
-    for _ in range(MODEL_OWN_POINTS):
-        nearer = fitted_about(fit.data, fit.model, fit.values)
+    fit = _while_better(fit, _without_its_errors, MODEL_LINEARISATIONS)
+    return _while_better(fit, lambda own: fitted_about(own.data, own.model, own.values), MODEL_OWN_POINTS)
+
+
+def _while_better(fit: Fit, step: Callable[[Fit], Fit], most: int) -> Fit:
+    """The fit after some steps, while these improve it."""
+    for _ in range(most):
+        nearer = step(fit)
         fall = fit.errors.mean_square / nearer.errors.mean_square
         if fall < 1.0 / MODEL_TRIFLE:
             break

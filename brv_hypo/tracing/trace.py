@@ -38,7 +38,7 @@ from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, correct, fitted_about
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
     Account,
     Baseline,
@@ -105,14 +105,11 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
     tried, turns = _effects(config), list[Turn]()
     say("reconstructing the motion")
     fit = _start(source, config.baseline)
-    discovery: MechanismFile | None = None
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
         turn = _turn(number, fit, *tried, [each.step for each in turns])
         turns.append(turn)
-        if turn.discovery is not None and (turn.after is not None or discovery is None):
-            discovery = turn.discovery
         fit = turn.after or turn.before
         if turn.after is None:
             nothing_more: Stop = "white" if turn.step.residual.white else "nothing significant"
@@ -120,7 +117,7 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
             break
     first = turns[0].before
     steps = _confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
-    result = gathered(fit, first.left, steps, _account(turns, fit), stopped, discovery)
+    result = gathered(fit, first.left, steps, _account(turns, fit), stopped, turns[-1].discovery)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
         result = result.model_copy(update={"ml": maximum_likelihood(fit)})
@@ -183,7 +180,7 @@ def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
 class Turn(NamedTuple):
     """One step with the fit that it started from, and the one that it led to.
 
-    `discovery`: the description in generic terms, where it is significant and no name took its place.
+    `discovery`: where it led to none, the description in generic terms that is significant all the same.
     """
 
     step: Step
@@ -219,25 +216,16 @@ def _turn(
     step, after = step_of(number, here, choice, before), None
     if choice.accepted is not None:
         # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-        model = choice.accepted.fit.model
+        after = choice.accepted.fit
         if choice.accepted.candidate.follows == "mach" and not has_schedule(here.model):
-            model = scheduled(model, choice.accepted.fit.data)
-        after = converged(source, model)
+            after = fitted_about(after.data, scheduled(after.model, after.data))
+        after = converged_from(after)
         earlier = [each.added for each in before if each.added is not None and each.added != step.added]
         if gone := unwanted(after, earlier):
-            after = converged(source, after.model.without(gone))
+            after = converged_from(fitted_about(after.data, after.model.without(gone)))
             step = step.model_copy(update={"removed": gone})
-    return Turn(step, here, after, _discovery(choice, config.significance))
-
-
-def _discovery(choice: Choice, significance: float) -> MechanismFile | None:
-    """The description in generic terms, where it is significant and no name took its place."""
-    accepted, own = choice.accepted, next((each for each in choice.ranked if each.file is not None), None)
-    if own is None:
-        return None
-    if accepted is None or accepted.candidate is own:
-        return own.file if choice.chances[own.name] <= significance else None
-    return own.file if own.name in confounded(accepted.candidate, choice.ranked) else None
+    described = [] if after else [each.file for each in choice.significant(here) if each.file is not None]
+    return Turn(step, here, after, described[0] if described else None)
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
@@ -408,14 +396,9 @@ def _left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
 def _predicted(fit: Fit, number: int) -> MomentErrors:
     """Errors on one flight of the shared coefficients that the others have: 0 is fixed, NaN free."""
     data, inside = fit.data, fit.data.frame.flight_of_row == number
-    numbers = ([each.flight for each in some] for some in (fit.model.columns, fit.nuisances))
-    flights = [np.array([-1 if each is None else each for each in some]) for some in numbers]
-    without = [np.where(each == number, 0.0, np.nan) for each in flights]
-    known = replace(fit, problem=fit.problem.on(data.part_where(~inside)), fixed=without[0], others=without[1])
-    fixed = [
-        np.where(each == -1, found, np.where(each == number, np.nan, 0.0))
-        for each, found in zip(flights, known.solution, strict=True)
-    ]
-    part = data.part_where(inside)
-    there = replace(fit, problem=fit.problem.on(part), fixed=fixed[0], others=fixed[1])
-    return MomentErrors.of(part, there.left)
+    numbers = [*(column.flight for column in fit.model.columns), *(item.flight for item in fit.nuisances)]
+    flights = np.array([-1 if each is None else each for each in numbers])
+    own, shared, part = flights == number, flights == -1, data.part_where(inside)
+    others = replace(fit, problem=fit.problem.on(data.part_where(~inside)), known=np.where(own, 0.0, np.nan))
+    known = np.where(shared, np.concatenate(others.solution), np.where(own, np.nan, 0.0))
+    return MomentErrors.of(part, replace(fit, problem=fit.problem.on(part), known=known).left)
