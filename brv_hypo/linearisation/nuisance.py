@@ -175,7 +175,7 @@ def nuisances(
     items: list[Nuisance] = []
     found: list[FlightHistories] = []
     for number, linearised in enumerate(flights):
-        flight, samples, grid = linearised.record.flight, _samples(frame, number), _grid(frame, number, linearised)
+        flight, samples, grid = linearised.record.flight, frame.samples(number), _grid(frame, number, linearised)
         motion = (
             (item, _kept(grid, history.at(samples)), None if noise is None else grid.of(noise[samples]))
             for item, history, noise in _of_motion(number, linearised)
@@ -201,7 +201,7 @@ def nuisances(
                 items.append(item)
         nothing = np.zeros((grid.size, 0), dtype=complex)
         walks, noise = np.array(list(noises), dtype=np.int64), np.column_stack([nothing, *noises.values()])
-        empty = FlightHistories(_span(frame, number), grid, walks[:0], Histories(nothing, nothing), walks, noise)
+        empty = FlightHistories(frame.span(number), grid, walks[:0], Histories(nothing, nothing), walks, noise)
         found.append(empty.beside(rows))
     whole = Nuisances(tuple(items), frame.observed.size, tuple(found))
     for mechanism in vehicle:
@@ -269,7 +269,7 @@ def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nui
 
 def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> DecimatedGrid:
     """The rows of one flight that are kept."""
-    span = _span(frame, number)
+    span = frame.span(number)
     pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
     return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE)) if pieces else full_grid(0)
 
@@ -277,21 +277,9 @@ def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> Decima
 def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:
     """A flight's history (n,) on all rows of the frame, zero on those of the other flights."""
     rates = np.zeros(frame.observed.size, dtype=complex)
-    force, span, own = np.zeros_like(rates), _span(frame, number), history.at(_samples(frame, number))
+    force, span, own = np.zeros_like(rates), frame.span(number), history.at(frame.samples(number))
     rates[span], force[span] = own.rates, own.force
     return Histories(rates, force)
-
-
-def _span(frame: RateFrame, number: int) -> slice:
-    """The rows of a frame that are of one flight."""
-    own = [piece for segment, piece in zip(frame.segments, frame.pieces, strict=True) if segment.flight == number]
-    return slice(own[0][0], own[-1][1]) if own else slice(0, 0)
-
-
-def _samples(frame: RateFrame, number: int) -> IntArray:
-    """The sample of a flight that each of its rows of the frame is."""
-    rows = [np.arange(s.rows.start, s.rows.stop) for s in frame.segments if s.flight == number]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *rows])
 
 
 def _tolerated(

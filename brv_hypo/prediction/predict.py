@@ -54,7 +54,7 @@ from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.final_model import pair, slopes_at
-from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections, noise_floor
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
 _REGIONS = 8  # stretches of the record whose errors are reported apart
@@ -129,19 +129,19 @@ def _predict(
     fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
-    measured = data.moments(data.frame.observed)
+    measured, everywhere = data.moments(data.frame.observed), np.ones(data.frame.observed.size, dtype=bool)
     left, own, left_within = fit.left, _freed(fit, tuple(c.mechanism for c in columns)).left, within.left
     errors = ErrorsOfPrediction(
-        without=_mean_square(measured, measured.usable),
-        frozen=_mean_square(left, left.usable),
-        own=_mean_square(own, own.usable),
-        noise=noise_floor(data.whole, measured),
+        without=measured.mean_square(everywhere),
+        frozen=left.mean_square(everywhere),
+        own=own.mean_square(everywhere),
+        noise=measured.mean_square_of_noise(everywhere),
     )
     fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
     known = np.flatnonzero(np.isfinite(fixed))
     known_by, change, difference = _covariance_of(content, places[known], not here), None, None
     covariance[np.ix_(known, known)] = known_by
-    flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
+    flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
     if not here:  # a test of estimates against the record that they are of would count it twice
         whole = data.regression(fit.model, fit.linear, processes=record_processes())
@@ -171,7 +171,7 @@ def _predict(
         own_record=here,
         reason="",
     )
-    of_own, everywhere = 1.0 - _unexplained(measured, own, errors.noise, flown), np.ones(flown.shape, dtype=bool)
+    of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
     rest, freely = (_unexplained(measured, each, errors.noise, everywhere) for each in (left, left_within))
     said = reason(found, of_own, rest, freely, _remedy(fit, refit, tolerated))
     return found.model_copy(update={"reason": said})
@@ -310,7 +310,7 @@ def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
     """1-sigma (rows,) of the gyros' noise in the residual moments."""
     record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
     slopes = slopes_at(fit.data, motion, fit.model.columns, 0, motion.alpha) @ fit.values
-    stiffness = (slopes * record.moment_scale)[fit.data.samples_of(0)]
+    stiffness = (slopes * record.moment_scale)[fit.data.frame.samples(0)]
     modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
     return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
 
@@ -372,29 +372,23 @@ def band_of(
 # ---- Errors and shares ----
 
 
-def _mean_square(moments: ResidualMoments, kept: BoolArray) -> float:
-    """Of both coefficients, over the samples that are kept (rows,)."""
-    return float(np.mean(np.abs(moments.body[kept]) ** 2) / 2.0)
-
-
 def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
-    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.samples_of(0)]
+    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.frame.samples(0)]
     found = []
     for start, stop in itertools.pairwise(np.linspace(time.min(), time.max(), _REGIONS + 1).tolist()):
         inside = (time >= start) & (time <= stop) & left.usable
         if not np.any(inside):
             continue
-        own = mach[inside]
+        own, ratio = mach[inside], left.mean_square(inside) / measured.mean_square(inside)
         ends = (float(own.min()), float(own.max())) if np.all(np.isfinite(own)) else None
-        ratio = float(np.sum(np.abs(left.body[inside]) ** 2) / np.sum(np.abs(measured.body[inside]) ** 2))
         found.append(Region(start_s=start, stop_s=stop, mach=ends, ratio=ratio))
     return tuple(found)
 
 
 def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArray:
     """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
-    motion, samples = data.reconstructions[0].motion, data.samples_of(0)
+    motion, samples = data.reconstructions[0].motion, data.frame.samples(0)
     there = np.ones(samples.size, dtype=bool)
     for name, (low, high) in ends.items():
         values = getattr(motion, name)[samples]
@@ -404,8 +398,6 @@ def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArra
 
 def _unexplained(measured: ResidualMoments, left: ResidualMoments, noise: float, kept: BoolArray) -> float:
     """The share of the moments' mean square, noise aside, that a model does not explain over some samples (rows,)."""
-    kept = left.usable & kept
-    if not np.any(kept):
+    if not np.any(left.usable & kept):
         return 1.0
-    error, without = (_mean_square(each, kept) for each in (left, measured))
-    return max(error - noise, 0.0) / max(without - noise, 1e-300)
+    return max(left.mean_square(kept) - noise, 0.0) / max(measured.mean_square(kept) - noise, 1e-300)

@@ -47,7 +47,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
 from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
-from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged, noise_floor
+from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
 # What a static moment may be a function of.
@@ -91,7 +91,7 @@ def gathered(
         stopped=stopped,
         unexplained=unexplained(final),
         caveats=tuple(dict.fromkeys(each for pair in pairs for each in _caveats_of(*pair))),
-        noise=noise_floor(data.held_out, fit.left),
+        noise=fit.left.mean_square_of_noise(data.held_out.rows),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
         picture=_picture(before, fit, final.flight or 0, beside),
@@ -118,8 +118,9 @@ def _described(model: Model, found: Coefficients, discovery: MechanismFile | Non
 def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:
     """Of several flights, that of the one with this number."""
     after, data, measured = fit.left, fit.data, fit.data.moments(fit.data.frame.observed)
-    kept = (before.usable & after.usable)[data.rows_of(number)]
-    samples, rows = data.samples_of(number)[kept], data.rows_of(number)[kept]
+    rows = np.arange(after.usable.size)[data.frame.span(number)]
+    kept = (before.usable & after.usable)[rows]
+    samples, rows = data.frame.samples(number)[kept], rows[kept]
     return Picture(
         measured=pair(measured.body[rows]),
         before=pair(before.body[rows]),
@@ -291,7 +292,7 @@ def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoment
     Nothing where that is no more than the noise may leave by chance.
     """
     pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
-    mach = np.concatenate([rec.motion.mach[data.samples_of(k)] for k, rec in enumerate(data.reconstructions)])
+    mach = np.concatenate([rec.motion.mach[data.frame.samples(k)] for k, rec in enumerate(data.reconstructions)])
     places = np.array([float(np.mean(mach[rows])) for rows in pieces])
     apart = bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size
     order = np.argsort(places) if apart else np.arange(places.size)
@@ -308,8 +309,7 @@ def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArr
     kept = [rows[left.usable[rows]] for rows in pieces]
     weights = weights * [rows.size for rows in kept]
     weights = weights / weights.sum(axis=1, keepdims=True)
-    squares = np.array([np.mean(np.abs(left.body[rows]) ** 2) / 2.0 for rows in kept])
-    noises = np.array([np.mean(left.noise[rows] ** 2) for rows in kept])
+    squares, noises = np.array([(left.mean_square(rows), left.mean_square_of_noise(rows)) for rows in kept]).T
     parts = [part(left.body[rows] / left.noise[rows]) for part in (np.real, np.imag) for rows in kept]
     share = effective_samples(parts) / sum(part.size for part in parts)
     # Of a mean square with so many degrees of freedom, were it noise alone.

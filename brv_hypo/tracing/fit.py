@@ -112,15 +112,6 @@ class Corrected:
         """The records as they are read."""
         return tuple(reconstruction.flight for reconstruction in self.frame.reconstructions)
 
-    def rows_of(self, number: int) -> IntArray:
-        """Rows of the frame that belong to one flight."""
-        return np.flatnonzero(self.frame.flight_of_row == number)
-
-    def samples_of(self, number: int) -> IntArray:
-        """The sample of the flight that each of these rows is."""
-        own = [np.arange(s.rows.start, s.rows.stop) for s in self.frame.segments if s.flight == number]
-        return np.concatenate(own) if own else np.zeros(0, dtype=int)
-
     def part_where(self, chosen: BoolArray) -> Part:
         """The rows that are chosen (frame rows,)."""
         valid = np.zeros(self.frame.observed.size, dtype=bool)
@@ -456,24 +447,23 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
 def _residual_of(fit: Fit) -> Residual:
     """Of several flights, size and place are those of the one with the largest residual against its noise."""
     data, left = fit.data, fit.left
-    every = [rows[left.usable[rows]] for rows in map(data.rows_of, range(len(data.records)))]
-    squares = np.abs(left.body) ** 2
-    ratios = [float(np.mean(squares[k]) / 2.0 / np.mean(left.noise[k] ** 2)) if k.size else 0.0 for k in every]
+    spans = [data.frame.span(number) for number in range(len(data.records))]
+    ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
     number = int(np.argmax(ratios))
-    motion, body = data.reconstructions[number].motion, left.body[every[number]]
-    samples = data.samples_of(number)
-    time, samples = motion.time[samples], samples[left.usable[data.rows_of(number)]]
+    usable, samples = left.usable[spans[number]], data.frame.samples(number)
+    motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
+    time, samples = motion.time[samples], samples[usable]
     plane = plane_from_body(body, motion.windward_meridian[samples])
     channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
     p_value, frequency = _whiteness(fit), _dominant(body, float(np.median(np.diff(time))))
     return Residual(
         flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(np.mean(squares[every[number]]) / 2.0)),
+        rms=float(np.sqrt(left.mean_square(spans[number]))),
         white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
         p_value=p_value,
         noise_ratio=ratios[number],
         worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
-        worst_region_s=_worst_region(time, motion.time[samples], squares[every[number]]),
+        worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
         dominant_frequency_hz=frequency,
         dominant_frequency_is=_name_frequency(motion, frequency),
     )
@@ -540,9 +530,3 @@ def has_tolerance(problem: Problem, effect: str) -> bool:
 def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
     """The problem with the effective share of samples that a fit's residual shows."""
     return replace(problem, efficiency=problem.efficiency_of(fit.residual))
-
-
-def noise_floor(part: Part, moments: ResidualMoments) -> float:
-    """Mean square of the moment coefficients' noise on a part."""
-    rows = part.rows[moments.usable[part.rows]]
-    return float(np.mean(moments.noise[rows] ** 2))
