@@ -221,7 +221,6 @@ HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that s
 # for white nothing less counts: a test of whiteness asks for anything at all, and overlooks what the effect's own
 # column shows.
 LOOP_BEYOND_DOUBT = 1e-3
-LOOP_WITH_EVIDENCE = 8  # candidates that lead, each of which is fitted beside processes
 LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
 LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it
 # Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of

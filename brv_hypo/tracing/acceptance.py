@@ -36,7 +36,6 @@ from brv_hypo.constants import (
     LOOP_RIVALS,
     LOOP_SCHEDULE,
     LOOP_TRIES,
-    LOOP_WITH_EVIDENCE,
     REPEATED_ERRORS,
 )
 from brv_hypo.inference.fit import HypothesisFit, solved, with_errors
@@ -406,17 +405,13 @@ def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
 
 
 def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
-    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
-
-    So are all that change in time: on a coarse grid any of them may look like nothing.
+    """The candidates that save anything, as they are likeliest beside all processes, with the evidence that they gain
+    there.
     """
     found = []
-    for place, candidate in enumerate(candidates):
-        changes = any(m.time_variation != ("constant",) for m in candidate.fit.mechanisms)
-        leads = place < LOOP_WITH_EVIDENCE and candidate.gain > 0.0
-        if changes or leads or candidate.kind == "discovered":
-            gain, columns = beside.likeliest(candidate.fit)
-            own = candidate.fit
+    for candidate in candidates:
+        if candidate.gain > 0.0:
+            own, (gain, columns) = candidate.fit, beside.likeliest(candidate.fit)
             if set(columns) != set(own.selected):
                 own = bounded(fit.problem, solved_again(fit.problem, own, columns))
             candidate = replace(candidate, fit=own, evidence=gain)

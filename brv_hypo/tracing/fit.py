@@ -7,7 +7,7 @@ are nearly taken out, and about the model's own coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -396,14 +396,17 @@ def converged_from(fit: Fit) -> Fit:
     anything. Where it fits worse, much is unexplained, errors far beyond their tolerances are linear about no point,
     and the next is as good as chance.
     """
-    fit = _while_better(fit, _without_its_errors, MODEL_LINEARISATIONS)
-    return _while_better(fit, lambda own: fitted_about(own.data, own.model, own.values), MODEL_OWN_POINTS)
-
-
-def _while_better(fit: Fit, step: Callable[[Fit], Fit], most: int) -> Fit:
-    """The fit after some steps, while these improve it."""
-    for _ in range(most):
-        nearer = step(fit)
+    for _ in range(MODEL_LINEARISATIONS):
+        nearer = _without_its_errors(fit)
+        fall = fit.errors.mean_square / nearer.errors.mean_square
+        if fall < 1.0 / MODEL_TRIFLE:  # the record has none of the errors; what was found of the vehicle's moments acts
+            fit = _with_its_vehicle(fit)
+            break
+        fit = nearer
+        if fall < MODEL_TRIFLE:
+            break
+    for _ in range(MODEL_OWN_POINTS):
+        nearer = fitted_about(fit.data, fit.model, fit.values)
         fall = fit.errors.mean_square / nearer.errors.mean_square
         if fall < 1.0 / MODEL_TRIFLE:
             break
@@ -413,16 +416,26 @@ def _while_better(fit: Fit, step: Callable[[Fit], Fit], most: int) -> Fit:
     return fit
 
 
+def _found(fit: Fit) -> list[Errors]:
+    """What is taken out of each flight's record after a fit."""
+    pairs = zip(fit.data.source.records, fit.record_errors, fit.data.corrections, strict=True)
+    return [next_corrections(k, flight, fit.model, found, before) for k, (flight, found, before) in enumerate(pairs)]
+
+
 def _without_its_errors(fit: Fit) -> Fit:
     """The model where the errors of the record that a fit finds are taken out, its knots and delays refined."""
-    source, found, before = fit.data.source, fit.record_errors, fit.data.corrections
-    corrections = [next_corrections(k, each, fit.model, found[k], before[k]) for k, each in enumerate(source.records)]
-    applied = tuple(
-        a.model_copy(update={"value": a.value + found[a.flight].get((a.effect.name, a.component), 0.0)})
-        for a in fit.model.applied
-    )
-    model = fit.model.but(applied=applied)
-    return fitted_about(correct(source, model, corrections), model).at_best_knots()
+    more = ((a, fit.record_errors[a.flight].get((a.effect.name, a.component), 0.0)) for a in fit.model.applied)
+    model = fit.model.but(applied=tuple(a.model_copy(update={"value": a.value + value}) for a, value in more))
+    return fitted_about(correct(fit.data.source, model, _found(fit)), model).at_best_knots()
+
+
+def _with_its_vehicle(fit: Fit) -> Fit:
+    """The model about its coefficients and the errors of the vehicle that a fit finds."""
+    acting = []
+    for flight, known, found in zip(fit.data.flights, fit.data.corrections, _found(fit), strict=True):
+        names = {mechanism.name for mechanism in fit.model.tolerated(flight)}
+        acting.append({**known, **{name: value for name, value in found.items() if name[0] in names}})
+    return fitted_about(replace(fit.data, corrections=tuple(acting)), fit.model, fit.values)
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
