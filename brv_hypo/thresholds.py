@@ -46,6 +46,7 @@ _FORMAT = "judgement; tests/flight/test_store.py"
 _FAULTY = "tests.studies.independent.faulty_records"
 _DERIVE = "judgement; tests/flight/test_derive.py"
 _USABLE = "judgement; tests/motion/test_answerable.py"
+_JOINT = "judgement; tests.studies.independent.joint --apart"
 
 # ---- Trial of the record, channel by channel: clock, stuck, spikes, bursts, gaps ----
 
@@ -171,6 +172,7 @@ FAMILY_SIGNIFICANT = threshold(3.0, "nats", "a family explains some of a residua
 FAMILY_MAJORITY = threshold(0.5, "1", "a family explains most: its share of the residual", "majority, by definition")
 FAMILY_REST = threshold(0.1, "1", "an effect replaces processes: what its family adds, of what it explains", _FLIGHTS)
 ALWAYS = threshold(0.1, "1", "prior that a mechanism acts throughout the record", _FLIGHTS)
+EVENTS_APART = threshold(0.01, "1", "an event's time on a flight from that of all, 1-sigma, of the record", _JOINT)
 NOISE_LEVEL = threshold((0.0, 0.1), "log units", "how well a record states its own noise", _FLIGHTS)
 ONSET_TAKES_TIME = threshold(3.0, "nats", "a change is no jump but takes time", "Kass and Raftery 1995: strong")
 MECHANISM_ACTS = threshold(10.0, "nats", "price of a mechanism that acts: twice very strong", _FLIGHTS)

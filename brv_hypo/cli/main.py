@@ -198,7 +198,9 @@ def schema(
     kind: Annotated[str, Argument(help=f"Settings of a command, or a result: {', '.join(KINDS + RESULTS)}.")],
 ) -> None:
     """Print the JSON schema of settings or of a result."""
-    typer.echo(json.dumps(_model(kind, KINDS + RESULTS).model_json_schema(by_alias=True), indent=2))
+    model = _model(kind, KINDS + RESULTS)
+    found = model.model_json_schema(by_alias=True, mode="serialization" if kind in RESULTS else "validation")
+    typer.echo(json.dumps(found, indent=2))
 
 
 def _model(kind: str, known: Sequence[str], files: Iterable[str] = ()) -> type[BaseModel]:

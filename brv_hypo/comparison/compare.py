@@ -180,8 +180,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     said = (*(text for each in reconstructions for text in each.warnings), *comparison.reconstruction.warnings)
     about_motion = comparison.reconstruction.model_copy(update={"warnings": tuple(dict.fromkeys(said))})
     known = {"reconstruction": about_motion, **diagnostics(beside, comparison)}
-    if verdict.outcome != "none adequate" and (beyond := beyond_text(known["record_errors"])):
-        warnings = (*warnings, beyond)  # of what is inadequate they may be what it lacks
+    if beyond := beyond_text(known["record_errors"], verdict.outcome):
+        warnings = (*warnings, beyond)
     sized = best_by_size(problem, fits, criteria[beside.null])
     return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})
 
@@ -263,10 +263,18 @@ def answerable(reconstructions: Sequence[Reconstruction], hypotheses: Hypotheses
 
 
 def _hypotheses(config: CompareConfig) -> Hypotheses:
-    """By name; that of a nuisance effect asks for it in every hypothesis, and makes none of its own."""
+    """By name; that of a nuisance effect or process asks for it in every hypothesis, and makes none of its own.
+
+    Raises UsageError where these are all that is named.
+    """
     items = {name: entry.item for name, entry in installed().items()}
     beside = {name for name, item in items.items() if isinstance(item, Process) or getattr(item, "carried", False)}
     names = [name for name in config.mechanisms or () if name not in beside]
+    if config.mechanisms and not names:
+        raise UsageError(
+            f"nothing to compare: every hypothesis has {', '.join(config.mechanisms)} beside its mechanism. Name "
+            f"mechanisms too, as in lag,sticking,{config.mechanisms[0]}; none is the baseline only."
+        )
     found = {name: parse_hypothesis(name, config.options) for name in dict.fromkeys(["none", *compared(names)])}
     own = dict.fromkeys(mechanism.name for mechanisms in found.values() for mechanism in mechanisms)
     for name in config.options.keys() - own.keys():

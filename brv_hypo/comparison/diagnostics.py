@@ -9,21 +9,21 @@ import numpy as np
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.comparison.intervals import collinear_groups, collinear_pairs
-from brv_hypo.comparison.judgement import Judged, as_planted
+from brv_hypo.comparison.judgement import Judged
 from brv_hypo.comparison.result import Comparison, RecordError, Series, SizedModel
 from brv_hypo.comparison.summary import motion_histories
-from brv_hypo.inference.derivatives import along_flights, damping, slope, value
+from brv_hypo.inference.derivatives import along_flights, damping, slope, value, with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit, likeliest
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.search import on_grid
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term
+from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
-from brv_hypo.motion.motion import Motion, plane_from_body
+from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
@@ -111,25 +111,6 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     )
 
 
-class _AtMode(Mechanism):
-    """What processes of moments make on one flight, as estimated."""
-
-    name, title = "processes", "processes at their mode"
-    claims, source = MomentProcess.claims, MomentProcess.source
-    processes: tuple[MomentProcess, ...]
-    coefficients: tuple[tuple[float, ...], ...]
-    """Of each process, those of its first shape's splines first."""
-
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """One, of all of them."""
-        total = np.zeros_like(motion.alpha, dtype=complex)
-        for process, values in zip(self.processes, self.coefficients, strict=True):
-            histories = time_splines(motion.time, process.start, process.stop, process.splines)
-            each = np.reshape(values, (-1, process.splines))
-            total += sum(shape * (histories @ own) for shape, own in zip(process.shapes(motion), each, strict=True))
-        return (Term(_AtMode.name, total.real.copy(), total.imag.copy()),)
-
-
 class _AsJudged(NamedTuple):
     """A hypothesis with its processes: what it does not explain of rates and force (frame rows,); and as moments, C_m
     + i C_n (frame rows,), that, what its mechanisms make, and what it does not explain without processes.
@@ -144,26 +125,13 @@ class _AsJudged(NamedTuple):
 def _as_judged(judged: Judged, place: int) -> _AsJudged:
     """A hypothesis at the mode of its evidence, errors of the record with it."""
     own, fit = judged.evidences[place], judged.fits[place]
-    problem, frame = own.rows.problem, own.rows.frame_of(fit)
-    known = [_of_processes(own, k) for k in range(len(frame.motions))]
-    frame, always = frame.with_mechanisms(known), TimeBasis("constant")
-    moments = [Regressor(each.name, _AtMode.name, (), always, "1", flight=k) for k, each in enumerate(known)]
-    columns, values = [*fit.columns, *moments], np.append(fit.values, np.ones(len(moments)))
+    problem = own.rows.problem
+    frame, columns, values = with_processes(own, own.rows.frame_of(fit), fit.columns, fit.values)
     rest = problem.left(frame, columns, values, problem.others_beside(frame, columns, values))
     made = frame.columns(fit.selected) @ fit.values[fit.baseline_size :]
     without = judged.problem.left(fit.frame, fit.columns, *judged.problem.solution(fit.frame, fit.columns))
     rates = np.stack([rest.rates, made, without.rates], axis=1)
     return _AsJudged(rest, *residual_moments(frame, problem.records, rates).body.T)
-
-
-def _of_processes(own: Evidence, flight: int) -> _AtMode:
-    """The processes of moments on a flight, at their mode."""
-    time = own.rows.frame.motions[flight].time
-    span = {"start": float(time[0]), "stop": float(time[-1])}
-    processes = tuple(each.model_copy(update=span) for each in moment_processes())
-    coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
-    found = _AtMode(processes=processes, coefficients=coefficients)
-    return found.model_copy(update={"name": f"{_AtMode.name} {flight}"})
 
 
 def _series(judged: Judged, flight: int, found: Mapping[str, _AsJudged], best: str | None) -> Series:

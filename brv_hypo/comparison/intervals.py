@@ -71,12 +71,17 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
     for j, column in enumerate(fit.selected):
         if weights[j] != 0.0:
             groups.setdefault((column.mechanism, _first_like(fit.selected, column), column.term), []).append(j)
-    rows = np.zeros((len(groups), len(fit.selected)))
+    first, count = fit.baseline_size, len(fit.selected)
+    rows = np.zeros((len(groups), first + count + len(fit.nonlinear)))
     for i, members in enumerate(groups.values()):
-        rows[i, members] = weights[members]
-    first, where = fit.baseline_size, {"channel": "both", "region_s": (start, stop)}
-    values = rows @ fit.values[first:]
-    covariance = rows @ fit.covariance[first:, first:] @ rows.T
+        rows[i, first + np.array(members)] = weights[members]
+    values = rows[:, : first + count] @ fit.values
+    for k, parameter in enumerate(fit.nonlinear, start=first + count):
+        if parameter.kind == "width":  # what came on over it is a rate times it, and known better than either
+            mine = first + np.array(parameter.columns)
+            rows[:, k] = rows[:, mine] @ fit.values[mine] / parameter.value
+    covariance = fit.covariance_of(rows)
+    where = {"channel": "both", "region_s": (start, stop)}
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     found = []
     for (mechanism, _, term), members, value, sigma in zip(

@@ -24,6 +24,7 @@ from brv_hypo.comparison.with_processes import (
     Pair,
     acting,
     along_delays,
+    beside,
     in_one_region,
     level,
     moved,
@@ -32,6 +33,7 @@ from brv_hypo.comparison.with_processes import (
     widened,
 )
 from brv_hypo.constants import LINEARISATIONS, OUTSIDE, SEARCH_MISSED, SEARCH_OUT_OF_REACH
+from brv_hypo.inference.derivatives import as_planted
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
     HypothesisFit,
@@ -49,7 +51,7 @@ from brv_hypo.inference.rows import Rows
 from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moments, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, rms_of_shapes
+from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.common_time import at
 from brv_hypo.motion.reconstruction import Reconstruction
@@ -153,7 +155,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     """
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
-    first = [(each, maximised(rows, rows.terms(each), start, null.at) if each.selected else null) for each in fits]
+    first = [beside(rows, each, start, null.at) if each.selected else (each, null) for each in fits]
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))
@@ -236,8 +238,8 @@ def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, s
     knots = [count + k for k, parameter in enumerate(fit.nonlinear) if parameter.kind == "knot"]
     step = fit.frame.reconstructions[0].flight.step  # within which the sensors' own filters shift a jump, uniformly
     covariance[knots, knots] += step**2 / 12.0
-    found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance)
-    return within_bounds(replace(found, bound_cost=0.0))
+    found = replace(fit, log_evidence=level, values=values, joint_covariance=covariance, bound_cost=0.0)
+    return within_bounds(replace(found, left_out=own.left_out(weight)))
 
 
 def explained(judged: Judged) -> Explained:
@@ -270,19 +272,6 @@ def _noise_share(judged: Judged) -> float:
     """Of the mean square that the baseline's fit has as residual, that of the noise beside all processes."""
     own = judged.evidences[judged.leader]
     return float(min(own.noise**2 * judged.rows.size / judged.squares, 1.0))
-
-
-def as_planted(own: Evidence, process: Process, flight: int) -> dict[str, float]:
-    """The coefficient of every spline on a flight at its mode, by the name under which a simulation plants it."""
-    place = [group.name for group in own.rows.groups].index(process.name)
-    values, motion = np.split(own.spline_coefficients(place)[0], len(own.rows.blocks))[flight], own.rows.frame.motions
-    if isinstance(process, MomentProcess):
-        values = values / max(rms_of_shapes(process, motion[flight]), 1e-300)
-        kinds = [f"{process.name} {k}" for k in range(values.size // process.splines)]
-    else:
-        kinds = list(process.channels)
-    names = (f"{kind} {k}" for kind in kinds for k in range(process.splines))
-    return dict(zip(names, values.tolist(), strict=True))
 
 
 def processes(judged: Judged) -> tuple[ProcessEstimate, ...]:

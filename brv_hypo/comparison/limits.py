@@ -14,6 +14,7 @@ from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.comparison.result import MechanismLimit
 from brv_hypo.constants import LIMIT_EDGES, LIMIT_FALL, LIMIT_LARGEST, LIMIT_QUANTILE
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.derivatives import with_processes
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
@@ -56,14 +57,16 @@ class Shape:
 def limits(
     leader: HypothesisFit, evidence: Evidence, hypotheses: Mapping[str, Sequence[Mechanism]], weight: float
 ) -> tuple[MechanismLimit, ...]:
-    """The share of the moment's rms that each hypothesis may have at 95 %; a joined one has that of its largest.
+    """The share of the moment's rms, processes included, that each hypothesis may have at 95 %; a joined one has that
+    of its largest.
 
     One of the leader: as fitted, with its margin; another: beside the leader. A nat counts as `weight`. Of one that may
     be far larger than the moment, the record says nothing: the limit is withheld (NaN).
     """
     rows = evidence.rows
     frame = rows.frame_of(leader)
-    moment = float(np.sqrt(np.mean(np.abs(frame.moments(leader.columns) @ leader.values) ** 2)))
+    whole, columns, values = with_processes(evidence, frame, leader.columns, leader.values)
+    moment = float(np.sqrt(np.mean(np.abs(whole.moments(columns) @ values) ** 2)))
     own, scale = {mechanism.name for mechanism in leader.mechanisms}, scale_variance(rows.problem)
     known: dict[str, float] = {}
     for mechanism in {each.name: each for group in hypotheses.values() for each in group}.values():

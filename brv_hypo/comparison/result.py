@@ -12,7 +12,7 @@ from pydantic import Field
 from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED, QUIET
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import hypothesis, number
+from brv_hypo.io.text import hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
 from brv_hypo.results import HasCharts, Row
 
@@ -20,6 +20,7 @@ Interval = tuple[float, float]
 Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
+BUT_MARKED = ", but for values marked *"
 QUIET_NOISE = (
     " The noise is smaller than the record states, as of samples that were averaged or filtered: a filter with a delay "
     "(import's `rate` has none) makes knots late, its width jumps gradual, and no stated error includes that."
@@ -257,9 +258,10 @@ def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
     return [each for each in errors if abs(each.tolerances) > BEYOND_TOLERANCE]
 
 
-def beyond_text(errors: Sequence[RecordError], poses: str = "") -> str:
-    """The largest of those in a sentence, with what they may be instead; empty where there are none."""
+def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
+    """The largest of those in a sentence, and what they may be where none is adequate; empty where there are none."""
     beyond = beyond_tolerances(errors)
+    poses = ", which may be what the hypotheses lack" if outcome == "none adequate" else ""
     said = [
         f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
         f"({abs(each.tolerances):.1f} times)"
@@ -367,7 +369,7 @@ class Comparison(HasCharts, Result):
     """The ranking of the hypotheses with its verdict.
 
     `reference_flight`: number (from 1) of the one of several flights in whose time regions and knots are told; None for
-    one flight, and where all have the same clock.
+    one flight, and where all have the same clock. The `flight` of `functions` counts from 0.
     `disagreements` say where criteria put different hypotheses first, `stepwise` where a stepwise search would have
     chosen other terms than the exact one.
     """
@@ -393,6 +395,12 @@ class Comparison(HasCharts, Result):
     functions: dict[Function, tuple[Derivative, ...]] = Field(default_factory=dict)
     """Of each flight, the leader and processes together: C_m,in, and its derivatives by alpha and pitch rate."""
     series: tuple[Series, ...] = Field(default=(), exclude=True)
+
+    @property
+    def quoted(self) -> str:
+        """What to quote in place of a maximum likelihood in trouble: no value that is nearly collinear with others."""
+        groups = [self.collinear_groups, *(each.collinear_groups for row in self.ranking[:1] for each in row.intervals)]
+        return f"{QUOTED}{BUT_MARKED if any(groups) else ''}"
 
     def headline(self) -> str:
         """Flights, outcome, and what the verdict names."""
@@ -420,10 +428,11 @@ class Comparison(HasCharts, Result):
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
             lines.append(f"{within}{repeated}.{QUIET_NOISE if fits.ratio < QUIET else ''}")
-        poses = ", which may be what the hypotheses lack" if self.verdict.outcome == "none adequate" else ""
-        lines.append(beyond_text(self.record_errors, poses))
+        lines.append(beyond_text(self.record_errors, self.verdict.outcome))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
-            lines.append(f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {QUOTED}.")
+            lines.append(
+                f"Maximum likelihood of {hypothesis(self.ranking[0].mechanism)}: {fit.trouble}: {self.quoted}."
+            )
         return "\n".join(filter(None, lines))
 
     def _when(self) -> str:
@@ -432,7 +441,7 @@ class Comparison(HasCharts, Result):
         if leader is None or leader.mechanism != self.verdict.winner or not (acts := leader.acting):
             return ""
         ends = (acts[0].start_s, acts[-1].stop_s)
-        said = f"It acts from {ends[0]:.2f} to {ends[1]:.2f} s"
+        said = f"It acts from {times(*ends)}"
         for known in self.functions.get("C_m0", ())[(self.reference_flight or 1) - 1 :][:1]:
             first, last = np.interp(ends, known.time_s, known.mach)
             return f"{said} (Mach {number(first)} to {number(last)})."

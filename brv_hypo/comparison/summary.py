@@ -28,7 +28,7 @@ from brv_hypo.flight.record import VEHICLE_DIMENSIONS, Flight, RecordTrial
 from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
-from brv_hypo.io.text import hypothesis
+from brv_hypo.io.text import hypothesis, times
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
@@ -156,8 +156,9 @@ def refused(flights: Sequence[Flight], trials: Sequence[RecordTrial], method: st
             outcome="record fault",
             equivalent=(),
             probability={},
-            reason=f"The record{which} contradicts itself ({worst.fault}: {worst.channel}; {worst.start_s:.2f} to "
-            f"{worst.stop_s:.2f} s): {worst.action}. `compare --accept-record` compares it nevertheless.",
+            reason=f"The record{which} contradicts itself ({worst.fault}: {worst.channel}; "
+            f"{times(worst.start_s, worst.stop_s)}): {worst.action}. "
+            "`compare --accept-record` compares it nevertheless.",
         ),
         seconds=Seconds(reconstruct=0.0, select=0.0, ml=0.0, total=0.0),
     )
@@ -251,6 +252,7 @@ def _likelihood(fit: HypothesisFit, identification: Identification | None) -> Ma
         values=identification.values,
         nonlinear=(),
         joint_covariance=identification.covariance,
+        left_out=None,
     )
     block = likelihood_block(identification, _terms(refined, slice(fit.baseline_size, None)))
     return block.model_copy(update={"knots": _knots(refined)})

@@ -22,6 +22,7 @@ from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import KNOT_MARGIN, middle, nonlinear_parameters
+from brv_hypo.inference.rows import Rows
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.term import Regressor, Theta, TimeBasis, term_column, theta_grid
@@ -211,8 +212,27 @@ def _between(
 
 def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], *starts: Evidence) -> Pair:
     """The hypothesis of a fit with other columns, beside processes, from the amplitudes of other evidences."""
-    fit, rows = _with_columns(problem, like, selected), starts[0].rows
-    return fit, maximised(rows, rows.terms(fit), *(each.at for each in starts))
+    return beside(starts[0].rows, _with_columns(problem, like, selected), *(each.at for each in starts))
+
+
+def beside(rows: Rows, fit: HypothesisFit, *starts: FloatArray) -> Pair:
+    """A fit with its evidence from some amplitudes: knots and delays move what it is beside processes, not without."""
+    own = maximised(rows, rows.terms(fit), *starts)
+    if not fit.nonlinear:
+        return fit, own
+    fit = _with_values_of(fit, own)
+    return fit, with_amplitudes(rows, rows.terms(fit), own.at)
+
+
+def _with_values_of(fit: HypothesisFit, own: Evidence) -> HypothesisFit:
+    """The fit with the coefficients of its terms as an evidence has them, knots and delays fixed; as it is where the
+    evidence has others.
+    """
+    terms = int(np.sum(own.terms.scaled))
+    if terms != len(fit.selected):
+        return fit
+    values = own.values_without(range(terms, own.terms.known))[fit.baseline_size :][:terms]
+    return replace(fit, values=np.append(fit.values[: fit.baseline_size], values))
 
 
 def _with_columns(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor]) -> HypothesisFit:
@@ -259,7 +279,8 @@ def _stepped(problem: Problem, pair: Pair, closely: bool) -> Pair:
 
 def _at_amplitudes_of(problem: Problem, pair: Pair, columns: Sequence[Regressor]) -> Pair:
     """The hypothesis of a pair with other columns at the amplitudes of the pair."""
-    there, own = _with_columns(problem, pair[0], columns), pair[1]
+    own = pair[1]
+    there = _with_values_of(_with_columns(problem, pair[0], columns), own)
     return there, with_amplitudes(own.rows, own.rows.terms(there), own.at)
 
 

@@ -298,8 +298,8 @@ def _warnings(channels: list[ChannelQuality], per_cycle: float, phases: tuple[Ph
     warnings = []
     if per_cycle < INSPECTED_PER_CYCLE:
         warnings.append(
-            f"only {per_cycle:.1f} samples a cycle of the transverse motion: rates can hardly be "
-            "differentiated, and delays shorter than a sample cannot be determined"
+            f"only {per_cycle:.1f} samples a cycle of the strongest transverse motion: rates can hardly "
+            "be differentiated, and delays shorter than a sample cannot be determined"
         )
     doubtful = [one.name for one in channels if one.name in INERTIAL_CHANNELS and not one.noise.trusted]
     if doubtful:

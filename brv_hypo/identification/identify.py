@@ -308,7 +308,7 @@ IDENTIFIED_KNOTS_LOOSE = 0.25  # and standard errors: a knot that the data hardl
 _REMEDY = (
     "Try a part of the record (`--start`, `--stop`), fewer terms (`max_terms` in the settings) or stated tolerances"
 )
-_HELD = "fixed at the last value, which the data do not determine, and without a standard error: {}"
+_HELD = "as the search stalled, fixed at the last value and without a standard error: {}"
 
 
 def identify(

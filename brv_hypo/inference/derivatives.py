@@ -12,16 +12,16 @@ from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, computed_field
 
 from brv_hypo.arrays import ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import COLLINEAR, EXTRAPOLATED_SHARE, REPORTED_SLOPES
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.json_result import NullIsNaN
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.mechanisms.contract import rms_of_shapes
+from brv_hypo.mechanisms.contract import Mechanism, MomentProcess, Process, Term, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes
-from brv_hypo.model.term import Regressor
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion
 
@@ -43,6 +43,7 @@ class Derivative(NullIsNaN):
     """
 
     flight: int
+    """Counted from 0, as Python does; `reference_flight` of a comparison, and what is printed, from 1."""
     time_s: tuple[float, ...]
     mach: tuple[float, ...]
     alpha_rad: tuple[float, ...]
@@ -53,6 +54,7 @@ class Derivative(NullIsNaN):
     alpha_ends_rad: tuple[tuple[float, float], ...] = ()
     collinear_with: dict[str, tuple[float, ...]] = Field(default_factory=dict)
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def extrapolated(self) -> tuple[bool, ...]:
         """At which places no sample is near alpha = 0, so that the value there is what the model makes of others."""
@@ -194,3 +196,57 @@ def _along(
     found, sigma, correlation = own.along(flight, values, splines, allowed)
     names = [*(group.name for group in own.rows.groups), *(column.label for column in columns)]
     return Along(found, sigma / np.sqrt(weight), dict(zip(names, correlation.T, strict=False)))
+
+
+# ---- Processes at their mode ----
+
+
+def as_planted(own: Evidence, process: Process, flight: int) -> dict[str, float]:
+    """The coefficient of every spline on a flight at its mode, by the name under which a simulation plants it."""
+    place = [group.name for group in own.rows.groups].index(process.name)
+    values, motion = np.split(own.spline_coefficients(place)[0], len(own.rows.blocks))[flight], own.rows.frame.motions
+    if isinstance(process, MomentProcess):
+        values = values / max(rms_of_shapes(process, motion[flight]), 1e-300)
+        kinds = [f"{process.name} {k}" for k in range(values.size // process.splines)]
+    else:
+        kinds = list(process.channels)
+    names = (f"{kind} {k}" for kind in kinds for k in range(process.splines))
+    return dict(zip(names, values.tolist(), strict=True))
+
+
+class ProcessesAtMode(Mechanism):
+    """What processes of moments make on one flight, as estimated."""
+
+    name, title = "processes", "processes at their mode"
+    claims, source = MomentProcess.claims, MomentProcess.source
+    processes: tuple[MomentProcess, ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    """Of each process, those of its first shape's splines first."""
+
+    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
+        """One, of all of them."""
+        total = np.zeros_like(motion.alpha, dtype=complex)
+        for process, values in zip(self.processes, self.coefficients, strict=True):
+            histories = time_splines(motion.time, process.start, process.stop, process.splines)
+            each = np.reshape(values, (-1, process.splines))
+            total += sum(shape * (histories @ own) for shape, own in zip(process.shapes(motion), each, strict=True))
+        return (Term(ProcessesAtMode.name, total.real.copy(), total.imag.copy()),)
+
+
+def with_processes(
+    own: Evidence, frame: RateFrame, columns: Sequence[Regressor], values: FloatArray
+) -> tuple[RateFrame, list[Regressor], FloatArray]:
+    """A model of moments with the processes of moments beside it: frame, columns and their values."""
+    known, always = [_at_mode(own, k) for k in range(len(frame.motions))], TimeBasis("constant")
+    moments = [Regressor(each.name, ProcessesAtMode.name, (), always, "1", flight=k) for k, each in enumerate(known)]
+    return frame.with_mechanisms(known), [*columns, *moments], np.append(values, np.ones(len(moments)))
+
+
+def _at_mode(own: Evidence, flight: int) -> ProcessesAtMode:
+    """The processes of moments on a flight."""
+    time = own.rows.frame.motions[flight].time
+    span = {"start": float(time[0]), "stop": float(time[-1])}
+    processes = tuple(each.model_copy(update=span) for each in moment_processes())
+    coefficients = tuple(tuple(as_planted(own, each, flight).values()) for each in processes)
+    found = ProcessesAtMode(processes=processes, coefficients=coefficients)
+    return found.model_copy(update={"name": f"{ProcessesAtMode.name} {flight}"})

@@ -28,7 +28,7 @@ from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.inference.fit import HypothesisFit, LeftOut
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
@@ -154,9 +154,7 @@ class Evidence(_Integrated):
     @property
     def values(self) -> FloatArray:
         """Coefficients of the baseline's columns and of the hypothesis's terms, then shifts of knots and delays."""
-        rank = self.rows.coefficients.shape[1]
-        border = self.solution.border
-        return np.concatenate([self.rows.coefficients @ border[:rank], border[self.rows.shared.shape[1] :]])
+        return np.asarray(self._values_of_border @ self.solution.border)
 
     @property
     def covariance(self) -> FloatArray:
@@ -168,10 +166,10 @@ class Evidence(_Integrated):
     def _values_of_border(self) -> FloatArray:
         """What makes `values` of the solution's border (values, border)."""
         known, rank = self.rows.coefficients.shape
-        count, first = self.terms.spread.size, self.rows.shared.shape[1]
+        count, first = self.terms.known, self.rows.shared.shape[1]
         made = np.zeros((known + count, self.solution.border.size))
         made[:known, :rank] = self.rows.coefficients
-        made[known:, first:] = np.eye(count)
+        made[known:, first : first + count] = np.eye(count)
         return made
 
     @property
@@ -207,7 +205,8 @@ class Evidence(_Integrated):
     def informed(self) -> float:
         """By how much the data narrow the coefficients of X: log of the prior's over the posterior's volume."""
         first = self.rows.shared.shape[1]
-        covariance, spread = self.solution.covariance[first:, first:], _spreads(self.rows, self.terms, self.at)[first:]
+        own = slice(first, first + self.terms.known)
+        covariance, spread = self.solution.covariance[own, own], _spreads(self.rows, self.terms, self.at)[own]
         return float(-0.5 * np.linalg.slogdet(covariance / np.outer(spread, spread))[1])
 
     def level_without(self, chosen: Sequence[int]) -> float:
@@ -224,9 +223,16 @@ class Evidence(_Integrated):
     def values_without(self, chosen: Sequence[int]) -> FloatArray:
         """`values` without some of the terms and shifts, as `level_without` has them, at the same amplitudes."""
         values, covariance = self.values, self.covariance
-        places = values.size - self.terms.x.shape[1] + np.array(chosen, dtype=int)
+        places = values.size - self.terms.known + np.array(chosen, dtype=int)
         gain = np.linalg.solve(covariance[np.ix_(places, places)], values[places])
         return np.asarray(values - covariance[:, places] @ gain)
+
+    @property
+    def events_apart(self) -> tuple[FloatArray, FloatArray]:
+        """By how much knots of several flights come later on each, s (knots, flights), and their standard errors."""
+        first, flights = self.rows.shared.shape[1] + self.terms.known, len(self.rows.blocks)
+        sigmas = self.noise * np.sqrt(np.diag(self.solution.covariance)[first:])
+        return self.solution.border[first:].reshape(-1, flights), sigmas.reshape(-1, flights)
 
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""
@@ -261,7 +267,7 @@ class Evidence(_Integrated):
         shared = np.zeros((values.shape[0], found.border.size))
         shared[:, :rank] = values[:, :known] @ self.rows.coefficients
         shared[:, rank:first] = allowed
-        shared[:, first:] = values[:, known:]
+        shared[:, first : first + self.terms.known] = values[:, known:]
         own = np.zeros((values.shape[0], block.z.shape[1]))
         for k, each in splines.items():
             own[:, block.columns[k]] = _amplitudes(self.rows, self.at)[k] * self.rows.groups[k].size * each
@@ -286,14 +292,28 @@ class Evidence(_Integrated):
 
         What is left out of one flight changes nothing of the others' elimination.
         """
+        costs = np.array([_value(rest, self.rows, found, self.at) for rest, found in self._without_stretches])
+        return costs - _value(self.products, self.rows, self.solution, self.at)
+
+    def left_out(self, weight: float) -> LeftOut:
+        """`values` without each stretch of time, at the same amplitudes; a nat counts as `weight` in errors."""
+        made, own = self._values_of_border, self.solution
+        found = [each for _, each in self._without_stretches]
+        changes = np.array([each.border - own.border for each in found]) @ made.T
+        growths = [made @ (each.covariance - own.covariance) @ made.T for each in found]
+        return LeftOut(changes, self.noise**2 / weight * np.array(growths))
+
+    @cached_property
+    def _without_stretches(self) -> tuple[tuple[Products, _Solution], ...]:
+        """The scalar products of all rows but those of each stretch of time, and what is found of them."""
         known = _eliminated(self.products, self.rows, self.at)
 
-        def cost(products: Products) -> float:
-            parts = {**known, **_eliminated(products, self.rows, self.at)}
-            return _value(products, self.rows, _solved(products, parts, self.rows, self.terms, self.at), self.at)
+        def found(rest: Products) -> _Solution:
+            parts = {**known, **_eliminated(rest, self.rows, self.at)}
+            return _solved(rest, parts, self.rows, self.terms, self.at)
 
         rests = (self.products.less(each.beside(self.rows, self.terms.x)) for each in self.rows.stretch_products)
-        return np.array([cost(each) for each in rests]) - cost(self.products)
+        return tuple((rest, found(rest)) for rest in rests)
 
     @cached_property
     def _factors(self) -> dict[int, _Factor]:

@@ -42,13 +42,35 @@ _NEIGHBOURS = 1.5  # of the knots' spacing, within which two changes may bracket
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """An estimate without each of some stretches of time: its `changes` (stretches, k), and by how much its covariance
+    grows (stretches, k, k).
+    """
+
+    changes: FloatArray
+    growths: FloatArray
+
+    def scatter(self, rows: FloatArray) -> FloatArray:
+        """Of linear functions (functions, k): their rms change over that which their growing errors allow, 1 at least.
+
+        More than 1 is lack of fit: stretches of time differ in what they say. Variances so scaled are those of the
+        jackknife (Efron and Stein, Ann. Statist. 9, 1981) where stretches count alike; what one stretch alone
+        determines scatters no more than its prior allows.
+        """
+        actual = np.sum((self.changes @ rows.T) ** 2, axis=0)
+        allowed = np.einsum("fi,sij,fj->f", rows, self.growths, rows)
+        return np.asarray(np.sqrt(np.maximum(actual / np.maximum(allowed, 1e-300), 1.0)), dtype=float)
+
+
+@dataclass(frozen=True)
 class HypothesisFit:
     """A fitted hypothesis in the whitened frame.
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
     `joint_covariance`, of values and then those, and `others`, all nuisances, are empty until `with_errors`.
-    `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds.
+    `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds; `left_out`, of
+    values and then delays and knots, is known beside processes.
     """
 
     name: str
@@ -65,18 +87,25 @@ class HypothesisFit:
     joint_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     bound_cost: float = 0.0
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
+    left_out: LeftOut | None = None
     log_evidence: float | None = None
     """Beside processes, over that of the baseline only, as it counts; None before they are known."""
 
     @property
     def covariance(self) -> FloatArray:
         """Covariance of the coefficients, delays and knots free (columns, columns)."""
-        return self.joint_covariance[: self.values.size, : self.values.size]
+        return self.covariance_of(np.eye(self.values.size, self.joint_covariance.shape[0]))
+
+    def covariance_of(self, rows: FloatArray) -> FloatArray:
+        """That of linear functions (functions, k) of coefficients, delays and knots, no less than they scatter."""
+        size = np.ones(rows.shape[0]) if self.left_out is None else self.left_out.scatter(rows)
+        return np.asarray(np.outer(size, size) * (rows @ self.joint_covariance @ rows.T), dtype=float)
 
     @property
     def nonlinear_errors(self) -> tuple[float, ...]:
         """Standard errors of delays and knots, s."""
-        variances = np.diag(self.joint_covariance)[self.values.size :]
+        rows = np.eye(self.joint_covariance.shape[0])[self.values.size :]
+        variances = np.diag(self.covariance_of(rows))
         return tuple(np.sqrt(np.maximum(variances, 0.0)).tolist())
 
     @property

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from brv_hypo.arrays import BoolArray, FloatArray, IntArray
+from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.held_out import block_of_whitened_row
 from brv_hypo.inference.problem import Problem
@@ -32,7 +32,7 @@ from brv_hypo.linearisation.linear import orthonormal
 from brv_hypo.mechanisms.contract import MomentProcess, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.thresholds import ALWAYS, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
+from brv_hypo.thresholds import ALWAYS, EVENTS_APART, MOMENT_AMPLITUDE, RECORD_AMPLITUDE
 
 SETTLING = 8  # samples
 TIME_BLOCKS = 12  # of a record, each left out in turn
@@ -185,7 +185,9 @@ def _of(rows: FloatArray, chosen: IntArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Terms:
-    """X of a hypothesis (n, k): its selected terms, then what its knots and delays move."""
+    """X of a hypothesis (n, k): its selected terms, then what its knots and delays move; of several flights what the
+    knots of each move beyond that, as the last columns.
+    """
 
     x: FloatArray
     spread: FloatArray
@@ -194,10 +196,18 @@ class Terms:
     """Which of them (k,) the mechanism's amplitude multiplies: the terms."""
     prior: float = 0.0
     """Log probability of these terms before the data."""
+    apart: int = 0
+    """How many columns are what knots of single flights move, knot by knot: nuisances of the hypothesis."""
+
+    @property
+    def known(self) -> int:
+        """How many columns belong to coefficients, knots and delays that all flights share."""
+        return int(self.spread.size) - self.apart
 
     def only(self, places: list[int]) -> Terms:
-        """Some of the columns."""
-        return replace(self, x=self.x[:, places], spread=self.spread[places], scaled=self.scaled[places])
+        """Some of the columns that all flights share."""
+        x, spread, scaled = self.x[:, places], self.spread[places], self.scaled[places]
+        return replace(self, x=x, spread=spread, scaled=scaled, apart=0)
 
     def beside(self, other: Terms) -> Terms:
         """With further columns."""
@@ -276,18 +286,32 @@ class Rows:
         x = self.of_moments(frame, fit.selected)
         sizes = np.sqrt(np.mean(np.abs(frame.moments(fit.selected)) ** 2, axis=0))
         spread = self.moment / np.maximum(sizes, 1e-12 * self.moment)
+        apart = 0
         if fit.nonlinear:
             rates = prediction_slopes(fit.nonlinear, fit.selected, fit.values[fit.baseline_size :], frame)
+            of_flights = self._of_single_flights(fit, rates)
+            rates, apart = np.concatenate([rates, of_flights], axis=1), of_flights.shape[1]
             slopes = np.zeros((self.y.size, rates.shape[1]))
             slopes[: self.problem.rows.rates] = self.problem.rows.white_moments(rates)
             x = np.concatenate([x, self.whitened(slopes)], axis=1)
             time = frame.coefficient_time
             whole = float(time.max() - time.min())
             ranges = [whole if each.kind == "knot" else each.bounds[1] - each.bounds[0] for each in fit.nonlinear]
-            spread = np.concatenate([spread, _UNIFORM * np.array(ranges)])
+            moved = np.full(apart, EVENTS_APART * whole)
+            spread = np.concatenate([spread, _UNIFORM * np.array(ranges), moved])
         may_end = any(mechanism.time_variation != ("constant",) for mechanism in fit.mechanisms)
         always = may_end and all(column.time_basis.kind == "constant" for column in fit.selected)
-        return Terms(x, spread, np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0)
+        scaled, prior = np.arange(spread.size) < len(fit.selected), float(np.log(ALWAYS)) if always else 0.0
+        return Terms(x, spread, scaled, prior, apart)
+
+    def _of_single_flights(self, fit: HypothesisFit, rates: ComplexArray) -> ComplexArray:
+        """Of what parameters move (frame rows, parameters) that of knots of several flights, flight by flight (frame
+        rows, knots times flights): events come at about the same Mach number.
+        """
+        knots = [k for k, each in enumerate(fit.nonlinear) if each.kind == "knot" and len(self.blocks) > 1]
+        flights, of_row = range(len(self.blocks)), self.frame.flight_of_row
+        found = [np.where(of_row == flight, rates[:, k], 0.0) for k in knots for flight in flights]
+        return np.stack(found, axis=1) if found else rates[:, :0]
 
     def frame_of(self, fit: HypothesisFit) -> RateFrame:
         """The frame in which C_mw is that of a fit."""

@@ -144,6 +144,11 @@ def share(value: float | None) -> str:
     return NOT_A_NUMBER if value is None else f"{number(100.0 * value, 2)} %"
 
 
+def times(*ends: float) -> str:
+    """A time in a sentence, or an interval's ends, to hundredths without needless digits: 2 s, 2 to 4.25 s."""
+    return f"{' to '.join(dict.fromkeys(f'{round(end, 2):.9g}' for end in ends))} s"
+
+
 def interval(region: tuple[float, float] | None) -> str:
     """A region of time; a dash where it is the whole."""
     return NOT_A_NUMBER if region is None else f"{region[0]:.2f}–{region[1]:.2f}"

@@ -25,7 +25,16 @@ from brv_hypo.errors import FlightRecordError
 from brv_hypo.flight.record import CHANNELS, Flight, Vehicle
 from brv_hypo.flight.units import is_unit
 from brv_hypo.mechanisms.checked import Wrapped, read_only, unchecked
-from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, Parameter, Process, RecordEffect, Term, TimeVariation
+from brv_hypo.mechanisms.contract import (
+    FAMILIES,
+    Mechanism,
+    Parameter,
+    Process,
+    RecordEffect,
+    RecordProcess,
+    Term,
+    TimeVariation,
+)
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates
 
@@ -158,6 +167,8 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 # What times at which coefficients change are called, and what parts `mechanisms.0.theta.NAME`.
 _KNOTS, _OF_A_PATH = ("knot", "start", "stop"), (".", "/")
 _SHORT = 60  # samples where few will do
+_OF_RECORD_PROCESSES = {"channels": '("velocity",)', "units": '"m/s"', "size": "2.0"}
+"""What a process of the record has to set, with an example."""
 
 
 def _product(mechanism: Mechanism, values: Callable[[Parameter], Sequence[float]]) -> list[dict[str, float]]:
@@ -183,7 +194,7 @@ def _columns(terms: Sequence[Term]) -> FloatArray:
 
 
 def is_declared(item: Mechanism | RecordEffect) -> None:
-    """It has a name, a title, claims, a source and a kind."""
+    """It has a name, a title, claims, a source and a kind; a process of the record channels, units and a size too."""
     for attribute in ("name", "title", "claims", "source"):
         value = getattr(item, attribute, None)
         expect(isinstance(value, str) and bool(value.strip()), f"`{attribute}` is {value!r}: set a line of text")
@@ -195,6 +206,10 @@ def is_declared(item: Mechanism | RecordEffect) -> None:
     kinds = moments if isinstance(item, Mechanism) else ("instrument", "environment")
     kind = getattr(item, "kind", None)
     expect(kind in kinds, f"`kind` is {kind!r}, expected one of {kinds}")
+    for attribute, example in _OF_RECORD_PROCESSES.items() if isinstance(item, RecordProcess) else ():
+        expect(
+            hasattr(item, attribute), f"`{attribute}` is missing: set it in the class, as in {attribute} = {example}"
+        )
 
 
 def documents_its_terms(mechanism: Mechanism) -> None:

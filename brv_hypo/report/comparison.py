@@ -12,7 +12,7 @@ from itertools import chain
 
 import numpy as np
 
-from brv_hypo.comparison.result import QUOTED, Comparison, FlightSummary, RankedHypothesis
+from brv_hypo.comparison.result import Comparison, FlightSummary, RankedHypothesis
 from brv_hypo.io.text import hypothesis, probability, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
@@ -187,7 +187,8 @@ def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
     histories = {name: np.array(steps).T for name, steps in found.items()}
     panels = [Panel(name, charts.estimate(t, y, sigma, band="± 2 sigma")) for name, (t, y, sigma) in histories.items()]
     heading = f"Coefficients of {hypothesis(row.mechanism)}"
-    return setting.chart(f"coefficients-{row.mechanism}", heading, panels, "Net values between the knots.")
+    caption = f"Net values between the knots. {tables.RISING}"
+    return setting.chart(f"coefficients-{row.mechanism}", heading, panels, caption)
 
 
 # ---- A comparison as a document ----
@@ -318,6 +319,6 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     ]
     if fit is not None:
         blocks.append(tables.term_table(f"{name} by maximum likelihood: {fit.status}", fit.terms, knots=fit.knots))
-        trouble = (f"Maximum likelihood, {fit.trouble}: {QUOTED}.",) if fit.trouble else ()
+        trouble = (f"Maximum likelihood, {fit.trouble}: {comparison.quoted}.",) if fit.trouble else ()
         blocks.append(Texts((*tables.derived_texts(fit.derived), *trouble), shown="verbose"))
     return blocks

@@ -10,7 +10,7 @@ from typing import Any
 from brv_hypo import __version__
 from brv_hypo.flight.inspection import ChannelQuality, Inspection, Phase
 from brv_hypo.flight.record import RecordTrial
-from brv_hypo.io.text import number, share
+from brv_hypo.io.text import number, share, times
 from brv_hypo.mechanisms.conformance import Outcome, sample_flight, sample_motion, uniform_time
 from brv_hypo.mechanisms.contract import Mechanism, Process
 from brv_hypo.mechanisms.registry import OWN, Installed, Item
@@ -63,13 +63,13 @@ def inspection_blocks(inspection: Inspection, trial: RecordTrial) -> list[Block]
 
 def phase_texts(phases: tuple[Phase, ...]) -> list[str]:
     """One line for each phase of a rocket's flight."""
-    return [f"{phase.name}: {phase.start_s:.2f} to {phase.stop_s:.2f} s" for phase in phases]
+    return [f"{phase.name}: {times(phase.start_s, phase.stop_s)}" for phase in phases]
 
 
 def inspection_line(inspection: Inspection) -> str:
     """Length, rate and planet in one line."""
     return (
-        f"{inspection.samples} samples, {inspection.start:.2f} to {inspection.stop:.2f} s, "
+        f"{inspection.samples} samples, {times(inspection.start, inspection.stop)}, "
         f"{inspection.sample_rate:.4g} Hz, {inspection.planet.capitalize()}"
     )
 
@@ -83,7 +83,7 @@ def _usable(inspection: Inspection) -> str:
         return f"{text}; no periodic transverse motion is found"
     return (
         f"{text}; the strongest transverse motion is at {number(inspection.transverse_frequency)} Hz, "
-        f"{number(inspection.samples_per_cycle)} samples a cycle"
+        f"{number(inspection.samples_per_cycle)} samples a cycle of it"
     )
 
 

@@ -26,7 +26,7 @@ from brv_hypo.constants import CREDIBLE_PROBABILITY
 from brv_hypo.flight.record import VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI
 from brv_hypo.inference.derivatives import Derivative, Function
-from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share
+from brv_hypo.io.text import NOT_A_NUMBER, f_ratio, hypothesis, interval, known_to, number, probability, share, times
 from brv_hypo.model.common_time import decimals
 from brv_hypo.motion.reconstruction import angle_known
 from brv_hypo.report.document import Block, Shown, Table, Texts
@@ -51,6 +51,7 @@ _VEHICLE = (
     "of these is a placeholder, so is their scale. Tolerance, 1 sigma: of ixx that of ixx / iyy."
 )
 _IN_PLANE: Mapping[str, str] = {"C_m0": "C_m,in"}  # what the moment at no angle of attack is at another
+RISING = "In a region in which a value rises or falls steadily (a ramp, an onset width) it is the mean there."
 COLLINEAR_MARK = "*"  # beside a value that is nearly collinear with others
 ONLY_TOGETHER = "The data give what these make together, which the functions show, and none of them by itself."
 ONLY_AS_ESTIMATED = "That value and its error hold only for sizes of processes as estimated: no evidence by itself."
@@ -151,25 +152,31 @@ def net_values(row: RankedHypothesis) -> list[TermEstimate]:
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
-    """What the leader does between its knots, where that is more than two standard errors, and its knots and delays."""
+    """What the leader does between its knots, first what exceeds two standard errors; its knots and delays."""
     leader = comparison.ranking[:1]
     idle = {(each.start_s, each.stop_s) for row in leader for each in row.intervals if not each.acts}
-    every = (value for row in leader for value in net_values(row) if value.region_s not in idle)
-    net = [value for value in every if abs(value.value) > 2.0 * value.std_error]
+    every = [value for row in leader for value in net_values(row)]
+    net = [value for value in every if value.region_s not in idle and abs(value.value) > 2.0 * value.std_error]
+    most = min(len(net), ROWS_AT_FIRST) or ROWS_AT_FIRST
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
     groups: dict[tuple[str, ...], list[NetInterval]] = {}
     for each in (each for row in leader for each in row.intervals):
         for group in each.collinear_groups:
             groups.setdefault(group, []).append(each)
     begins = [[f"{name} at {at.start_s:.2f} s" for name in group] for group, some in groups.items() for at in some]
-    table = term_table(heading, net, "always", most=ROWS_AT_FIRST, collinear=begins)
+    ordered = [*net, *(value for value in every if value not in net)]
+    table = term_table(heading, ordered, "always", most=most, collinear=begins)
     marked = [COLLINEAR_MARK in row["value"] for row in table.rows]
-    beside: Shown = "always" if any(marked[:ROWS_AT_FIRST]) else "verbose"
+    beside: Shown = "always" if any(marked[:most]) else "verbose"
     known = [e for row in leader for e in row.derived if e.region_s is None]
     derived = derived_texts(sorted(known, key=lambda e: (e.name, e.value)))
-    shown: Shown = "always" if len(derived) <= ROWS_AT_FIRST else "verbose"
-    texts = Texts(("; ".join(derived),) if derived else (), bullets=False, shown=shown)
-    return [table, Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside), texts]
+    rises = any(term.name.startswith("ramp ") for row in leader for term in row.terms)
+    return [
+        table,
+        Texts((RISING,) if rises and table.rows else (), bullets=False),
+        Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
+        Texts(derived, most=ROWS_AT_FIRST),
+    ]
 
 
 def size_table(comparison: Comparison) -> Table:
@@ -241,7 +248,7 @@ def collinear_texts(name: str, functions: Sequence[Derivative]) -> list[str]:
             first, last = found.time_s[places[0]], found.time_s[places[-1]]
             flight = f" of flight {found.flight + 1}" if len(functions) > 1 else ""
             others = [f"{other} (correlation up to {max(each):.2f})" for other, each in found.collinear_with.items()]
-            where = f"between {first:.0f} and {last:.0f} s"
+            where = f"{'at' if first == last else 'from'} {times(first, last)}"
             said.append(f"{COLLINEAR_MARK} {name}{flight} is nearly collinear with {', '.join(others)} {where}.")
     return said
 

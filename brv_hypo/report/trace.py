@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.comparison.result import beyond_text
+from brv_hypo.comparison.result import BUT_MARKED, beyond_text
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
@@ -19,6 +19,15 @@ from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_te
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
+
+SCHEDULED = (
+    "scheduled: what trace starts from, with a static slope by Mach number; constant: with a constant slope, for "
+    "comparison (setting `baseline`; no held-out error chooses between them)."
+)
+WORSE = (
+    "scheduled may be the worse of them as it has more coefficients, or where the next row is the cubic static "
+    "moment: that is added to a model without the bend that constant has."
+)
 
 STATIC_TRACED = (
     "Of the model, which has no processes; its errors allow for no lack of fit. Quote it at the angle flown: where no "
@@ -106,7 +115,7 @@ def trace_document(result: Trace) -> Document:
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
-    trouble = "" if result.ml is None else result.ml.trouble
+    trouble, marked = "" if result.ml is None else result.ml.trouble, BUT_MARKED if result.collinear_groups else ""
     collinear = tables.collinear_texts("C_mq", result.damping)
     conclusion = (
         "" if sound else CONTRADICTED,
@@ -118,7 +127,7 @@ def trace_document(result: Trace) -> Document:
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors),
-        f"Maximum likelihood, {trouble}: quote the table of the model." if trouble else "",
+        f"Maximum likelihood, {trouble}: quote the table of the model{marked}." if trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
@@ -128,6 +137,10 @@ def trace_document(result: Trace) -> Document:
     errors = Table(
         account, "Mean square of the moment error; held out: on blocks that took no part in fit or choice", ("model",)
     )
+    held_out = {each.model: each.held_out for each in result.account}
+    both = [SCHEDULED] if held_out.keys() >= {"constant", "scheduled"} else []
+    if both and held_out["constant"] < held_out["scheduled"]:
+        both.append(WORSE)
     drawn, known = _charts(result), result.record_errors
     functions: dict[Function, tuple[Derivative, ...]] = {"C_malpha": result.static_slopes, "C_mq": result.damping}
     related = (tables.NAME_AND_FAMILY,) if any(each.model == "scheduled" for each in result.account) else ()
@@ -159,6 +172,7 @@ def trace_document(result: Trace) -> Document:
         blocks=sections,
         beside=(
             errors,
+            Texts(both, bullets=False),
             families_chart(result.steps[0]),
             Texts(related, bullets=False, shown="page" if result.findings else "always"),
         ),

@@ -34,7 +34,7 @@ from brv_hypo.inference.derivatives import Along, Derivative, along_flight, alon
 from brv_hypo.inference.evidence import Evidence
 from brv_hypo.inference.fit import Regressed
 from brv_hypo.inference.refinement import FINAL
-from brv_hypo.io.text import number
+from brv_hypo.io.text import number, times
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
@@ -69,7 +69,7 @@ def gathered(
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
-    findings, pairs = names_added(steps, "finding"), zip(flights, data.reconstructions, strict=True)
+    findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)
     return Trace(
         flight=flight_summary(flights[0]),
         flights=tuple(flight_summary(flight) for flight in flights),
@@ -90,7 +90,7 @@ def gathered(
         dynamic_stability=stability_in_words(damped, "damping moment", doubt=False),
         stopped=stopped,
         unexplained=unexplained(final),
-        caveats=tuple(dict.fromkeys(each for pair in pairs for each in _caveats_of(*pair))),
+        caveats=tuple(dict.fromkeys(each for one in every for each in _caveats_of(*one))),
         noise=fit.left.mean_square_of_noise(data.held_out.rows),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
@@ -161,7 +161,7 @@ def _of_one(slope: Derivative, moment: str, doubt: bool) -> str:
         worst = int(np.argmax(np.where(chosen, values / np.maximum(errors, 1e-300), -np.inf)))
         said = "is unstable" if values[worst] > STABLE_SIGMAS * errors[worst] else "is not significantly stable"
         words = f"the {moment} {said} {_when(slope, chosen)}: {_sized(values[worst], errors[worst])} per rad at "
-        time, alpha = f"{slope.time_s[worst]:.0f} s", f"{np.degrees(slope.alpha_rad[worst]):.2g} deg"
+        time, alpha = times(slope.time_s[worst]), f"{np.degrees(slope.alpha_rad[worst]):.2g} deg"
         if where is beyond:
             sentences.append(f"At the angle flown {words}{time} and {alpha}.")
         else:
@@ -177,11 +177,10 @@ def _when(slope: Derivative, chosen: BoolArray) -> str:
     """Times and, where they are known, Mach numbers of the places chosen, neighbours as one interval."""
     places, said = np.flatnonzero(chosen), []
     for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
-        ends = dict.fromkeys((int(run[0]), int(run[-1])))
-        times = " to ".join(f"{round(slope.time_s[k], 1):.9g}" for k in ends)
+        ends = list(dict.fromkeys((int(run[0]), int(run[-1]))))
         mach = " to ".join(f"{slope.mach[k]:.3g}" for k in ends)
         known = f" (Mach {mach})" if np.isfinite(slope.mach[run[0]]) else ""
-        said.append(f"{'at' if len(ends) == 1 else 'from'} {times} s{known}")
+        said.append(f"{'at' if len(ends) == 1 else 'from'} {times(*(slope.time_s[k] for k in ends))}{known}")
     return " and ".join(said)
 
 
@@ -189,17 +188,16 @@ def unexplained(residual: Residual) -> str | None:
     """The residual in a sentence; None where it is white."""
     if residual.white:
         return None
-    start, stop = residual.worst_region_s
     ratio = float(np.sqrt(residual.noise_ratio))  # at two digits, never with an exponent
-    times = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
+    factor = f"{float(f'{ratio:.2g}'):.6g}" if ratio < 1e6 else "more than a million"
     return (
-        f"The residual has an rms of {residual.rms:.3g}, {times} times the noise of the moments; it is largest in "
-        f"{residual.worst_channel} and from {start:.2f} to {stop:.2f} s, at "
+        f"The residual has an rms of {residual.rms:.3g}, {factor} times the noise of the moments; it is largest in "
+        f"{residual.worst_channel} and from {times(*residual.worst_region_s)}, at "
         f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is})."
     )
 
 
-def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
+def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivative) -> list[str]:
     """What in the data could pose as an effect."""
     found, motion = list(reconstruction.warnings), reconstruction.motion
     turning = float(np.percentile(np.abs(motion.windward_meridian_rate), REPORTED_MERIDIAN))
@@ -213,11 +211,13 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction) -> list[str]:
         )
     share = flight.ax / flight.dynamic_pressure
     drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
-    if drag < REPORTED_DRAG:
+    slopes, errors = np.array([slope.at_flown, slope.at_flown_std_error])
+    changed = np.ptp(slopes) > STABLE_SIGMAS * np.hypot(*errors[[np.argmin(slopes), np.argmax(slopes)]])
+    if drag < REPORTED_DRAG and changed:
         found.append(
             f"dynamic pressure keeps a fixed proportion to the axial force within {max(100.0 * drag, 0.01):.2g} %: "
-            "where it was derived from drag, its errors are those of the assumed drag coefficient, and a stiffness "
-            "that changes along the flight may in part be that coefficient's change"
+            "where it was derived from drag, its errors are those of the assumed drag coefficient, and the stiffness, "
+            "which changes along the flight, may in part be that coefficient's change"
         )
     return found
 

@@ -75,7 +75,10 @@ def test_an_existing_file_is_kept_unless_forced(brv_hypo, tmp_path):
 def test_a_schema_is_json_with_properties(brv_hypo, kind):
     done = brv_hypo("config", "schema", kind)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["properties"]
+    schema = json.loads(done.stdout)
+    assert schema["properties"]
+    if kind == "compare-result":
+        assert schema["$defs"]["Derivative"]["properties"]["extrapolated"]["readOnly"]
 
 
 def test_an_unknown_kind_ends_with_2(brv_hypo):

@@ -77,7 +77,8 @@ def written(folder, **parts):
 
 @pytest.mark.thorough
 def test_a_file_is_enough_for_an_effect_whose_estimate_is_in_the_result(brv_hypo, drifted, tmp_path):
-    found = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path), ml="full")
+    found = compared(brv_hypo, tmp_path, drifted, "--plugin", written(tmp_path), names="sticking", ml="full")
+    assert found["verdict"]["winner"] == "sticking"
     blocks = [row["ml"] for row in found["ranking"] if row["ml"] is not None]
     assert found["ranking"][0]["ml"] in blocks
     for block in blocks:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.result import beyond_tolerances
+from brv_hypo.constants import EXTRAPOLATED_SHARE
 from brv_hypo.testing import plant
 from tests.chains import compared_nominal
 
@@ -34,6 +37,15 @@ def test_the_moment_is_what_its_slope_makes_of_the_angle_flown(at_half_the_rate)
     made = np.array(moment.at_zero) + np.array(slope.at_zero) * np.array(moment.alpha_rad)
     apart = np.abs(np.array(moment.at_flown) - made)
     assert np.all(apart < 4.0 * np.array(moment.at_flown_std_error))
+
+
+def test_json_says_where_the_value_at_zero_is_extrapolated(at_half_the_rate) -> None:
+    """As the terminal's parentheses do; `alpha_ends_rad` of the places decide."""
+    written = json.loads(at_half_the_rate.to_json())["functions"]["C_malpha"][0]
+    low, high = np.array(written["alpha_ends_rad"]).T
+    assert written["extrapolated"] == (low**2 > EXTRAPOLATED_SHARE * high**2).tolist()
+    assert any(written["extrapolated"])
+    assert Comparison.from_json(at_half_the_rate.to_json()) == at_half_the_rate
 
 
 def test_what_is_drawn_as_left_is_what_all_that_is_fitted_leaves(at_half_the_rate) -> None:

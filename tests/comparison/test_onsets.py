@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from brv_hypo.comparison import CompareConfig, Comparison, compare
+from brv_hypo.comparison.intervals import intervals
 from brv_hypo.comparison.limits import _every_region
+from brv_hypo.comparison.with_processes import beside
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.model.term import Regressor, TimeBasis
+from tests.chains import judged_cone
 from tests.comparison.pulse import fitted, problem
 from tests.studies.independent.flights import Made, make_flight
 
@@ -54,6 +58,36 @@ def test_knot_and_width_of_an_onset_move_apart_from_each_other() -> None:
     assert width.value == pytest.approx(0.4)
     assert ends(knot.moved((onset,), 2.5)) == pytest.approx((2.3, 2.7))
     assert ends(width.moved((onset,), 0.2)) == pytest.approx((2.1, 2.3))
+
+
+def test_what_came_on_is_known_better_than_its_rate_and_its_width() -> None:
+    """Where the two make up for one another the value reached is known."""
+    best, asked = fitted("bodyfixed"), problem()
+    ramps = tuple(c.at(c.theta, TimeBasis("ramp", 2.0, 2.5)) for c in best.selected[:2])
+    knot, width = nonlinear_parameters(ramps, best.frame, asked.knots)
+    first = best.baseline_size
+    rate, error = np.append(best.values[:first], [3.0, 4.0]), 0.1 * width.value
+    covariance = 1e-6 * np.eye(first + 4)
+    along = np.append(np.zeros(first), [-3.0, -4.0, 0.0, width.value]) * error / width.value
+    covariance += np.outer(along, along)
+    fit = replace(
+        best, columns=(*best.columns[:first], *ramps), values=rate, nonlinear=(knot, width), joint_covariance=covariance
+    )
+    reached = {each.name: each for each in intervals(fit)[-1].values}
+    for name, value in zip((ramps[0].term, ramps[1].term), (1.5, 2.0), strict=True):
+        assert reached[name].value == pytest.approx(value)
+        assert reached[name].std_error == pytest.approx(1e-3 * np.hypot(width.value, value / width.value), rel=1e-6)
+
+
+def test_knots_move_what_the_evidence_finds_and_not_what_the_fit_without_processes_had() -> None:
+    found = judged_cone("bodyfixed")
+    fit, own = found.fits[found.leader], found.evidences[found.leader]
+    other = replace(fit, values=np.append(fit.values[: fit.baseline_size], 3.0 * fit.values[fit.baseline_size :]))
+    assert fit.nonlinear
+    there, again = beside(own.rows, other, own.at)
+    assert again.level == pytest.approx(own.level, abs=0.01)
+    assert np.diag(again.covariance) == pytest.approx(np.diag(own.covariance), rel=0.01)
+    assert there.values[fit.baseline_size :] == pytest.approx(own.values[fit.baseline_size : fit.values.size], rel=0.01)
 
 
 def ends(columns: tuple[Regressor, ...]) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from brv_hypo.identification.identify import _stale
+from brv_hypo.identification.identify import _HELD, _loose_knots, _stale
 from brv_hypo.identification.parameters import averaged, kink, on_grid, placed
 from brv_hypo.model.common_time import OwnTime
 from brv_hypo.model.term import TimeBasis
@@ -125,3 +125,15 @@ def test_a_knot_that_was_held_has_no_error_and_stays_where_it_was(moved: float, 
         theta={"held": 1.0, "free": 2.0 + moved}, std_error={"free": 1e-3}, change_by=lambda _: {"free": brought}
     )
     assert _stale(old, old, found) is stale
+
+
+@pytest.mark.parametrize(
+    ("status", "errors", "loose"),
+    [("stalled", (0.2, 0.01), ("a",)), ("stalled", (0.01, 0.01), ("a", "b")), ("converged", (0.2, 0.01), ())],
+)
+def test_the_least_known_knots_are_fixed_where_a_search_stalls(status: str, errors: Any, loose: Any) -> None:
+    """All of them where each is known to less than a node: that the data determine none is not said then."""
+    problem: Any = SimpleNamespace(structure=SimpleNamespace(knots=("a", "b")), seconds_to_node=0.1)
+    found: Any = SimpleNamespace(status=status, std_error=dict(zip("ab", errors, strict=True)))
+    assert _loose_knots(problem, found) == loose
+    assert "determine" not in _HELD

@@ -167,9 +167,18 @@ class SoundDrift(RecordProcess):
         return replace(flight, velocity=flight.velocity + history)
 
 
+SET_BY_DRIFT = {"name", "family", "kind", "title", "channels", "splines", "units", "size", "changed"}
+
+
 def bad(base, **parts):
     """A class like `base`, with other parts."""
     return type("Bad", (base,), {"__doc__": "Broken.", "__module__": __name__, **parts})
+
+
+def without(attribute):
+    """The drift of the speed, but for one of its attributes."""
+    parts = {name: value for name, value in vars(SoundDrift).items() if name in SET_BY_DRIFT - {attribute}}
+    return type("Bad", (RecordProcess,), {"__doc__": "Broken.", "__module__": __name__, **parts})
 
 
 BREACHES = {
@@ -193,6 +202,7 @@ BREACHES = {
     "no family of the record": (bad(SoundDrift, family=""), "`family` is ''"),
     "no splines": (bad(SoundDrift, splines=0), "`splines` is 0"),
     "no size": (bad(SoundDrift, size=0.0), "typical size is 0"),
+    **{f"without {name}": (without(name), f"`{name}` is missing: set it") for name in ("channels", "units", "size")},
     "no change": (bad(SoundDrift, changed=lambda self, flight, channel, history: flight), "changes nothing"),
     "not linear": (
         bad(
@@ -333,7 +343,13 @@ def test_what_is_installed_and_not_asked_for_is_in_none(distribution):
 
 def test_its_name_in_the_comparison_is_enough(distribution):
     assert in_comparison("bodyfixed", "four_lobes") == OWN | {"four_lobes"}
-    assert in_comparison(*NAMES) == OWN | NAMES
+    assert in_comparison("bodyfixed", *NAMES) == OWN | NAMES
+
+
+@pytest.mark.parametrize("names", [("four_lobes",), ("gyro_bias", "speed_drift")])
+def test_names_of_which_none_is_a_hypothesis_are_refused(distribution, names):
+    with pytest.raises(UsageError, match=f"every hypothesis has {', '.join(names)}.*Name mechanisms too"):
+        compare(nominal().flight, mechanisms=names)
 
 
 @pytest.mark.thorough

@@ -29,7 +29,7 @@ from brv_hypo.mechanisms.registry import moment_processes, record_processes
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Table, Texts, flat
 from brv_hypo.report.html import page
-from brv_hypo.report.tables import ranking_table
+from brv_hypo.report.tables import RISING, estimate_blocks, ranking_table
 from brv_hypo.report.terminal import terminal_view
 from tests.chains import compared_nominal
 
@@ -120,6 +120,26 @@ class TestTerminal:
             named = graded().model_copy(update={"ranking": (row, *graded().ranking[1:])})
             assert ("are nearly collinear" in printed(named)) == short
             assert "are nearly collinear" in printed(named, verbose=True)
+
+    def test_values_within_two_standard_errors_follow_with_verbose(self) -> None:
+        value = graded().ranking[0].terms[0].model_copy(update={"std_error": 0.1, "region_s": (0.0, 1.0)})
+        sizes = {"large": 1.0, "small": 0.1, "less": 0.01}
+        values = [value.model_copy(update={"name": name, "value": size}) for name, size in sizes.items()]
+        interval = NetInterval(start_s=0.0, stop_s=1.0, values=values)
+        row = graded().ranking[0].model_copy(update={"intervals": (interval,)})
+        shown = graded().model_copy(update={"ranking": (row, *graded().ranking[1:])})
+        table, *_ = estimate_blocks(shown)
+        assert (table.most, [each["term"] for each in table.rows]) == (1, list(sizes))
+        assert "and 2 more: -v" in printed(shown)
+
+    def test_a_value_that_rises_is_said_to_be_a_mean(self) -> None:
+        for name, said in (("ramp in C", True), ("jump in C", False)):
+            term = graded().ranking[0].terms[0].model_copy(update={"name": name, "value": 1.0, "std_error": 0.1})
+            net = term.model_copy(update={"name": "C", "region_s": (0.0, 1.0)})
+            interval = NetInterval(start_s=0.0, stop_s=1.0, values=(net,))
+            row = graded().ranking[0].model_copy(update={"terms": (term,), "intervals": (interval,)})
+            shown = graded().model_copy(update={"ranking": (row, *graded().ranking[1:])})
+            assert (RISING in " ".join(printed(shown).split())) == said
 
     def test_limits_are_said_to_be_no_sign_of_a_mechanism(self) -> None:
         said = " ".join(printed(graded(), verbose=True).split())
@@ -222,10 +242,7 @@ class TestPython:
         direction = term.model_copy(update={"name": "phi", "value": 2.0, "units": "rad"})
         ends = [(1.0, 2.0, small), (2.0, 3.0, term), (3.0, 4.5, term), (4.5, 6.0, small)]
         intervals = tuple(NetInterval(start_s=a, stop_s=b, values=(value, direction)) for a, b, value in ends)
-        for winner, said in (
-            ("damping", "One sentence. It acts from 2.00 to 4.50 s (Mach "),
-            (None, "One sentence.\n"),
-        ):
+        for winner, said in (("damping", "One sentence. It acts from 2 to 4.5 s (Mach "), (None, "One sentence.\n")):
             found = graded(winner)
             row = found.ranking[0].model_copy(update={"intervals": intervals})
             assert found.model_copy(update={"ranking": (row,)}).conclusion().startswith(said)
@@ -244,15 +261,18 @@ class TestPython:
         assert " ".join(printed(named).split()).count("Errors beyond the tolerances") == 1
         inadequate = graded(None).model_copy(update=update)
         assert "(--instruments), which may be what the hypotheses lack: trim C_m0" in inadequate.conclusion()
+        assert beyond_text(errors, "none adequate") in inadequate.conclusion()
 
     def test_trouble_of_the_maximum_likelihood_is_part_of_the_answer(self) -> None:
         fit = MaximumLikelihood(
             status="iteration limit", iterations=30, log_likelihood=None, message="x. Starting points disagree: y"
         )
-        row = graded().ranking[0].model_copy(update={"ml": fit})
+        row = graded().ranking[0].model_copy(update={"ml": fit, "intervals": ()})
         said = f"iteration limit, starting points disagree: {QUOTED}"
-        troubled = graded().model_copy(update={"ranking": (row,)})
+        troubled = graded().model_copy(update={"ranking": (row,), "collinear_groups": ()})
         assert troubled.conclusion().endswith(f"Maximum likelihood of damping: {said}.")
+        marked = troubled.model_copy(update={"collinear_groups": (("C_b", "C_m0"),)})
+        assert marked.conclusion().endswith(f"{said}, but for values marked *.")
 
     def test_rows_have_the_evidence(self) -> None:
         assert [row["log_evidence"] for row in graded().rows()] == [12.34, 0.0]

@@ -16,9 +16,9 @@ from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.report.document import Document, Table, Texts
 from brv_hypo.report.tables import collinear_names, function_blocks, ranking_table, term_table, vehicle_blocks
 from brv_hypo.report.terminal import Fitted, terminal_view
-from brv_hypo.report.trace import outcome_text
-from brv_hypo.tracing.result import Errors, Step
-from tests.chains import compared_nominal
+from brv_hypo.report.trace import SCHEDULED, WORSE, outcome_text, trace_document
+from brv_hypo.tracing.result import Account, Errors, Step
+from tests.chains import compared_nominal, traced_trim
 
 WORDS = ("mechanism", "kind", "term")
 WORD = st.text("abc_", min_size=1, max_size=30)
@@ -141,7 +141,16 @@ def test_a_function_is_marked_where_it_is_collinear_and_in_parentheses_where_it_
     flown, said, zero = function_blocks({"C_mq": [known]})
     assert [row["C_mq"] for row in flown.rows] == ["-0.300 ± 0.01", "-0.400 ± 0.01*"]
     assert [row["C_mq"] for row in zero.rows] == ["-0.100 ± 0.01", "(-0.200)"]
-    assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) between 2 and 2 s."
+    assert said.texts[0] == "* C_mq is nearly collinear with two_lobes (correlation up to 0.95) at 2 s."
+
+
+@pytest.mark.parametrize(("constant", "told"), [(2.0, [SCHEDULED]), (0.5, [SCHEDULED, WORSE])])
+def test_the_first_models_of_an_account_are_told_apart(constant: float, told: list[str]) -> None:
+    account = tuple(
+        Account(model=n, held_out=v, std_error=0.1) for n, v in (("constant", constant), ("scheduled", 1.0))
+    )
+    blocks = trace_document(traced_trim().model_copy(update={"account": account})).beside
+    assert told in [block.texts for block in blocks if isinstance(block, Texts)]
 
 
 def test_the_vehicle_is_listed_with_what_is_known_of_it() -> None:

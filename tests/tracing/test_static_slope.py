@@ -9,7 +9,8 @@ import pytest
 
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.tracing import TraceConfig, trace
-from brv_hypo.tracing.final_model import stability_in_words
+from brv_hypo.tracing.final_model import _caveats_of, stability_in_words
+from tests.chains import reconstructed
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.vehicles import CAPSULE
 
@@ -48,6 +49,14 @@ def sloped(at_zero: list[float], flight: int = 0, mach: float = 20.0, **known: o
         at_flown_std_error=(0.02,) * count,
         **known,
     )
+
+
+@pytest.mark.parametrize(("last", "said"), [(-0.11, False), (-0.2, True)])
+def test_drag_is_a_caveat_where_the_slope_changes(last: float, said: bool) -> None:
+    """Axial force keeps its proportion to dynamic pressure on every flight of a constant drag coefficient."""
+    slope = sloped([-0.1, -0.1]).model_copy(update={"at_flown": (-0.1, last)})
+    found = _caveats_of(reconstructed().flight, reconstructed(), slope)
+    assert any("keeps a fixed proportion to the axial force" in text for text in found) == said
 
 
 def test_a_stable_vehicle_needs_no_words() -> None:

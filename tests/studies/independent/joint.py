@@ -2,10 +2,11 @@
 
 By hand: python -m tests.studies.independent.joint --seed 1000 --pairs 10 --jobs 2
 What many cost: python -m tests.studies.independent.joint --seed 1000 --pairs 1 --flights 10
+Events off one Mach number: python -m tests.studies.independent.joint --seed 1000 --pairs 12 --apart 0.04
 
 Pair k has seed SEED + k; vehicles and mechanisms (those whose size does not hang on the flight) take turns. The others
 enter higher and at another speed than the first flight, the last of them farthest, and the mechanism begins and ends
-there at the Mach numbers of the first.
+there at the Mach numbers of the first, or so many seconds (1-sigma, drawn) before or after these.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ OTHERWISE = {
 }
 # Seeds of the second flights.
 SECOND = 500_000
+_STREAM = 23
 # How often a second flight is flown with what is planted: its drag moves the times of the Mach numbers.
 _ROUNDS = 3
 
@@ -62,10 +64,10 @@ class Outcome:
     memory: float
 
 
-def fly(seed: int, vehicle: str, truth: str, amplitude: float, count: int = 2) -> Outcome | str:
+def fly(seed: int, vehicle: str, truth: str, amplitude: float, count: int = 2, apart: float = 0.0) -> Outcome | str:
     """Compare some flights; the reason in words where they were not flown or not compared."""
     try:
-        first, *others = fly_several(vehicle, truth, seed, amplitude, count=count)
+        first, *others = fly_several(vehicle, truth, seed, amplitude, count=count, apart=apart)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
     begun = process_time()
@@ -99,9 +101,15 @@ def _apart(knots: Sequence[float], planted: Planted) -> tuple[float, ...]:
 
 
 def fly_several(
-    vehicle: str, truth: str, seed: int, amplitude: float = 1.0, grade: str = "tactical", count: int = 2
+    vehicle: str,
+    truth: str,
+    seed: int,
+    amplitude: float = 1.0,
+    grade: str = "tactical",
+    count: int = 2,
+    apart: float = 0.0,
 ) -> list[Made]:
-    """The flights, one mechanism acting between the same Mach numbers on all."""
+    """The flights, one mechanism acting between the same Mach numbers on all, or `apart` (s, 1-sigma) from these."""
     craft = CRAFTS[vehicle]
     made = [make_flight(craft, truth, amplitude, seed, grade)]
     faster, higher = OTHERWISE[vehicle]
@@ -109,9 +117,10 @@ def fly_several(
         share, own = number / (count - 1), seed + SECOND * number
         other = replace(at_speed(craft, 1.0 + share * (faster - 1.0)), altitude=craft.altitude + share * higher)
         flown = make_flight(other, seed=own, grade=grade)
+        late = apart * np.random.default_rng([own, _STREAM]).standard_normal(2)
         for _ in range(_ROUNDS):
-            start, stop = (time_at(flown, mach) for mach in machs(made[0]))
-            planted = replace(made[0].true.planted, start=start, stop=stop)
+            start, stop = np.array([time_at(flown, mach) for mach in machs(made[0])]) + late
+            planted = replace(made[0].true.planted, start=float(start), stop=float(stop))
             flown = make_flight(other, seed=own, grade=grade, planted=planted)
         made.append(flown)
     return made
@@ -157,12 +166,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--pairs", type=int, default=12)
     parser.add_argument("--flights", type=int, default=2, help="that are fitted jointly")
+    parser.add_argument("--apart", type=float, default=0.0, help="s, 1-sigma, of the events from one Mach number")
     parser.add_argument("--amplitude", type=float, default=1.0, help="of the nominal one")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
     cases = [(vehicle, truth) for truth in TRUTHS for vehicle in sorted(CRAFTS)]
     runs = (
-        delayed(fly)(given.seed + k, *cases[k % len(cases)], given.amplitude, given.flights) for k in range(given.pairs)
+        delayed(fly)(given.seed + k, *cases[k % len(cases)], given.amplitude, given.flights, given.apart)
+        for k in range(given.pairs)
     )
     fly_and_report(runs, given.jobs, line, report)
 
