@@ -35,7 +35,7 @@ from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
 from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded
 from brv_hypo.tracing.additions import analyse_step
-from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model, starting_columns, with_priors
+from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, converged_from, correct, fitted_about
@@ -134,14 +134,12 @@ def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEf
 
 def _start(source: Flights, baseline: Baseline) -> Fit:
     """The model that the trace starts from."""
-    flights, config, start = source.records, source.config, source.config.start
+    flights, start = source.records, source.config.start
     if not isinstance(start, str):
         return converged(source, restored(start, flights))
     known = parse_hypothesis(start)
-    model = start_model(flights, known, baseline, config.aero)
+    model = start_model(source, known, baseline).but(added=tuple(mechanism.name for mechanism in known))
     data = correct(source, model)
-    columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
-    model = with_priors(model.but(columns=columns, added=added), data)
     chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
     motion, each = data.reconstructions[0].motion, range(len(flights)) if len(flights) > 1 else [None]
     declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each

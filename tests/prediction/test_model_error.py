@@ -43,7 +43,12 @@ JUMP = SavedColumn(
 def data() -> Corrected:
     flight = nominal().flight
     falling = replace(flight, mach=np.linspace(12.0, 6.0, flight.samples))
-    return correct(Flights((falling,), TraceConfig()), start_model((falling,), ()))
+    return _corrected(falling)
+
+
+def _corrected(flight: Flight) -> Corrected:
+    source = Flights((flight,), TraceConfig())
+    return correct(source, start_model(source))
 
 
 def left_at(data: Corrected, sigma: Any, seed: int = 1) -> ResidualMoments:
@@ -91,7 +96,7 @@ def test_it_is_told_where_it_was_left(data: Corrected) -> None:
 
 def test_without_a_mach_number_there_is_one_value() -> None:
     flight = nominal().flight
-    unknown = correct(Flights((replace(flight, mach=None),), TraceConfig()), start_model((flight,), ()))
+    unknown = _corrected(replace(flight, mach=None))
     found = model_error(unknown, left_at(unknown, 1e-3), left_at(unknown, 1e-3))
     assert found.mach == ()
     assert found.own[0] == pytest.approx(1e-3, rel=0.2)

@@ -10,7 +10,7 @@ from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.additions import analyse_step
-from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
+from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.fit import Fit, Flights, converged, correct, fitted_about
 from tests.chains import TRIM, traced_trim
 from tests.comparison.pulse import fitted, pulse
@@ -23,11 +23,9 @@ CONFIG = TraceConfig(maximum_likelihood=False, discover=False)
 @pytest.fixture(scope="module")
 def state() -> Fit:
     """A moment that begins and ends, with the knots that a fit gave it."""
-    flights = (pulse().flight,)
-    model = start_model(flights, [find("bodyfixed")])
-    columns = starting_columns(model, correct(Flights(flights, CONFIG), model).frame)
-    model = model.but(columns=(*columns, *fitted("bodyfixed").selected))
-    return converged(Flights(flights, CONFIG), model)
+    source = Flights((pulse().flight,), CONFIG)
+    model = start_model(source, [find("bodyfixed")])
+    return converged(source, model.but(columns=(*model.columns, *fitted("bodyfixed").selected)))
 
 
 @pytest.mark.thorough
@@ -51,7 +49,7 @@ def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: Fit) ->
 
 def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
     flight = nominal().flight
-    model = start_model((flight,), [find("trim")])
+    model = start_model(Flights((flight,), CONFIG), [find("trim")])
     assert "trim" in [mechanism.name for mechanism in model.tolerated(flight)]
     held = model.but(columns=(Regressor("trim", "C_m0", (), TimeBasis("constant"), "1"),))
     assert "trim" not in [mechanism.name for mechanism in held.tolerated(flight)]
@@ -68,14 +66,11 @@ def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_bette
 
     Once was not enough: a third of what it left was its own, and a moment that turns with the roll a finding.
     """
-    flights = (sized(232010, "reynolds_stiffness").made.flight,)
-    config = CONFIG.model_copy(update={"baseline": "constant"})
-    model = start_model(flights, [find("mach_stiffness")], "constant")
-    data = correct(Flights(flights, config), model)
-    motion, always = data.reconstructions[0].motion, TimeBasis("constant")
+    source = Flights((sized(232010, "reynolds_stiffness").made.flight,), CONFIG)
+    model = start_model(source, [find("mach_stiffness")])
+    motion, always = correct(source, model).reconstructions[0].motion, TimeBasis("constant")
     terms = find("mach_stiffness").terms(motion, {})
     powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
-    model = with_priors(model.but(columns=(*starting_columns(model, data.frame), *powers)), data)
-    state = converged(Flights(flights, config), model)
+    state = converged(source, model.but(columns=(*model.columns, *powers)))
     again = fitted_about(state.data, state.model, state.values)
     assert again.errors.mean_square > 0.98 * state.errors.mean_square

@@ -21,7 +21,7 @@ from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing import TraceConfig
-from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
+from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.fit import Fit, Flights, converged, correct
 from brv_hypo.tracing.result import Baseline
 from tests.studies.independent.flights import Made
@@ -33,15 +33,13 @@ def baseline_state(
     flight: Flight, known: Sequence[Mechanism] = (), baseline: Baseline = "scheduled", bent: bool = True
 ) -> Fit:
     """The loop's first model on the record, all terms of `known` mechanisms beside it; `bent`: with its bend."""
-    config = TraceConfig(baseline=baseline)
-    model = start_model((flight,), (), baseline)
-    first = correct(Flights((flight,), config), model)
-    model = with_priors(model.but(columns=starting_columns(model, first.frame)), first)
+    source = Flights((flight,), TraceConfig(baseline=baseline))
+    model = start_model(source, (), baseline)
     if not bent:
         model = model.without([StaticBend.name])
-    motion, always = first.reconstructions[0].motion, TimeBasis("constant")
+    motion, always = correct(source, model).reconstructions[0].motion, TimeBasis("constant")
     own = tuple(Regressor(each.name, term.name, (), always, "1") for each in known for term in each.terms(motion, {}))
-    return converged(Flights((flight,), config), model.having(*known) + Model(columns=own))
+    return converged(source, model.having(*known) + Model(columns=own))
 
 
 def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool = True) -> tuple[float, ...]:
