@@ -43,7 +43,7 @@ from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.rows import rows_of
+from brv_hypo.inference.rows import Rows, rows_of
 from brv_hypo.linearisation.channels import Histories, split
 from brv_hypo.mechanisms.contract import Component, RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -459,24 +459,24 @@ def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried
 def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> Iterator[Candidate]:
     """Of each repetition what gains most beside all processes, a generic description far more than its rivals."""
     rivals = [own, *[each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]]
-    for problem in _repetitions(beside.rows.problem, fit):
-        again = replace(beside, rows=rows_of(problem, beside.point))
+    for rows in _repetitions(beside, fit):
+        again = replace(beside, rows=rows)
         gains = {each.name: again.gain_of(each.fit) for each in rivals}
         for each in rivals[1:]:
             gains[each.name] -= SPECIFIC if each.kind == "discovered" else 0.0
         yield min(rivals, key=best_first(rivals, gains))
 
 
-def _repetitions(problem: Problem, fit: Fit) -> Iterator[Problem]:
-    """The problem with other blocks, and with another inertia and dynamic pressure."""
+def _repetitions(beside: Beside, fit: Fit) -> Iterator[Rows]:
+    """The rows with other blocks, and with another inertia and dynamic pressure by a tolerance of either."""
+    problem, data = beside.rows.problem, fit.data
     for share in LOOP_REPEATED_BLOCKS:
-        fitted, _ = split(fit.data.frame, fit.data.whole.valid, round(share * fit.data.source.config.blocks))
-        yield problem.on(fitted)
+        fitted, _ = split(data.frame, data.whole.valid, round(share * data.source.config.blocks))
+        yield rows_of(problem.on(fitted), beside.point)
     nuisances = problem.rows.nuisances
     for effect in REPEATED_ERRORS:
-        for side in (-1.0, 1.0):
-            items = tuple(
-                replace(item, present=item.present + side) if item.name == effect else item for item in nuisances.items
-            )
-            if items != nuisances.items:
-                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
+        unit = np.array([float(item.name == effect) for item in nuisances.items])
+        if np.any(unit):
+            made = problem.rows.white_histories(nuisances.histories(unit[:, np.newaxis]))
+            shift = beside.rows.whitened(made)[:, 0]
+            yield from (replace(beside.rows, y=beside.rows.y + side * shift) for side in (-1.0, 1.0))

@@ -164,7 +164,7 @@ class Step(NullIsNaN):
     `error_before`, `error_after` are those of the moment coefficients; `force_error_before`, `force_error_after` those
     of the specific force across the axis, (m/s^2)^2, in which an error of the record may show alone.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
-    blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
+    blocks, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
     `flight_left_out`: with several flights, what the shared terms predict of each from the others. `removed`: effects
     of earlier steps that the model has no need of beside this one.
     `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has
