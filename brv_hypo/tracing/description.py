@@ -187,7 +187,7 @@ def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | No
     gains = search.gains(search.offered)
     found = [search.fitted(search.best(gains), _ALWAYS, len(gains))] if gains and max(gains) > 0.0 else []
     if len(problem.records) == 1:
-        found += search.all_timed()
+        found += [search.timed(entry) for entry in search.best_over_stretches()]
     if not found:
         return None
     fit = likeliest(found)
@@ -221,10 +221,6 @@ class _Changing(YamlMechanism):
     name: str = "changing"  # type: ignore[misc]
     time_variation = ("constant", "jump")
     terms_enter_together = True
-
-
-_Placed = tuple[Entry, _Bases, int]
-"""An entry at its best place, how it changes in time, and of how many choices it is one."""
 
 
 @dataclass(frozen=True)
@@ -278,27 +274,14 @@ class _Search:
             spacing /= DESCRIBED_FINER
         return entry
 
-    def all_timed(self) -> list[HypothesisFit]:
-        """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them
-        with times anew at its own place: beside a place a jump more makes up for what is off.
-        """
-        offered = [entry for entry in self.offered if entry.follows is None]
-        placed = [self._timed(entry) for entry in self._over_stretches(offered)]
-        if not placed:
-            return []
-        found = [self.fitted(*each) for each in placed]
-        (entry, bases, _), _ = min(zip(placed, found, strict=True), key=lambda pair: pair[1].information)
-        gains = [self.gains([each], bases)[0] for each in offered]
-        return found + [self.fitted(*self._timed(each)) for each in (offered[int(np.argmax(gains))], entry)]
-
-    def _timed(self, entry: Entry) -> _Placed:
+    def timed(self, entry: Entry) -> HypothesisFit:
         """An entry with jumps in time where they explain most, and then at its own best place."""
         mechanism = _Changing(definition=entry.terms)
         fit = fit_hypothesis(self.problem, mechanism.name, (mechanism,))
         bases = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
         sets = len(self.offered) * math.comb(fit.searched, len(bases))
         searched = next(count for count in itertools.count(len(bases)) if math.comb(count, len(bases)) >= sets)
-        return self.moved(entry, bases), bases, searched
+        return self.fitted(self.moved(entry, bases), bases, searched)
 
     def fitted(self, entry: Entry, bases: _Bases, searched: int) -> HypothesisFit:
         """An entry, changing in time like this, as one of so many choices."""
@@ -309,9 +292,9 @@ class _Search:
         columns = (*self.problem.baseline, *_columns(self.name, entry, bases))
         return solved(reduced, self.name, (mechanism,), columns, searched)
 
-    def _over_stretches(self, offered: Sequence[Entry]) -> list[Entry]:
+    def best_over_stretches(self) -> list[Entry]:
         """The entries that explain most over some stretch of time; of neighbours the best alone."""
-        time = self.problem.frame.time
+        time, offered = self.problem.frame.time, [entry for entry in self.offered if entry.follows is None]
         edges = np.linspace(float(time.min()), float(time.max()), DESCRIBED_STRETCHES + 1)
         stretches = tuple(TimeBasis("jump", float(a), float(b)) for a, b in itertools.pairwise(edges))
         gains = [_most_of_a_stretch(*self._normal([entry], stretches)[0]) for entry in offered]
