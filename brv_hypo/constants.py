@@ -198,7 +198,6 @@ DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
 DESCRIBED_TIMED = 3
 DESCRIBED_STRETCHES = 8
 DESCRIBED_NEIGHBOURS = 1.5  # spacings within which two entries are one
-DESCRIBED_FREE = 1e-4  # of a column's length, that the model has to leave of it
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
 # Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
 # would describe better.

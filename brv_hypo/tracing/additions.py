@@ -16,6 +16,7 @@ from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
@@ -25,7 +26,7 @@ from brv_hypo.tracing.acceptance import Candidate, History, Variant, bounded, so
 from brv_hypo.tracing.description import discover
 from brv_hypo.tracing.fit import Fit, with_efficiency
 
-_SPENT = 1e-6  # of a column that is left beside others, below which it says nothing
+_SPENT = 1e-12  # of a column's square that is left beside others, below which it says nothing
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
 
@@ -184,24 +185,24 @@ def forward(
     """Fits of 1, 2, ... choices of columns, each the one before with the choice that lowers the error most."""
     reduced = Reduced(problem, frame)
     batch = reduced.batch(columns)
-    triangle = reduced.triangle(batch)  # has the same products as the rows, and is small
-    free, left, least = triangle[:, :-1], triangle[:, -1], _SPENT * np.sqrt(batch.squares)
+    products, right, squares = batch.products(batch), reduced.right(batch), batch.squares
     offered: dict[object, list[int]] = {}
     for place, column in enumerate(columns):
         offered.setdefault(column.choice, []).append(place)
     chosen: tuple[Regressor, ...] = ()
     found: list[HypothesisFit] = []
     while offered and len(chosen) < problem.max_terms:
-        bases = {
-            choice: np.linalg.qr(free[:, places])[0]
-            for choice, places in offered.items()
-            if np.all(np.linalg.norm(free[:, places], axis=0) > least[places])
+        gains = {
+            choice: float(right[own] @ solve_normal(products[np.ix_(own, own)], right[own], squares[own]))
+            for choice, own in offered.items()
+            if np.all(np.diag(products)[own] > _SPENT * squares[own])
         }
-        gains = {choice: float(np.sum((basis.T @ left) ** 2)) for choice, basis in bases.items()}
         best = max(gains, key=gains.__getitem__, default=None)
         if best is None or gains[best] <= 0.0:
             break
-        chosen = (*chosen, *(columns[place] for place in offered.pop(best)))
-        left, free = (rows - bases[best] @ (bases[best].T @ rows) for rows in (left, free))
+        own = offered.pop(best)
+        chosen = (*chosen, *(columns[place] for place in own))
+        taken = solve_normal(products[np.ix_(own, own)], products[:, own], squares[own])
+        right, products = right - taken @ right[own], products - taken @ products[own]
         found.append(solved(reduced, name, mechanisms, (*problem.baseline, *chosen), searched))
     return found

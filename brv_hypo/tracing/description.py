@@ -20,7 +20,6 @@ from brv_hypo.constants import (
     CONFOUNDED_NEAR,
     DESCRIBED_CLOSEST,
     DESCRIBED_FINER,
-    DESCRIBED_FREE,
     DESCRIBED_GRADUAL,
     DESCRIBED_NEIGHBOURS,
     DESCRIBED_SHARP,
@@ -34,6 +33,7 @@ from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, sol
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import fastest_turning
+from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
@@ -233,21 +233,18 @@ class _Search:
 
     def gains(self, chosen: Sequence[Entry], bases: _Bases = _ALWAYS) -> list[float]:
         """Fall of the residual sum of squares by each entry, changing in time like this."""
-        return [float(_fall(*each)) for each in self._normal(chosen, bases)]
+        normal = self._normal(chosen, bases)
+        return [float(right @ solve_normal(products, right, squares)) for products, right, squares in normal]
 
-    def _normal(self, chosen: Sequence[Entry], bases: _Bases) -> list[tuple[FloatArray, FloatArray]]:
-        """Normal equations of each entry, changing in time like this, beside the model."""
+    def _normal(self, chosen: Sequence[Entry], bases: _Bases) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Normal equations of each entry, changing in time like this, beside the model, and its columns' squares."""
         mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
         reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
         groups = [_columns(mechanism.name, entry, bases) for entry in chosen]
         batch = reduced.batch([column for group in groups for column in group])
         ends = np.cumsum([0, *(len(group) for group in groups)])
-        found = []
-        for each in (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends)):
-            products, right = each.products(each), reduced.right(each)
-            free = np.diag(products) > DESCRIBED_FREE**2 * each.squares
-            found.append((np.where(np.outer(free, free), products, 0.0), np.where(free, right, 0.0)))
-        return found
+        each = (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends))
+        return [(own.products(own), reduced.right(own), own.squares) for own in each]
 
     def best(self, gains: Sequence[float]) -> Entry:
         """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
@@ -305,9 +302,9 @@ class _Search:
         return found[:DESCRIBED_TIMED]
 
 
-def _most_of_a_stretch(normal: FloatArray, right: FloatArray) -> float:
+def _most_of_a_stretch(normal: FloatArray, right: FloatArray, squares: FloatArray) -> float:
     """The largest fall of the residual's squares by an entry over neighbouring parts of the record; normal equations of
-    its parts.
+    its parts, and their squares.
     """
     count = DESCRIBED_STRETCHES
     shape = (count, right.size // count)
@@ -315,19 +312,14 @@ def _most_of_a_stretch(normal: FloatArray, right: FloatArray) -> float:
     ends = itertools.combinations(range(count + 1), 2)
     joined = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends])
     of_each = np.einsum("wj,jakb,wk->wab", joined, normal, joined, optimize=True)
-    return float(np.max(_fall(of_each, joined @ right)))
+    values = solve_normal(of_each, joined @ right, joined @ squares.reshape(shape))
+    return float(np.max(np.sum((joined @ right) * values, axis=1)))
 
 
 def _neighbours(one: Entry, other: Entry) -> bool:
     """Whether two entries are the same at places next to each other."""
     placed = one.at is not None and other.at is not None
     return placed and abs(one.position - other.position) < DESCRIBED_NEIGHBOURS * max(one.spacing, other.spacing)
-
-
-def _fall(normal: FloatArray, right: FloatArray) -> FloatArray:
-    """Fall of the residual sum of squares by normal equations (..., columns, columns) and (..., columns)."""
-    inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
-    return np.asarray(np.einsum("...a,...ab,...b->...", right, inverse, right), dtype=float)
 
 
 def _columns(mechanism: str, entry: Entry, bases: _Bases) -> tuple[Regressor, ...]:
