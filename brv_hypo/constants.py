@@ -215,10 +215,8 @@ HELD_OUT_SIGMAS = 1.645
 # for eight stretches held out. The noise of the gyros, differentiated, may drown it.
 HELD_OUT_WORSE = 1.9
 HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that short correlations count
-# Share of the significance from which the fitted part leaves no doubt of an effect. A quarter of the record tells its
-# size worse than three quarters do: that it is there, and lowers the error, is enough then. Where the residual passes
-# for white nothing less counts: a test of whiteness asks for anything at all, and overlooks what the effect's own
-# column shows.
+# Share of the significance from which an effect counts where the residual passes for white: a test of whiteness asks
+# for anything at all, and overlooks what the effect's own column shows.
 LOOP_BEYOND_DOUBT = 1e-3
 LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
 LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it

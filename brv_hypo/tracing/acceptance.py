@@ -246,8 +246,6 @@ class Tried:
     candidate: Candidate
     before: Fit
     fit: Fit
-    certain: bool
-    """Whether the fitted part leaves no doubt of it."""
     has_tolerance: bool
     """Whether every fit has it within its tolerance."""
     gain: float | None = None
@@ -267,18 +265,16 @@ class Tried:
 
     @cached_property
     def score(self) -> float:
-        """Fall of the squared error of rates and force on the held-out part, in its standard errors.
+        """Fall of the squared error of moments and force on the held-out part, each over its noise, in standard errors.
 
-        Its noise is summed over clusters of neighbours (White, Econometrica 48:817, 1980). Every stretch has constants
-        of integration of its own.
+        Its noise is summed over clusters of neighbours (White, Econometrica 48:817, 1980).
         """
-        part, noise = self.before.data.held_out, self.before.problem.rows.noise
-        constants = part.constants()
-        levels = part.whitened(Histories(constants, np.zeros_like(constants)), noise)
+        part, sigma = self.before.data.held_out, self.before.problem.rows.noise.force.sigma
+        use = part.rows[self.before.left.usable[part.rows] & self.fit.left.usable[part.rows]]
 
         def error(fit: Fit) -> FloatArray:
-            rows = part.whitened(fit.rest.at(part.rows), noise)[:, 0]
-            return np.asarray(rows - levels @ np.linalg.lstsq(levels, rows, rcond=None)[0])
+            moments, force = fit.left.body[use] / fit.left.noise[use], fit.rest.force[part.rows][part.valid] / sigma
+            return np.concatenate([moments.real, moments.imag, force.real, force.imag])
 
         first, second = error(self.before), error(self.fit)
         products = (first - second) * second
@@ -301,17 +297,15 @@ class Tried:
     def agrees(self) -> bool:
         """Whether the held-out part agrees.
 
-        The moments' error has to fall, by how much matters little where the fitted part leaves no doubt. An error of
-        the record may show in the specific force alone, and must not make the moments significantly worse then. What
-        every fit has within its tolerance has nothing to predict that others within theirs could not: that it must be
-        larger is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the
-        record is read anew with the effect taken out, which the stretches' own scatter does not know of.
+        The error of moments and force has to fall significantly, and that of the moments alone, but for an error of the
+        record: it may show in the specific force, and must not make the moments significantly worse then. What every
+        fit has within its tolerance has nothing to predict that others within theirs could not: that it must be larger
+        is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
+        read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
         no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out.scatter)
         if self.has_tolerance:
             return no_worse
-        if self.ratio < 1.0 and self.certain:
-            return self.score >= 0.0
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
         return falls and self.score >= HELD_OUT_SIGMAS
 
@@ -353,16 +347,13 @@ class Choice:
         Where its residual is white, what is not beyond doubt does not: but an effect may still exceed the tolerance
         that every fit allows it.
         """
-        least, found = fit.data.source.config.significance, []
-        for each in self.ranked:
-            doubt = fit.residual.white and not self.is_certain(each, fit) and not has_tolerance(fit.problem, each.name)
-            if each.gain > 0.0 and each.fall >= LOOP_DETECTED and self.chances[each.name] <= least and not doubt:
+        found = []
+        for each in (each for each in self.ranked if each.gain > 0.0 and each.fall >= LOOP_DETECTED):
+            doubted = fit.residual.white and not has_tolerance(fit.problem, each.name)
+            beyond = LOOP_BEYOND_DOUBT if doubted else 1.0
+            if self.chances[each.name] <= beyond * fit.data.source.config.significance:
                 found.append(each)
         return found
-
-    def is_certain(self, candidate: Candidate, fit: Fit) -> bool:
-        """Whether the fitted part leaves no doubt of a candidate."""
-        return self.chances[candidate.name] <= LOOP_BEYOND_DOUBT * fit.data.source.config.significance
 
     @property
     def accepted(self) -> Tried | None:
@@ -431,19 +422,19 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             continue
-        tried.append(_try(fit, candidate, choice.is_certain(candidate, fit), beside))
+        tried.append(_try(fit, candidate, beside))
         if tried[-1].accepted or len(tried) == LOOP_TRIES:
             break
     return replace(choice, tried=tuple(tried))
 
 
-def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried:
+def _try(fit: Fit, candidate: Candidate, beside: Beside) -> Tried:
     """A candidate added to the model; weighed beside processes where the held-out part agrees with it."""
     added, before = with_candidate(fit, candidate), fit
     if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
         known = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
         before = replace(fit, known=np.array([*np.full(len(fit.model.columns), np.nan), *known]))
-    tried = Tried(candidate, before, added, certain, tolerance)
+    tried = Tried(candidate, before, added, tolerance)
     if not tried.agrees:
         return tried
     there, own = beside_processes(added, fit.model, added.data.fitted), added.model.added[-1]

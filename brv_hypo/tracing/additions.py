@@ -202,7 +202,7 @@ def forward(
             break
         own = offered.pop(best)
         chosen = (*chosen, *(columns[place] for place in own))
-        taken = solve_normal(products[np.ix_(own, own)], products[:, own], squares[own])
-        right, products = right - taken @ right[own], products - taken @ products[own]
+        made = solve_normal(products[np.ix_(own, own)], products[:, own], squares[own])
+        right, products = right - made @ right[own], products - made @ products[own]
         found.append(solved(reduced, name, mechanisms, (*problem.baseline, *chosen), searched))
     return found

@@ -48,12 +48,12 @@ def known(one: Found, **values: Any) -> Found:
     return other
 
 
-def judged(one: Any, score: float, ratio: float, certain: bool) -> Tried:
+def judged(one: Any, score: float, ratio: float) -> Tried:
     """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
     nothing: Any = None
     error = MomentErrors(np.ones(4), np.full(4, 0.25 / SCATTER**2))
     before: Any = SimpleNamespace(held_out=error)
-    tried = Tried(one, before, nothing, certain, has_tolerance=False)
+    tried = Tried(one, before, nothing, has_tolerance=False)
     return known(tried, score=score, ratio=ratio, ratio_error=0.1)
 
 
@@ -76,8 +76,8 @@ def fit_beside_nothing(white: bool = False, scheduled: bool = True) -> Any:
 def chosen(found: list[Candidate], accepted: str, monkeypatch: pytest.MonkeyPatch, **beside: bool) -> Choice:
     """The choice where the held-out part agrees with `accepted` alone."""
 
-    def tried(fit: Any, one: Candidate, certain: bool, beside: Any) -> Tried:
-        return judged(one, 5.0 if one.name == accepted else -1.0, 0.5, certain)
+    def tried(fit: Any, one: Candidate, beside: Any) -> Tried:
+        return judged(one, 5.0 if one.name == accepted else -1.0, 0.5)
 
     monkeypatch.setattr(acceptance, "_try", tried)
     return beside_nothing(*found, **beside)
@@ -87,7 +87,7 @@ def chosen(found: list[Candidate], accepted: str, monkeypatch: pytest.MonkeyPatc
 def test_a_name_outside_the_family_that_explains_most_is_refused_and_a_description_is_not(
     name: str, accepted: bool
 ) -> None:
-    tried = known(judged(candidate(name, 90.0), 5.0, 0.5, certain=True), gain=0.0)
+    tried = known(judged(candidate(name, 90.0), 5.0, 0.5), gain=0.0)
     assert tried.accepted
     assert known(tried, may_be_named=False).accepted is accepted
 
@@ -173,15 +173,7 @@ def test_errors_of_the_record_may_leave_the_moments_as_they_are(
     of_record: bool, fell: float, ratio: float, accepted: bool
 ) -> None:
     one = SimpleNamespace(effect=object() if of_record else None)
-    assert judged(one, fell, ratio, certain=False).accepted is accepted
-
-
-@pytest.mark.parametrize(("fell", "ratio", "accepted"), [(0.1, 0.99, True), (-0.1, 0.99, False), (0.1, 1.01, False)])
-def test_what_the_fitted_part_leaves_no_doubt_of_has_to_lower_the_held_out_error_at_all(
-    fell: float, ratio: float, accepted: bool
-) -> None:
-    one = SimpleNamespace(effect=None)
-    assert judged(one, fell, ratio, certain=True).accepted is accepted
+    assert judged(one, fell, ratio).accepted is accepted
 
 
 @pytest.mark.parametrize(("p_value", "tried"), [(1e-9, ["lag"]), (1e-4, [])])
@@ -206,13 +198,13 @@ def test_a_schedule_comes_before_jumps_where_the_model_has_none(
 @pytest.mark.parametrize(("ratio", "expected"), [(1.0 + 0.9 * SCATTER, True), (1.0 + 1.1 * SCATTER, False)])
 def test_moments_worse_by_less_than_noise_scatters_their_error_are_not_worse(ratio: float, expected: bool) -> None:
     one: Any = SimpleNamespace(effect=object())
-    tried = known(judged(one, 8.0, ratio, certain=True), ratio_error=0.001, has_tolerance=True)
+    tried = known(judged(one, 8.0, ratio), ratio_error=0.001, has_tolerance=True)
     assert tried.accepted is expected
 
 
 @pytest.mark.parametrize(("gain", "accepted"), [(None, True), (0.1, True), (-0.9, True), (-1.1, False)])
 def test_what_processes_explain_far_better_is_not_taken(gain: float | None, accepted: bool) -> None:
-    one = known(judged(candidate("lag", 90.0), 5.0, 0.5, certain=True), gain=gain and SPECIFIC * gain)
+    one = known(judged(candidate("lag", 90.0), 5.0, 0.5), gain=gain and SPECIFIC * gain)
     assert one.agrees
     assert one.accepted is accepted
     assert known(one, has_tolerance=True).accepted is (accepted and not (gain is not None and gain < 0.0))
