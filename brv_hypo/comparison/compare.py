@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig, CompareSettings
-from brv_hypo.comparison.diagnostics import best_by_size, diagnostics
+from brv_hypo.comparison.diagnostics import best_by_size, diagnostics, events_apart
 from brv_hypo.comparison.intervals import out_of_bounds
 from brv_hypo.comparison.judgement import (
     Hypotheses,
@@ -183,7 +183,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     if beyond := beyond_text(known["record_errors"], verdict.outcome):
         warnings = (*warnings, beyond)
     sized = best_by_size(problem, fits, criteria[beside.null])
-    return comparison.model_copy(update={**known, "best_by_size": sized, "warnings": warnings})
+    about = {"best_by_size": sized, "warnings": (*warnings, *events_apart(beside))}
+    return comparison.model_copy(update={**known, **about})
 
 
 def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verdict:

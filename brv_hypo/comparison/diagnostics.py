@@ -21,6 +21,7 @@ from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.common_time import at
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import plane_from_body
@@ -28,6 +29,7 @@ from brv_hypo.subset.criteria import Criteria
 
 _CHANNELS = ("q", "r", "ay", "az")  # in the order of the rows of a residual
 MOST_DRAWN = 10_000  # samples of a stretch of time up to which all are drawn
+APART_SIGMAS = 3.0  # by which an event comes off the time of all flights, from which it is said
 _TIMES = 100  # at which histories of processes are evaluated: three for each spline of the fastest
 
 
@@ -77,6 +79,25 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
         if items[k].stated
     ]
     return tuple(sorted(found, key=lambda each: -abs(each.tolerances)))
+
+
+def events_apart(judged: Judged) -> tuple[str, ...]:
+    """Which changes of the leader come significantly earlier or later on a flight than on all in the mean."""
+    own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
+    knots = [each for each in fit.nonlinear if each.kind == "knot"]
+    if len(own.rows.blocks) < 2 or not knots:
+        return ()
+    late, sigmas = own.events_apart
+    step = max(each.flight.step for each in fit.frame.reconstructions)  # within which filters of sensors shift a jump
+    sigmas = np.hypot(sigmas / np.sqrt(judged.weight), step / np.sqrt(12.0))
+    return tuple(
+        f"the change of {fit.selected[knot.columns[0]].term} at {at(fit.frame.common, knot.value)} comes "
+        f"{abs(late[k, flight]):.3f} s {'later' if late[k, flight] > 0.0 else 'earlier'} on flight {flight + 1} "
+        f"than on all in the mean (sigma {sigmas[k, flight]:.3f} s)"
+        for k, knot in enumerate(knots)
+        for flight in range(late.shape[1])
+        if abs(late[k, flight]) > APART_SIGMAS * sigmas[k, flight]
+    )
 
 
 def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:

@@ -138,10 +138,12 @@ class Evidence(_Integrated):
     def share_of_terms(self) -> float:
         """Of the squares that terms and processes make beside the baseline, those that terms make.
 
-        Those that processes make of noise alone do not count: its square for every degree of freedom that they take.
+        Terms as they are with knots and delays where they are. Squares that processes make of noise alone do not count:
+        its square for every degree of freedom that they take.
         """
-        chosen = np.flatnonzero(self.terms.scaled)
-        made = self.terms.x[:, chosen] @ self.solution.border[self.rows.shared.shape[1] + chosen]
+        known, terms = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
+        values = self.values_without(range(terms, self.terms.known))[known : known + terms]
+        made = self.terms.x[:, :terms] @ values
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
@@ -229,10 +231,15 @@ class Evidence(_Integrated):
 
     @property
     def events_apart(self) -> tuple[FloatArray, FloatArray]:
-        """By how much knots of several flights come later on each, s (knots, flights), and their standard errors."""
+        """By how much knots of several flights come later on each than on all in the mean, s (knots, flights), and
+        their standard errors.
+        """
         first, flights = self.rows.shared.shape[1] + self.terms.known, len(self.rows.blocks)
-        sigmas = self.noise * np.sqrt(np.diag(self.solution.covariance)[first:])
-        return self.solution.border[first:].reshape(-1, flights), sigmas.reshape(-1, flights)
+        count = self.terms.apart // flights
+        beyond = np.kron(np.eye(count), np.eye(flights) - 1.0 / flights)
+        covariance = beyond @ self.solution.covariance[first:, first:] @ beyond
+        sigmas = self.noise * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return (beyond @ self.solution.border[first:]).reshape(count, flights), sigmas.reshape(count, flights)
 
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""

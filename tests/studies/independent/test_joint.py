@@ -45,6 +45,15 @@ def test_a_mechanism_at_mach_numbers_is_named_and_placed(vehicle: str, truth: st
     assert {edge for region in regions for edge in region} == {knot.time_s for knot in knots}
 
 
+@pytest.mark.thorough
+def test_events_off_one_mach_number_are_named_too_and_said() -> None:
+    """On the second flight the damping begins 41 ms early."""
+    made = fly_several("cone", "damping", 3002, apart=0.04)
+    comparison = compare([each.flight for each in made], CompareConfig(mechanisms=LISTED, maximum_likelihood="none"))
+    assert comparison.verdict.winner == "damping"
+    assert any("C_damping" in text and "on flight 2 than on all" in text for text in comparison.warnings)
+
+
 def _reconstruction(**channels: object) -> Reconstruction:
     found = problem().frame.reconstructions[0]
     return replace(found, flight=replace(found.flight, **channels))  # type: ignore[arg-type]
