@@ -141,9 +141,9 @@ class Evidence(_Integrated):
         Terms as they are with knots and delays where they are. Squares that processes make of noise alone do not count:
         its square for every degree of freedom that they take.
         """
-        known, terms = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
-        values = self.values_without(range(terms, self.terms.known))[known : known + terms]
-        made = self.terms.x[:, :terms] @ values
+        known, count = self.rows.coefficients.shape[0], int(np.sum(self.terms.scaled))
+        values = self.values_without(range(count, self.terms.known))[known : known + count]
+        made = self.terms.x[:, :count] @ values
         terms, processes = (float(np.sum(self.rows.beside_baseline(part) ** 2)) for part in (made, self._of_processes))
         freedom = sum(float(np.sum(1.0 - own.variances)) for own in self.processes)
         return terms / max(terms + max(processes - self.noise**2 * freedom, 0.0), 1e-300)
