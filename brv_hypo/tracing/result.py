@@ -171,7 +171,7 @@ class Step(NullIsNaN):
     those that explain any, with intervals and the histories of processes. `unwanted`: what is refused as processes
     explain the record far better; `evidence_gain`: the log evidence that what was added gains beside them, nats.
     `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
-    `held_out_score` the fall of the held-out error in both channels in its standard errors.
+    `held_out_score` the fall of that of moments and force in its standard errors.
     """
 
     step: int
