@@ -51,6 +51,14 @@ class _Solution(NamedTuple):
     covariance: FloatArray
 
 
+class _Without(NamedTuple):
+    """Of the rows without a stretch of time: minus log p, `values` and their covariance."""
+
+    cost: float
+    values: FloatArray
+    covariance: FloatArray
+
+
 class _OfProcesses(NamedTuple):
     """Of one flight the standardised a at its mode, with its variances under noise of 1."""
 
@@ -293,34 +301,35 @@ class Evidence(_Integrated):
         correlation = np.sqrt(np.array(squares).T / np.maximum(variance, 1e-300)[:, np.newaxis])
         return shared @ found.border + own @ of_flight.mode, self.noise * np.sqrt(variance), correlation
 
-    @cached_property
+    @property
     def held_out(self) -> FloatArray:
-        """Log predictive density of each stretch of time given the others (stretches,).
-
-        What is left out of one flight changes nothing of the others' elimination.
-        """
-        costs = np.array([_value(rest, self.rows, found, self.at) for rest, found in self._without_stretches])
-        return costs - _value(self.products, self.rows, self.solution, self.at)
+        """Log predictive density of each stretch of time given the others (stretches,)."""
+        return np.array([each.cost for each in self._without_stretches]) - _value(
+            self.products, self.rows, self.solution, self.at
+        )
 
     def left_out(self, weight: float) -> LeftOut:
         """`values` without each stretch of time, at the same amplitudes; a nat counts as `weight` in errors."""
-        made, own = self._values_of_border, self.solution
-        found = [each for _, each in self._without_stretches]
-        changes = np.array([each.border - own.border for each in found]) @ made.T
-        growths = [made @ (each.covariance - own.covariance) @ made.T for each in found]
-        return LeftOut(changes, self.noise**2 / weight * np.array(growths))
+        changes = np.array([each.values for each in self._without_stretches]) - self.values
+        covariances = np.array([each.covariance for each in self._without_stretches])
+        return LeftOut(changes, (covariances - self.covariance) / weight)
 
     @cached_property
-    def _without_stretches(self) -> tuple[tuple[Products, _Solution], ...]:
-        """The scalar products of all rows but those of each stretch of time, and what is found of them."""
-        known = _eliminated(self.products, self.rows, self.at)
+    def _without_stretches(self) -> tuple[_Without, ...]:
+        """What is known without each stretch of time.
 
-        def found(rest: Products) -> _Solution:
+        What is left out of one flight changes nothing of the others' elimination.
+        """
+        known, made = _eliminated(self.products, self.rows, self.at), self._values_of_border
+
+        def without(stretch: Products) -> _Without:
+            rest = self.products.less(stretch.beside(self.rows, self.terms.x))
             parts = {**known, **_eliminated(rest, self.rows, self.at)}
-            return _solved(rest, parts, self.rows, self.terms, self.at)
+            found = _solved(rest, parts, self.rows, self.terms, self.at)
+            covariance = self.noise**2 * made @ found.covariance @ made.T
+            return _Without(_value(rest, self.rows, found, self.at), made @ found.border, covariance)
 
-        rests = (self.products.less(each.beside(self.rows, self.terms.x)) for each in self.rows.stretch_products)
-        return tuple((rest, found(rest)) for rest in rests)
+        return tuple(without(stretch) for stretch in self.rows.stretch_products)
 
     @cached_property
     def _factors(self) -> dict[int, _Factor]:
