@@ -50,9 +50,9 @@ from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
-from brv_hypo.tracing.baseline import has_schedule
+from brv_hypo.tracing.baseline import has_schedule, scheduled
 from brv_hypo.tracing.families import Beside, beside_processes
-from brv_hypo.tracing.fit import Fit, correct, fitted_about, has_tolerance
+from brv_hypo.tracing.fit import Fit, converged_from, correct, fitted_about, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
 
 # ---- One effect as fitted ----
@@ -216,12 +216,17 @@ def ranked(candidates: Sequence[Candidate], scheduled: bool) -> tuple[Candidate,
 
 
 def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
-    """The model with a candidate added, fitted to the fitted part of the flights about the same point."""
+    """The model with a candidate added, fitted to the fitted part of the flights about the same point.
+
+    Beside a first schedule by Mach number, which the model then has smooth, the errors of the record are others.
+    """
     found = candidate.fit
     if candidate.effect is None:
         known = {mechanism.name: mechanism for mechanism in found.mechanisms}
         model = fit.model + Model(mechanisms=known, columns=found.selected, added=(candidate.name,))
         data = replace(fit.data, frame=found.frame)
+        if candidate.follows == "mach" and not has_schedule(fit.model):
+            return converged_from(fitted_about(data, scheduled(model, data)))
         return Fit(model, data, replace(fit.problem, frame=found.frame, baseline=model.columns), fit.linear)
     applied = []
     for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):

@@ -35,8 +35,9 @@ from brv_hypo.linearisation.channels import Histories, Part
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.mechanisms.contract import MomentProcess, Process, rms_of_shapes
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
+from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Applied, Model
-from brv_hypo.model.term import Regressor, evaluated, summed
+from brv_hypo.model.term import Regressor, TimeBasis, evaluated, summed, term_column
 from brv_hypo.motion.motion import Motion
 from brv_hypo.thresholds import FAMILY_MAJORITY, FAMILY_SIGNIFICANT, SPECIFIC
 from brv_hypo.tracing.fit import Fit, has_tolerance
@@ -229,6 +230,12 @@ def beside_processes(
         moves = [k for k, each in enumerate(point.nonlinear) if set(each.columns) <= set(places)]
         terms[name] = every.only([*places, *(len(added) + k for k in moves)])
         families[name] = _family_of(point, motions, name)
+    if SlopeSchedule.name in model.mechanisms.keys() - before.mechanisms.keys():  # it is of the effect that follows it
+        effect, schedule = next(m.name for m in mechanisms if m.follows == "mach"), model.mechanisms[SlopeSchedule.name]
+        always, frame = TimeBasis("constant"), rows.frame.with_mechanisms([schedule])
+        x = rows.of_moments(frame, [term_column(schedule, t, (), always) for t in schedule.terms(motions[0], {})])
+        spread = np.array(schedule.tolerance(data.flights[0]))
+        terms[effect] = terms[effect].beside(Terms(x, spread, np.zeros(spread.size, dtype=bool)))
     shift = np.zeros(rows.y.size)
     for name in dict.fromkeys(each.effect.name for each in applied):
         own = [each for each in applied if each.effect.name == name]

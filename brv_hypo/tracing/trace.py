@@ -35,7 +35,7 @@ from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
 from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded
 from brv_hypo.tracing.additions import analyse_step
-from brv_hypo.tracing.baseline import has_schedule, is_bend, scheduled, start_model
+from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, converged_from, correct, fitted_about
@@ -214,10 +214,7 @@ def _turn(
     step, after = step_of(number, here, choice, before), None
     if choice.accepted is not None:
         # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-        after = choice.accepted.fit
-        if choice.accepted.candidate.follows == "mach" and not has_schedule(here.model):
-            after = fitted_about(after.data, scheduled(after.model, after.data))
-        after = converged_from(after)
+        after = converged_from(choice.accepted.fit)
         earlier = [each.added for each in before if each.added is not None and each.added != step.added]
         if gone := unwanted(after, earlier):
             after = converged_from(fitted_about(after.data, after.model.without(gone)))
