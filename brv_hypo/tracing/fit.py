@@ -7,7 +7,7 @@ are nearly taken out, and about the model's own coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -396,24 +396,23 @@ def converged_from(fit: Fit) -> Fit:
     anything. Where it fits worse, much is unexplained, errors far beyond their tolerances are linear about no point,
     and the next is as good as chance.
     """
-    for _ in range(MODEL_LINEARISATIONS):
-        nearer = _without_its_errors(fit)
-        fall = fit.errors.mean_square / nearer.errors.mean_square
-        if fall < 1.0 / MODEL_TRIFLE:  # the record has none of the errors; what was found of the vehicle's moments acts
-            fit = _with_its_vehicle(fit)
-            break
-        fit = nearer
-        if fall < MODEL_TRIFLE:
-            break
-    for _ in range(MODEL_OWN_POINTS):
-        nearer = fitted_about(fit.data, fit.model, fit.values)
+    fit, worse = _while_better(fit, _without_its_errors, MODEL_LINEARISATIONS)
+    if worse:  # the record has none of the errors; what was found of the vehicle's moments acts
+        fit = _with_its_vehicle(fit)
+    return _while_better(fit, lambda own: fitted_about(own.data, own.model, own.values), MODEL_OWN_POINTS)[0]
+
+
+def _while_better(fit: Fit, step: Callable[[Fit], Fit], most: int) -> tuple[Fit, bool]:
+    """The fit after some steps, while these improve it; and whether a further one would make it worse."""
+    for _ in range(most):
+        nearer = step(fit)
         fall = fit.errors.mean_square / nearer.errors.mean_square
         if fall < 1.0 / MODEL_TRIFLE:
-            break
+            return fit, True
         fit = nearer
         if fall < MODEL_TRIFLE:
             break
-    return fit
+    return fit, False
 
 
 def _found(fit: Fit) -> list[Errors]:
