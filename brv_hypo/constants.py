@@ -179,7 +179,6 @@ MODEL_LINEARISATIONS = 2  # with what the tolerances allow taken out of the reco
 MODEL_PLAUSIBLE = 3.0
 MODEL_MOMENT_ROUNDS = 2  # of the in-plane moment that a delay looks back to, and of the columns that make it
 MODEL_OWN_POINTS = 4  # linearisations about a model's own coefficients at most, while what is left falls
-MODEL_CORRECTIONS = 2  # of the values of record effects, in the end
 MODEL_TRIFLE = 1.01  # over the mean square before: 1 % is what noise moves it by
 SCHEDULE_TRIFLE = 0.01  # of the static moment, below which a schedule's part of it is held to be none
 FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where families are compared: as of the damping
@@ -199,14 +198,12 @@ DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
 DESCRIBED_TIMED = 3
 DESCRIBED_STRETCHES = 8
 DESCRIBED_NEIGHBOURS = 1.5  # spacings within which two entries are one
-DESCRIBED_FREE = 1e-4  # of a column's length, that the model has to leave of it
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
 # Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
 # would describe better.
 DESCRIBED_SHARP = 0.1
 DESCRIBED_GRADUAL = 0.3
 DESCRIBED_SLOW = 1.0
-DESCRIBED_HATS = 8  # places of a hat, each as wide as the way to the next
 
 # ---- Loop: choice, findings and hints ----
 
@@ -218,19 +215,15 @@ HELD_OUT_SIGMAS = 1.645
 # for eight stretches held out. The noise of the gyros, differentiated, may drown it.
 HELD_OUT_WORSE = 1.9
 HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that short correlations count
-# Share of the significance from which the fitted part leaves no doubt of an effect. A quarter of the record tells its
-# size worse than three quarters do: that it is there, and lowers the error, is enough then. Where the residual passes
-# for white nothing less counts: a test of whiteness asks for anything at all, and overlooks what the effect's own
-# column shows.
+# Share of the significance from which an effect counts where the residual passes for white: a test of whiteness asks
+# for anything at all, and overlooks what the effect's own column shows.
 LOOP_BEYOND_DOUBT = 1e-3
-LOOP_WITH_EVIDENCE = 8  # candidates that lead, each of which is fitted beside processes
 LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
 LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it
 # Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
 # all a function of Mach number, and jumps in time describe any smooth change.
 LOOP_SCHEDULE = 0.5
 LOOP_REPEATED_BLOCKS = (0.75, 1.25)  # of the configured number
-LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
 FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
 FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import IntArray
+from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.comparison.intervals import estimate, intervals
 from brv_hypo.comparison.result import (
     BaselineSummary,
@@ -29,12 +29,15 @@ from brv_hypo.identification import Identification
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.io.text import hypothesis, times
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
+from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import BASELINE, Regressor, Vector, evaluated
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
+_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 
@@ -104,7 +107,7 @@ def summarise(
             phi_w_rms_sigma_rad=float(np.sqrt(np.mean([r.phi_w_rms_sigma**2 for r in reconstructions]))),
             warnings=tuple(dict.fromkeys(w for r in reconstructions for w in r.warnings)),
         ),
-        baseline=BaselineSummary(terms=_terms(fits[order[0]], range(fits[order[0]].baseline_size))),
+        baseline=BaselineSummary(terms=_terms(fits[order[0]], slice(fits[order[0]].baseline_size))),
         ranking=ranking,
         verdict=verdict,
         seconds=seconds,
@@ -179,7 +182,7 @@ def _ranked(
         log_likelihood=-0.5 * fit.effective * (np.log(2.0 * np.pi * variance) + 1.0),
         n_terms=len(fit.selected),
         n_effective=fit.effective,
-        terms=_terms(fit, range(fit.baseline_size, len(fit.columns))),
+        terms=_terms(fit, slice(fit.baseline_size, None)),
         intervals=intervals(fit),
         derived=_derived(fit),
         knots=_knots(fit),
@@ -188,26 +191,38 @@ def _ranked(
     )
 
 
-def _terms(fit: HypothesisFit, indices: Sequence[int]) -> tuple[TermEstimate, ...]:
-    found = []
-    for j in indices:
-        column, value = fit.columns[j], float(fit.values[j])
-        sigma = float(np.sqrt(max(fit.covariance[j, j], 0.0)))
-        mechanism = BASELINE if j < fit.baseline_size else column.mechanism
+def estimates(
+    columns: Sequence[Regressor], values: FloatArray, covariance: FloatArray, frame: RateFrame
+) -> tuple[TermEstimate, ...]:
+    """Coefficients (columns,) with the standard errors of their covariance, as a result has them."""
+    sigmas, found = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), []
+    for column, value, sigma in zip(columns, values.tolist(), sigmas, strict=True):
+        mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
         where = {
-            "channel": channel_of(column, fit.frame.mechanisms, fit.frame.motions[0]),
-            "region_s": _region(fit, column),
+            "channel": channel_of(column, frame.mechanisms, frame.motions[column.flight or 0]),
+            "region_s": _region(frame, column),
             "delay_s": column.delay,
         }
-        found.append(estimate(column.label, mechanism, value, sigma, column.units, **where))
+        label = column.label + of_flight(frame, column.flight)
+        found.append(estimate(label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
 
 
-def _region(fit: HypothesisFit, column: Regressor) -> tuple[float, float] | None:
+def of_flight(frame: RateFrame, number: int | None) -> str:
+    """Which flight a term is of, where there are several; counted from 1."""
+    return "" if number is None or len(frame.motions) == 1 else f" [flight {number + 1}]"
+
+
+def _terms(fit: HypothesisFit, indices: slice) -> tuple[TermEstimate, ...]:
+    """Some of the coefficients of a fit."""
+    return estimates(fit.columns[indices], fit.values[indices], fit.covariance[indices, indices], fit.frame)
+
+
+def _region(frame: RateFrame, column: Regressor) -> tuple[float, float] | None:
     """Where the column acts, in the time that courses are told in (s); None where it does everywhere."""
     if column.time_basis.kind == "constant":
         return None
-    time = fit.frame.coefficient_time
+    time = frame.coefficient_time if column.flight is None else frame.motions[column.flight].time
     return max(column.time_basis.start, float(time.min())), min(column.time_basis.stop, float(time.max()))
 
 
@@ -216,7 +231,7 @@ def _knots(fit: HypothesisFit) -> tuple[Knot, ...]:
     common = fit.frame.common
     if common is None:
         return ()
-    edges = {edge for column in fit.selected for edge in _region(fit, column) or ()}
+    edges = {edge for column in fit.selected for edge in _region(fit.frame, column) or ()}
     return tuple(
         Knot(
             time_s=edge,
@@ -239,7 +254,7 @@ def _likelihood(fit: HypothesisFit, identification: Identification | None) -> Ma
         joint_covariance=identification.covariance,
         left_out=None,
     )
-    block = likelihood_block(identification, _terms(refined, range(fit.baseline_size, len(fit.columns))))
+    block = likelihood_block(identification, _terms(refined, slice(fit.baseline_size, None)))
     return block.model_copy(update={"knots": _knots(refined)})
 
 

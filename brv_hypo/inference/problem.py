@@ -279,10 +279,10 @@ class Problem:
 
     def projected_baseline(self, frame: RateFrame) -> ProjectedBaseline:
         """The baseline as this frame sees it: most frames differ in other columns, and see the same."""
-        if frame.same_motions(self.frame) and all(
-            isinstance(frame.mechanisms[column.mechanism], StaticMoment | PitchDamping | GivenColumns)
-            for column in self.baseline
-        ):
+        known = {name: frame.mechanisms[name] for name in {column.mechanism for column in self.baseline}}
+        same = frame.finer is self.frame.finer and all(known[name] is self.frame.mechanisms.get(name) for name in known)
+        whatever = all(isinstance(each, StaticMoment | PitchDamping | GivenColumns) for each in known.values())
+        if same or (whatever and frame.same_motions(self.frame)):
             return self._own_baseline
         return self._project_baseline(frame)
 

@@ -122,6 +122,16 @@ class RateFrame:
         """Index of the flight of each row (rows,)."""
         return np.concatenate([np.full(segment.time.size, segment.flight) for segment in self.segments])
 
+    def span(self, flight: int) -> slice:
+        """The rows of one flight."""
+        own = [piece for segment, piece in zip(self.segments, self.pieces, strict=True) if segment.flight == flight]
+        return slice(own[0][0], own[-1][1]) if own else slice(0, 0)
+
+    def samples(self, flight: int) -> IntArray:
+        """The sample of a flight that each of its rows is."""
+        rows = [np.arange(s.rows.start, s.rows.stop) for s in self.segments if s.flight == flight]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *rows])
+
     def columns(self, columns: Sequence[Regressor]) -> ComplexArray:
         """Integrated rate histories (rows, columns) per unit of each coefficient, rad/s."""
         out = np.empty((self.observed.size, len(columns)), dtype=complex)
@@ -325,6 +335,16 @@ class ResidualMoments:
     body: ComplexArray
     usable: BoolArray
     noise: FloatArray
+
+    def mean_square(self, rows: BoolArray | IntArray | slice) -> float:
+        """Of either coefficient, over some rows as far as they are usable; 0 where none is."""
+        found = self.body[rows][self.usable[rows]]
+        return float(np.mean(np.abs(found) ** 2) / 2.0) if found.size else 0.0
+
+    def mean_square_of_noise(self, rows: BoolArray | IntArray | slice) -> float:
+        """Of its noise over the same."""
+        found = self.noise[rows][self.usable[rows]]
+        return float(np.mean(found**2)) if found.size else 0.0
 
 
 def residual_moments(frame: RateFrame, records: Sequence[InertialRecord], rates: ComplexArray) -> ResidualMoments:

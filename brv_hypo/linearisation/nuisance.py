@@ -19,7 +19,7 @@ from brv_hypo.linearisation.channels import Histories, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.propagated_motion import MOTION
 from brv_hypo.linearisation.response import LinearisedFlight
-from brv_hypo.mechanisms.contract import Mechanism, RecordEffect, RecordProcess
+from brv_hypo.mechanisms.contract import Component, Mechanism, RecordEffect, RecordProcess
 from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid, full_grid
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
@@ -51,10 +51,6 @@ class FlightHistories:
     def all_of(self, kept: Histories) -> Histories:
         """All rows of the flight of those that are kept."""
         return Histories(self.grid.all_of(kept.rates), self.grid.all_of(kept.force))
-
-    def of(self, history: Histories) -> Histories:
-        """What is kept of a history on the rows of the flight."""
-        return Histories(self.grid.of(history.rates), self.grid.of(history.force))
 
     def beside(self, more: Mapping[int, Histories]) -> FlightHistories:
         """With what is kept of further unknowns, by their places."""
@@ -100,6 +96,9 @@ class Nuisance:
         """A fitted value with what was taken out before, in `units`."""
         return fitted * self.size + (self.applied or 0.0)
 
+
+KnownHistories = dict[tuple[int, str, str], Histories]
+"""What is kept of a record effect's histories, by flight, effect with its settings, and component."""
 
 Errors = Mapping[tuple[str, str], float]
 """Values (SI) of one flight's errors, by effect (or mechanism) and component (or term)."""
@@ -163,50 +162,61 @@ def nuisances(
     vehicle: Sequence[Mechanism],
     free: Sequence[Mapping[tuple[str, str], RecordEffect]] | None = None,
     corrections: Sequence[Errors] | None = None,
+    known: KnownHistories | None = None,
 ) -> Nuisances:
     """Motion, normal force and record effects of every flight, and what the vehicle's tolerances allow.
 
     `vehicle` are mechanisms that state a tolerance; `free`, one a flight, the effect of each (effect, component) that
     has no prior there, in place of that of the same name; `corrections`, one a flight, what was taken out of its record
-    before. What has no influence on a flight is left out.
+    before. What has no influence on a flight is left out. `known`: histories about the same point, to which those that
+    it lacks are added.
     """
-    before = corrections or tuple({} for _ in flights)
+    before, known = corrections or tuple({} for _ in flights), {} if known is None else known
     items: list[Nuisance] = []
     found: list[FlightHistories] = []
     for number, linearised in enumerate(flights):
-        flight, samples = linearised.record.flight, _samples(frame, number)
-        of_record = _of_record(number, linearised, effects, free[number] if free else {}, before[number])
-        on_rows = (
-            (item, history.at(samples), None if noise is None else noise[samples]) for item, history, noise in of_record
+        flight, samples, grid = linearised.record.flight, frame.samples(number), _grid(frame, number, linearised)
+        motion = (
+            (item, _kept(grid, history.at(samples)), None if noise is None else grid.of(noise[samples]))
+            for item, history, noise in _of_motion(number, linearised)
         )
-        each_flight = [mechanism for mechanism in vehicle if mechanism.of_each_flight(flight)]
-        of_vehicle = ((*each, None) for mechanism in each_flight for each in _tolerated(frame, number, mechanism))
-        grid, rows, noises = _grid(frame, number, linearised), dict[int, Histories](), dict[int, ComplexArray]()
-        for item, history, noise in itertools.chain(on_rows, of_vehicle):
+        errors = _of_record(number, linearised, effects, free[number] if free else {}, before[number])
+        missing = [each for each in errors if (number, repr(each[0]), each[1].name) not in known]
+        changes = linearised.effects((effect, component.name, component.size) for effect, component, _ in missing)
+        for (effect, component, _), history in zip(missing, changes, strict=True):
+            known[number, repr(effect), component.name] = _kept(grid, history.at(samples))
+        of_record = ((item, known[number, repr(effect), component.name], None) for effect, component, item in errors)
+        of_vehicle = (
+            (item, _kept(grid, history), None)
+            for mechanism in vehicle
+            if mechanism.of_each_flight(flight)
+            for item, history in _tolerated(frame, number, mechanism)
+        )
+        rows, noises = dict[int, Histories](), dict[int, ComplexArray]()
+        for item, history, noise in itertools.chain(motion, of_record, of_vehicle):
             if np.any(history.rates) or np.any(history.force):
                 if noise is not None:
-                    noises[len(items)] = grid.of(noise)
-                rows[len(items)] = Histories(grid.of(history.rates), grid.of(history.force))
+                    noises[len(items)] = noise
+                rows[len(items)] = history
                 items.append(item)
         nothing = np.zeros((grid.size, 0), dtype=complex)
         walks, noise = np.array(list(noises), dtype=np.int64), np.column_stack([nothing, *noises.values()])
-        empty = FlightHistories(_span(frame, number), grid, walks[:0], Histories(nothing, nothing), walks, noise)
+        empty = FlightHistories(frame.span(number), grid, walks[:0], Histories(nothing, nothing), walks, noise)
         found.append(empty.beside(rows))
-    known = Nuisances(tuple(items), frame.observed.size, tuple(found))
+    whole = Nuisances(tuple(items), frame.observed.size, tuple(found))
     for mechanism in vehicle:
         if not mechanism.of_each_flight(flights[0].record.flight):
-            known = with_shared(known, frame, mechanism)
-    return known
+            whole = with_shared(whole, frame, mechanism)
+    return whole
 
 
-def _of_record(
-    number: int,
-    linearised: LinearisedFlight,
-    effects: Sequence[RecordEffect],
-    free: Mapping[tuple[str, str], RecordEffect],
-    before: Errors,
-) -> Iterator[tuple[Nuisance, Histories, ComplexArray | None]]:
-    """Motion, normal force and errors of one record: the history (n,) of each, and the noise (n,) in it."""
+def _kept(grid: DecimatedGrid, history: Histories) -> Histories:
+    """What is kept of a history on the rows of a flight."""
+    return Histories(grid.of(history.rates), grid.of(history.force))
+
+
+def _of_motion(number: int, linearised: LinearisedFlight) -> Iterator[tuple[Nuisance, Histories, ComplexArray | None]]:
+    """Motion and normal force of one flight: the history (n,) of each, and the noise (n,) in it."""
     for name, history, value in linearised.start_and_gravity():
         yield Nuisance(MOTION, name, number, "1", 1.0, value), history, None
     for name, history, value, noise in linearised.random_walk():
@@ -217,6 +227,16 @@ def _of_record(
     force = linearised.force.columns(linearised.record, linearised.crossflow)
     for k, column in enumerate(force.T):
         yield Nuisance("force", str(k), number, "1", 1.0, np.nan), Histories(np.zeros_like(column), column), None
+
+
+def _of_record(
+    number: int,
+    linearised: LinearisedFlight,
+    effects: Sequence[RecordEffect],
+    free: Mapping[tuple[str, str], RecordEffect],
+    before: Errors,
+) -> list[tuple[RecordEffect, Component, Nuisance]]:
+    """The errors of one record that are fitted along."""
     without_prior = {name: effect for (name, _), effect in free.items()}
     wanted = [
         (effect, component)
@@ -224,13 +244,14 @@ def _of_record(
         for component in effect.components(linearised.record.flight)
         if effect.carried or isinstance(effect, RecordProcess) or (effect.name, component.name) in free
     ]
-    changes = linearised.effects((effect, component.name, component.size) for effect, component in wanted)
-    corrected = {(each.effect, each.component): each.value for each in linearised.reconstruction.effects}
-    for (effect, component), history in zip(wanted, changes, strict=True):
+    corrected, found = {(each.effect, each.component): each.value for each in linearised.reconstruction.effects}, []
+    for effect, component in wanted:
         key, size = (effect.name, component.name), component.size
         applied = corrected.get(key, 0.0) + before.get(key, 0.0)
         present = np.nan if key in free else -applied / size
-        yield Nuisance(*key, number, component.units, size, present, applied, key not in free), history, None
+        item = Nuisance(*key, number, component.units, size, present, applied, key not in free)
+        found.append((effect, component, item))
+    return found
 
 
 def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nuisances:
@@ -238,7 +259,9 @@ def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nui
     found = [_tolerated(frame, number, mechanism, shared=True) for number in range(len(known.flights))]
     acting = [each for each in zip(*found, strict=True) if any(np.any(history.rates) for _, history in each)]
     flights = [
-        own.beside({place: own.of(each[number][1]) for place, each in enumerate(acting, start=len(known.items))})
+        own.beside(
+            {place: _kept(own.grid, each[number][1]) for place, each in enumerate(acting, start=len(known.items))}
+        )
         for number, own in enumerate(known.flights)
     ]
     return replace(known, items=(*known.items, *(each[0][0] for each in acting)), flights=tuple(flights))
@@ -246,7 +269,7 @@ def with_shared(known: Nuisances, frame: RateFrame, mechanism: Mechanism) -> Nui
 
 def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> DecimatedGrid:
     """The rows of one flight that are kept."""
-    span = _span(frame, number)
+    span = frame.span(number)
     pieces = [(a - span.start, b - span.start) for a, b in frame.pieces if span.start <= a < span.stop]
     return decimated_grid(pieces, linearised.spacing(RESPONSE_PER_CYCLE)) if pieces else full_grid(0)
 
@@ -254,21 +277,9 @@ def _grid(frame: RateFrame, number: int, linearised: LinearisedFlight) -> Decima
 def on_frame(frame: RateFrame, number: int, history: Histories) -> Histories:
     """A flight's history (n,) on all rows of the frame, zero on those of the other flights."""
     rates = np.zeros(frame.observed.size, dtype=complex)
-    force, span, own = np.zeros_like(rates), _span(frame, number), history.at(_samples(frame, number))
+    force, span, own = np.zeros_like(rates), frame.span(number), history.at(frame.samples(number))
     rates[span], force[span] = own.rates, own.force
     return Histories(rates, force)
-
-
-def _span(frame: RateFrame, number: int) -> slice:
-    """The rows of a frame that are of one flight."""
-    own = [piece for segment, piece in zip(frame.segments, frame.pieces, strict=True) if segment.flight == number]
-    return slice(own[0][0], own[-1][1]) if own else slice(0, 0)
-
-
-def _samples(frame: RateFrame, number: int) -> IntArray:
-    """The sample of a flight that each of its rows of the frame is."""
-    rows = [np.arange(s.rows.start, s.rows.stop) for s in frame.segments if s.flight == number]
-    return np.concatenate([np.zeros(0, dtype=np.int64), *rows])
 
 
 def _tolerated(

@@ -24,7 +24,7 @@ from scipy.linalg import block_diag
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.comparison.summary import flight_summary, record_summary
+from brv_hypo.comparison.summary import estimates, flight_summary, record_summary
 from brv_hypo.constants import (
     BAND_FREQUENCIES,
     BAND_LEAST_NOISE,
@@ -62,8 +62,8 @@ from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.baseline import is_bend
-from brv_hypo.tracing.final_model import estimates, pair, slopes_at
-from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, correct, fitted_about, next_corrections, noise_floor
+from brv_hypo.tracing.final_model import pair, slopes_at
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
 _REGIONS = 8  # stretches of the record whose errors are reported apart
@@ -138,29 +138,30 @@ def _predict(
     fit, places, left_out = _frozen(flight, content, refit, config, here)
     data, columns, tolerated = fit.data, fit.model.columns, _tolerated(flight)
     within = _freed(fit, tolerated)
-    measured = data.moments(data.frame.observed)
-    left, own, left_within = fit.left, replace(fit, fixed=np.zeros(0)).left, within.left
+    measured, everywhere = data.moments(data.frame.observed), np.ones(data.frame.observed.size, dtype=bool)
+    left, own, left_within = fit.left, _freed(fit, tuple(c.mechanism for c in columns)).left, within.left
     errors = ErrorsOfPrediction(
-        without=_mean_square(measured, measured.usable),
-        frozen=_mean_square(left, left.usable),
-        own=_mean_square(own, own.usable),
-        noise=noise_floor(data.whole, measured),
+        without=measured.mean_square(everywhere),
+        frozen=left.mean_square(everywhere),
+        own=own.mean_square(everywhere),
+        noise=measured.mean_square_of_noise(everywhere),
     )
-    covariance, known = fit.covariance[: len(columns), : len(columns)].copy(), np.flatnonzero(np.isfinite(fit.fixed))
+    fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
+    known = np.flatnonzero(np.isfinite(fixed))
     known_by, change, difference = _covariance_of(content, places[known], not here), None, None
     covariance[np.ix_(known, known)] = known_by
-    flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.samples_of(0)]
+    flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
     if not here:  # a test of estimates against the record that they are of would count it twice
         whole = data.regression(fit.model, fit.linear, processes=record_processes())
         alone, beside = evidence_here(whole.on(fit.problem.rows.part), columns)
-        change = find_local_change(fixed_within(alone, columns, fit.fixed, known_by))
+        change = find_local_change(fixed_within(alone, columns, fixed, known_by))
         better = max(alone, beside, key=lambda each: each.level)
-        difference = find_difference(better, columns, fit.fixed, known_by)
-    remain = np.flatnonzero(np.isfinite(within.fixed))
+        difference = find_difference(better, columns, fixed, known_by)
+    remain = np.flatnonzero(np.isfinite(within.known[: len(columns)]))
     sigma = predictive_sigma(within, covariance[np.ix_(remain, remain)], noise_of(within, measured), beyond)
     band = band_of(data.frame.time, measured, left_within, sigma, beyond, flown)
-    terms = estimates(Coefficients(columns, fit.values, covariance), data)
+    terms = estimates(columns, fit.values, covariance, data.frame)
     found = Prediction(
         flight=flight_summary(flight),
         model=ModelSource(path=None if path is None else str(path), found_on=content.found_on),
@@ -179,7 +180,7 @@ def _predict(
         own_record=here,
         reason="",
     )
-    of_own, everywhere = 1.0 - _unexplained(measured, own, errors.noise, flown), np.ones(flown.shape, dtype=bool)
+    of_own = 1.0 - _unexplained(measured, own, errors.noise, flown)
     rest, freely = (_unexplained(measured, each, errors.noise, everywhere) for each in (left, left_within))
     said = reason(found, of_own, rest, freely, _remedy(fit, refit, tolerated))
     return found.model_copy(update={"reason": said})
@@ -190,9 +191,8 @@ def _predict(
 
 def _freed(fit: Fit, names: tuple[str, ...]) -> Fit:
     """The same with record and vehicle free to err: these effects, and the columns of these mechanisms."""
-    own = np.array([column.mechanism in names for column in fit.model.columns], dtype=bool)
-    errors = np.array([item.name in names for item in fit.nuisances], dtype=bool)
-    return replace(fit, fixed=np.where(own, np.nan, fit.fixed), others=np.where(errors, np.nan, fit.others))
+    own = [*(column.mechanism for column in fit.model.columns), *(item.name for item in fit.nuisances)]
+    return replace(fit, known=np.where(np.isin(own, names), np.nan, fit.known))
 
 
 def _frozen(
@@ -211,21 +211,22 @@ def _frozen(
         kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
         model = model.but(columns=kept, applied=())
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
-    model, effects = _with_refitted(model, refit, flight, config)
+    source = Flights((flight,), config)
+    model, effects = _with_refitted(model, refit, source)
     values = [each.value if here or each.elsewhere is None else each.elsewhere for each in content.columns]
     known = place.keys() - to_refit
     fixed = np.array([values[place[c]] if c in known else np.nan for c in model.columns], dtype=float)
 
     def read_with(corrections: Errors) -> Fit:
         """The model where these are taken out of the record and `effects` are free within their tolerances."""
-        data = correct((flight,), model, config, (corrections,))
+        data = correct(source, model, (corrections,))
         there = _flown(content.flown, data)
         part = data.part_where(there) if there.sum() >= TRACED_SMALLEST else data.whole
         fit = fitted_about(data, model, np.where(np.isnan(fixed), data.values(data.whole, model.columns), fixed))
         # What has no prior was found on this very record, and is taken out of it.
         held = ((item.name, item.present if np.isfinite(item.present) else 0.0) for item in fit.nuisances)
         others = np.array([np.nan if name in (*_OF_THE_MOTION, *effects) else value for name, value in held])
-        return replace(fit, problem=fit.problem.on(part), fixed=fixed, others=others)
+        return replace(fit, problem=fit.problem.on(part), known=np.append(fixed, others))
 
     corrections: Errors = {}
     found = read_with(corrections)
@@ -266,15 +267,13 @@ def _tolerated(flight: Flight) -> tuple[str, ...]:
 
 def _remedy(fit: Fit, refit: tuple[str, ...], tolerated: tuple[str, ...]) -> str:
     """What `--refit` would name as well to let record and vehicle err; nothing where all of it is fitted already."""
-    columns = zip(fit.model.columns, fit.fixed, strict=True)
+    columns = zip(fit.model.columns, fit.known, strict=False)
     fixed = {column.mechanism for column, value in columns if np.isfinite(value)}
     more = [*(name for name in tolerated if name in fixed), *(() if INSTRUMENTS in refit else (INSTRUMENTS,))]
     return ",".join((*refit, *more)) if more else ""
 
 
-def _with_refitted(
-    model: Model, refit: tuple[str, ...], flight: Flight, config: TraceConfig
-) -> tuple[Model, tuple[str, ...]]:
+def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tuple[Model, tuple[str, ...]]:
     """The model with the constant columns of mechanisms that it lacks and that are to be fitted here, and which of the
     names are errors of record and vehicle; UsageError for a name that nothing has.
     """
@@ -288,13 +287,13 @@ def _with_refitted(
                     f"searched for by `compare --mechanisms {name}`, and by `trace`, whose model then has it. "
                     f"Leave {name} out, or predict with such a model."
                 )
-            motion = correct((flight,), model, config).reconstructions[0].motion
+            motion = correct(source, model).reconstructions[0].motion
             more = tuple(term_column(item, term, (), TimeBasis("constant")) for term in item.terms(motion, {}))
             model += Model(mechanisms={name: item}, columns=more)
         elif item is not None:
             effects.append(name)
         elif name == INSTRUMENTS:
-            effects += _tolerated(flight)
+            effects += _tolerated(source.records[0])
     return model, tuple(effects)
 
 
@@ -332,7 +331,7 @@ def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
     """1-sigma (rows,) of the gyros' noise in the residual moments."""
     record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
     slopes = slopes_at(fit.data, motion, fit.model.columns, 0, motion.alpha) @ fit.values
-    stiffness = (slopes * record.moment_scale)[fit.data.samples_of(0)]
+    stiffness = (slopes * record.moment_scale)[fit.data.frame.samples(0)]
     modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
     return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)
 
@@ -394,29 +393,23 @@ def band_of(
 # ---- Errors and shares ----
 
 
-def _mean_square(moments: ResidualMoments, kept: BoolArray) -> float:
-    """Of both coefficients, over the samples that are kept (rows,)."""
-    return float(np.mean(np.abs(moments.body[kept]) ** 2) / 2.0)
-
-
 def _regions(data: Corrected, measured: ResidualMoments, left: ResidualMoments) -> tuple[Region, ...]:
     """Errors over even stretches of the record, with the Mach numbers that each runs through."""
-    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.samples_of(0)]
+    time, mach = data.frame.time, data.reconstructions[0].motion.mach[data.frame.samples(0)]
     found = []
     for start, stop in itertools.pairwise(np.linspace(time.min(), time.max(), _REGIONS + 1).tolist()):
         inside = (time >= start) & (time <= stop) & left.usable
         if not np.any(inside):
             continue
-        own = mach[inside]
+        own, ratio = mach[inside], left.mean_square(inside) / measured.mean_square(inside)
         ends = (float(own.min()), float(own.max())) if np.all(np.isfinite(own)) else None
-        ratio = float(np.sum(np.abs(left.body[inside]) ** 2) / np.sum(np.abs(measured.body[inside]) ** 2))
         found.append(Region(start_s=start, stop_s=stop, mach=ends, ratio=ratio))
     return tuple(found)
 
 
 def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArray:
     """Where the flights that the model was found on flew in Mach number and angle of attack (rows,)."""
-    motion, samples = data.reconstructions[0].motion, data.samples_of(0)
+    motion, samples = data.reconstructions[0].motion, data.frame.samples(0)
     there = np.ones(samples.size, dtype=bool)
     for name, (low, high) in ends.items():
         values = getattr(motion, name)[samples]
@@ -426,8 +419,6 @@ def _flown(ends: Mapping[str, tuple[float, float]], data: Corrected) -> BoolArra
 
 def _unexplained(measured: ResidualMoments, left: ResidualMoments, noise: float, kept: BoolArray) -> float:
     """The share of the moments' mean square, noise aside, that a model does not explain over some samples (rows,)."""
-    kept = left.usable & kept
-    if not np.any(kept):
+    if not np.any(left.usable & kept):
         return 1.0
-    error, without = (_mean_square(each, kept) for each in (left, measured))
-    return max(error - noise, 0.0) / max(without - noise, 1e-300)
+    return max(left.mean_square(kept) - noise, 0.0) / max(measured.mean_square(kept) - noise, 1e-300)

@@ -255,7 +255,7 @@ def outcome_text(step: Step) -> str:
     )
     if step.held_out_score is not None:
         fall = number(step.held_out_score, 2)
-        text += f"; the held-out error of rates and force falls by {fall} standard errors"
+        text += f"; the held-out error of moments and force falls by {fall} standard errors"
     kind = next((c.kind for c in step.candidates if c.effect == step.added), None)
     if kind in ("instrument", "environment") and (force := step.force_error_after) is not None:
         text += f"; specific force held out {number(step.force_error_before.held_out)} → {number(force.held_out)} m²/s⁴"

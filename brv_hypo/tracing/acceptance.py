@@ -1,14 +1,14 @@
 """Which effect joins a model: a candidate as it is fitted, the blocks held out, all processes, repetitions.
 
-A `Candidate` is one effect as fitted beside a model, with its F-ratio and what its search costs. `Tried` is a candidate
-with what it does to the held-out error: `accepted` is the one test by which it joins the model. `choose` tries the
-candidates of a step, best first, and says how many repetitions name the one that is accepted.
+A `Candidate` is one effect as fitted beside a model. `Tried` is a candidate with the model that it makes: `accepted` is
+the one test by which it joins the model. `choose` tries the candidates of a step, best first, and says how many
+repetitions name the one that is accepted.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -17,8 +17,8 @@ import numpy as np
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from brv_hypo.arrays import ComplexArray, FloatArray
-from brv_hypo.comparison.intervals import intervals, within_bounds
+from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.constants import (
     CONFOUNDED_COSINE,
     CONFOUNDED_GAIN,
@@ -33,12 +33,9 @@ from brv_hypo.constants import (
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
     LOOP_REPEATED_BLOCKS,
-    LOOP_REPEATED_KNOTS,
     LOOP_RIVALS,
     LOOP_SCHEDULE,
     LOOP_TRIES,
-    LOOP_WITH_EVIDENCE,
-    MODEL_TRIFLE,
     REPEATED_ERRORS,
 )
 from brv_hypo.inference.fit import HypothesisFit, solved, with_errors
@@ -46,20 +43,17 @@ from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
-from brv_hypo.inference.rows import rows_of
-from brv_hypo.linearisation.channels import Histories, Part, split
-from brv_hypo.linearisation.linear import lengths
+from brv_hypo.inference.rows import Rows, rows_of
+from brv_hypo.linearisation.channels import Histories, split
 from brv_hypo.mechanisms.contract import Component, RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
-from brv_hypo.model.term import Regressor, default_knots
+from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule, scheduled
 from brv_hypo.tracing.families import Beside, beside_processes
-from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about, has_tolerance
+from brv_hypo.tracing.fit import Fit, converged_from, correct, fitted_about, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
-
-_SPENT = 1e-10  # singular values of unit columns below which a direction is rounding
 
 # ---- One effect as fitted ----
 
@@ -79,27 +73,23 @@ Variant = Mapping[str, History]
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect as fitted: `gain` is the fall of the extended BIC, `p_value` is paid for its own search.
+    """One effect as fitted, beside the fit without it (`null`).
 
-    `explains` is the share of the weighed squares that it saves, `fall` their fall in effective samples.
-    `contribution` (rows,) is what it adds to the prediction beyond what the model could take over, `in_rates` the fall
-    of the whitened rates' squares. `variant` are the histories of a record effect, `file` a description in generic
-    terms. `evidence` is the log evidence that it gains beside all processes, nats; None where it is not known.
+    `variant` are the histories of a record effect, `file` a description in generic terms. `evidence` is the log
+    evidence that it gains beside all processes, nats; None where it is not known.
     """
 
-    name: str
     kind: Kind
+    null: HypothesisFit
     fit: HypothesisFit
-    gain: float
-    f_ratio: float
-    p_value: float
-    contribution: FloatArray
-    in_rates: float
-    fall: float
-    explains: float
     variant: Variant = field(default_factory=dict)
     file: MechanismFile | None = None
     evidence: float | None = None
+
+    @property
+    def name(self) -> str:
+        """That of the effect."""
+        return self.fit.name
 
     @property
     def effect(self) -> RecordEffect | None:
@@ -111,77 +101,76 @@ class Candidate:
         """The quantity by which its terms are a schedule of the flight's; None where they are none."""
         return next((m.follows for m in self.fit.mechanisms if m.follows is not None), None)
 
+    @cached_property
+    def gain(self) -> float:
+        """Fall of the extended BIC."""
+        return self.null.information - self.fit.information
 
-def candidate_of(
-    problem: Problem,
-    null: HypothesisFit,
-    fit: HypothesisFit,
-    kind: Kind,
-    variant: Variant | None = None,
-    file: MechanismFile | None = None,
-) -> Candidate:
-    """A fit as a candidate: its F-ratio, its p-value with all that was searched, what it saves within its bounds."""
-    fit = _within_bounds(problem, fit)
-    extra, free = fit.parameters - null.parameters, fit.samples - fit.parameters
-    f_ratio = max((null.rss - fit.rss) / extra, 0.0) / (fit.rss / free)
-    chance = float(stats.f.sf(f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
-    chosen = len({column.choice for column in fit.selected})
-    before, after = (each.residual[: problem.rows.rates] for each in (null, fit))
-    return Candidate(
-        name=fit.name,
-        kind=kind,
-        fit=fit,
-        gain=null.information - fit.information,
-        f_ratio=f_ratio,
-        p_value=min(chance * math.comb(fit.searched, min(chosen, fit.searched)), 1.0),
-        contribution=null.residual - fit.residual,
-        in_rates=float((before @ before - after @ after) / (fit.rss / fit.samples)),
-        fall=f_ratio * extra * fit.efficiency,
-        explains=1.0 - fit.rss / null.rss,
-        variant=variant or {},
-        file=file,
-    )
+    @property
+    def f_ratio(self) -> float:
+        """Of all that it adds."""
+        fit, extra = self.fit, self.fit.parameters - self.null.parameters
+        return max((self.null.rss - fit.rss) / extra, 0.0) / (fit.rss / (fit.samples - fit.parameters))
+
+    @cached_property
+    def p_value(self) -> float:
+        """Chance of that, paid for all that was searched for it."""
+        fit, extra = self.fit, self.fit.parameters - self.null.parameters
+        chance = float(stats.f.sf(self.f_ratio * fit.efficiency, extra, max(fit.effective - fit.parameters, 1.0)))
+        chosen = len({column.choice for column in fit.selected})
+        return min(chance * math.comb(fit.searched, min(chosen, fit.searched)), 1.0)
+
+    @cached_property
+    def fall(self) -> float:
+        """Fall of the weighed squares in effective samples."""
+        return self.f_ratio * (self.fit.parameters - self.null.parameters) * self.fit.efficiency
+
+    @property
+    def explains(self) -> float:
+        """Share of the weighed squares that it saves."""
+        return 1.0 - self.fit.rss / self.null.rss
+
+    @cached_property
+    def contribution(self) -> FloatArray:
+        """What it adds to the prediction (rows,) beyond what the model could take over."""
+        return self.null.residual - self.fit.residual
+
+    def predicts_as(self, other: Candidate) -> bool:
+        """Whether both predict nearly the same."""
+        a, b = self.contribution, other.contribution
+        return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
+
+    def is_confounded(self, other: Candidate) -> bool:
+        """Whether another is nearly as good a fit, and as likely beside processes."""
+        explains = other.gain > CONFOUNDED_GAIN * self.gain
+        if self.evidence is not None and other.evidence is not None:
+            return explains and abs(self.evidence - other.evidence) < SPECIFIC
+        return abs(self.gain - other.gain) < CONFOUNDED_NEAR or (explains and self.predicts_as(other))
 
 
-def _within_bounds(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """The fit with what it would lose by values that a body may have, all where they are absurd: outside the bounds by
-    more than these are wide, however large their errors. Of several flights, whose values differ, as it is.
+def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
+    """The fit with what it would lose by values that a body may have; of several flights, whose values differ, as it
+    is.
     """
-    bounds = {mechanism.name: mechanism.bounds for mechanism in fit.mechanisms}
-    if len(problem.records) > 1 or not any(bounds.values()):
+    if len(problem.records) > 1 or not any(mechanism.bounds for mechanism in fit.mechanisms):
         return fit
-    fit = with_errors(problem, replace(fit, bound_cost=0.0))
-    values = [(net.value, bounds[net.mechanism].get(net.name)) for each in intervals(fit) for net in each.values]
-    absurd = any(max(at[0] - value, value - at[1]) > at[1] - at[0] for value, at in values if at)
-    return replace(fit, bound_cost=math.inf) if absurd else within_bounds(fit)
+    return within_bounds(with_errors(problem, replace(fit, bound_cost=0.0)))
 
 
-def solved_again(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
-    """A fit on the problem's rows, under its noise."""
-    every = (*problem.baseline, *fit.selected)
+def solved_again(problem: Problem, fit: HypothesisFit, selected: Sequence[Regressor] | None = None) -> HypothesisFit:
+    """A fit, or one with other columns, on the problem's rows, under its noise."""
+    selected = fit.selected if selected is None else selected
+    every = (*problem.baseline, *selected)
     found = solved(Reduced(problem, fit.frame), fit.name, fit.mechanisms, every, fit.searched)
-    return replace(found, nonlinear=fit.nonlinear)
+    return replace(found, nonlinear=nonlinear_parameters(tuple(selected), fit.frame, problem.knots))
 
 
 # ---- Which are alike, which leads ----
 
 
 def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...]:
-    """Those that this flight cannot tell from the leader: nearly as good a fit, and as likely beside processes."""
-    return tuple(o.name for o in others if o.name != leader.name and o.gain > 0.0 and _is_equal(leader, o))
-
-
-def _is_equal(leader: Candidate, other: Candidate) -> bool:
-    explains = other.gain > CONFOUNDED_GAIN * leader.gain
-    if leader.evidence is not None and other.evidence is not None:
-        return explains and abs(leader.evidence - other.evidence) < SPECIFIC
-    return abs(leader.gain - other.gain) < CONFOUNDED_NEAR or (explains and nearly_equal(leader, other))
-
-
-def nearly_equal(one: Candidate, other: Candidate) -> bool:
-    """Whether two candidates predict nearly the same."""
-    a, b = one.contribution, other.contribution
-    return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
+    """Those that this flight cannot tell from the leader."""
+    return tuple(o.name for o in others if o.name != leader.name and o.gain > 0.0 and leader.is_confounded(o))
 
 
 def best_first(
@@ -202,17 +191,14 @@ def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
     return tuple(c for c in ranked if c.follows is not None and c.gain >= LOOP_SCHEDULE * most)
 
 
-def ranked(candidates: Sequence[Candidate], known: Collection[str], scheduled: bool) -> tuple[Candidate, ...]:
-    """The candidates, the leader first; `known`: mechanisms that the model has.
+def ranked(candidates: Sequence[Candidate], scheduled: bool) -> tuple[Candidate, ...]:
+    """The candidates, the leader first; where the model is not `scheduled`, schedules that explain as much.
 
-    The rest of an effect that the model has is that effect, described better: another has to beat it clearly. So has a
-    description in generic terms a name. Where the model is not `scheduled`, schedules that explain as much come first.
+    A description in generic terms has to beat a name clearly.
     """
     named = [each for each in candidates if each.kind != "discovered"]
     evidences = {each.name: each.evidence for each in named if each.evidence is not None}
-    order = best_first(named, evidences)
-    better = dict.fromkeys(known, CONFOUNDED_NEAR)
-    found = sorted(named, key=lambda each: (order(each)[0], order(each)[1] - better.get(each.name, 0.0)))
+    found = sorted(named, key=best_first(named, evidences))
 
     def is_beaten(candidate: Candidate, by: Candidate) -> bool:
         if candidate.evidence is not None and by.evidence is not None:
@@ -230,10 +216,9 @@ def ranked(candidates: Sequence[Candidate], known: Collection[str], scheduled: b
 
 
 def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
-    """The model with a candidate added, fitted to the fitted part of the flights.
+    """The model with a candidate added, fitted to the fitted part of the flights about the same point.
 
-    Without an error of the record that it lacked, other errors had taken up some of it: with it they are estimated
-    anew, where that fits better. So they are beside a first schedule by Mach number, which the model then has smooth.
+    Beside a first schedule by Mach number, which the model then has smooth, the errors of the record are others.
     """
     found = candidate.fit
     if candidate.effect is None:
@@ -241,7 +226,7 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
         model = fit.model + Model(mechanisms=known, columns=found.selected, added=(candidate.name,))
         data = replace(fit.data, frame=found.frame)
         if candidate.follows == "mach" and not has_schedule(fit.model):
-            return converged(data.originals, scheduled(model, data), data.config)
+            return converged_from(fitted_about(data, scheduled(model, data)))
         return Fit(model, data, replace(fit.problem, frame=found.frame, baseline=model.columns), fit.linear)
     applied = []
     for column, value in zip(found.selected, found.values[found.baseline_size :].tolist(), strict=True):
@@ -253,113 +238,54 @@ def with_candidate(fit: Fit, candidate: Candidate) -> Fit:
         {name: value for name, value in known.items() if (number, *name) not in freed}
         for number, known in enumerate(fit.data.corrections)
     ]
-    flights, config = fit.data.originals, fit.data.config
-    data = correct(flights, model, config, corrections)
-    own, anew = fitted_about(data, model, fit.values, fit.problem.rows.noise), converged(flights, model, config)
-    return anew if anew.errors.mean_square * MODEL_TRIFLE < own.errors.mean_square else own
-
-
-def with_columns(fit: Fit, candidate: Candidate) -> Fit:
-    """The same regression with a candidate's columns."""
-    own = candidate.fit
-    return replace(fit, model=fit.model.but(columns=own.columns), data=replace(fit.data, frame=own.frame))
-
-
-class Agreement(NamedTuple):
-    """What the held-out part says of an effect, in both channels, in standard errors.
-
-    `fall` of the squared error, by the effect with the coefficients that the fitted part gives; `shown`, how surely
-    the effect is there at all, of whatever size: 1.645 has one chance in twenty where it is not.
-    """
-
-    fall: float
-    shown: float
-
-
-def agreement(problem: Problem, held_out: Part, before: Histories, after: Histories) -> Agreement:
-    """Of the residuals (frame rows,) without an effect and with it, as a fit of `problem` leaves them.
-
-    The difference of two predictions d and the later residual e give the fall: sum of d^2 + 2 e d, whose noise is
-    that of the second part alone; it is summed over clusters of neighbours (White, Econometrica 48:817,
-    1980). What the fitted part leaves uncertain of the held-out one, constants of integration among it, weighs the
-    rows: it would drown what changes within a stretch.
-    """
-    directions, share = _uncertain(problem.untied(), held_out)
-    first, second = (_whitened(problem, held_out, left) for left in (before, after))
-    first, second = (rows + directions @ (share * (directions.T @ rows)) for rows in (first, second))
-    difference = first - second
-    products = difference * second
-    clusters = np.add.reduceat(products, np.arange(0, products.size, HELD_OUT_CLUSTER))
-    noise = max(float(np.sqrt(np.sum(clusters**2))), 1e-300)
-    fall = float(first @ first - second @ second) / (2.0 * noise)
-    return Agreement(fall, float(difference @ first) / noise)
-
-
-def _whitened(problem: Problem, held_out: Part, left: Histories) -> FloatArray:
-    """The held-out residuals at unit noise (rows,), the rates from the constant that the fitted part has."""
-    part, noise, levels = problem.rows.part, problem.rows.noise, _levels(problem, held_out)
-    fitted = part.white_rates(part.constants(), noise), part.white_rates(left.rates[part.rows], noise)[:, 0]
-    there = left.at(held_out.rows)
-    rates = there.rates - levels @ np.linalg.lstsq(*fitted, rcond=None)[0]
-    for own in (slice(a, b) for a, b in held_out.pieces):
-        if not levels[own].any():
-            rates[own] -= rates[own].mean()
-    return held_out.whitened(Histories(rates, there.force), noise)[:, 0]
-
-
-def _levels(problem: Problem, held_out: Part) -> ComplexArray:
-    """The fitted part's constants of integration as histories of the held-out rates (rows, 2 levels)."""
-    first, ends = [a for a, _ in problem.rows.part.levels], np.cumsum([b - a for a, b in problem.frame.pieces])
-    segments = [np.searchsorted(ends, rows, side="right") for rows in (held_out.rows, problem.rows.part.rows[first])]
-    same = segments[0][:, np.newaxis] == segments[1]
-    return np.asarray(np.repeat(same, 2, axis=1) * np.tile([1.0, 1.0j], len(first)))
-
-
-def _uncertain(problem: Problem, held_out: Part) -> tuple[FloatArray, FloatArray]:
-    """Directions (rows, rank) of the held-out rows in which a prediction from the fitted part errs.
-
-    With them the share (rank,) by which rows change along each where all come to unit variance.
-    """
-    design = problem.whole_design(problem.frame, problem.baseline)
-    scale = lengths(design)
-    _, sizes, turn = np.linalg.svd(design / scale, full_matrices=False)
-    determined = sizes > _SPENT * sizes[0]
-    root = (turn[determined].T / sizes[determined]) / scale[:, np.newaxis]
-    # Baseline, constants of the fitted part and nuisances on the held-out rows.
-    there = problem.on(held_out).rows
-    levels = np.zeros((problem.frame.observed.size, 2 * len(problem.rows.part.levels)), dtype=complex)
-    levels[held_out.rows] = _levels(problem, held_out)
-    of_moments = there.of_moments(np.column_stack([problem.frame.columns(problem.baseline), levels]))
-    of_moments, unknowns = of_moments[: 2 * there.rates], there.nuisance_design[: 2 * there.rates]
-    unknowns = unknowns[:, 2 * len(held_out.levels) :]
-    directions, errors, _ = np.linalg.svd(np.column_stack([of_moments, unknowns]) @ root, full_matrices=False)
-    return directions, 1.0 / np.sqrt(1.0 + errors**2) - 1.0
+    return fitted_about(correct(fit.data.source, model, corrections), model, fit.values, fit.problem.rows.noise)
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate with the model that it makes (`fit`), and what it did to the held-out part: `agreement` in both
-    channels, `ratio` of the moments' mean squares.
+    """A candidate with the model that it makes (`fit`) and the one `before`.
 
-    `before` is the regression without the effect, `after` with its columns: an effect with a tolerance is fixed at zero
-    before, though every other fit has it within its tolerance.
+    What has a tolerance is fixed at zero before, though every other fit has it within its tolerance.
     """
 
     candidate: Candidate
-    fit: Fit
-    agreement: Agreement
-    ratio: float
-    ratio_error: float
     before: Fit
-    after: Fit
-    certain: bool
-    """Whether the fitted part leaves no doubt of it."""
+    fit: Fit
     has_tolerance: bool
     """Whether every fit has it within its tolerance."""
     gain: float | None = None
     """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
     may_be_named: bool = True
     """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
+
+    @cached_property
+    def ratio(self) -> float:
+        """Of the moments' mean squared errors on the held-out part, with it and before."""
+        return self.fit.held_out.mean_square / self.before.held_out.mean_square
+
+    @cached_property
+    def ratio_error(self) -> float:
+        """The standard error of the ratio, over held-out stretches."""
+        return jackknife_error(self.fit.held_out.left_out / self.before.held_out.left_out)
+
+    @cached_property
+    def score(self) -> float:
+        """Fall of the squared error of moments and force on the held-out part, each over its noise, in standard errors.
+
+        Its noise is summed over clusters of neighbours (White, Econometrica 48:817, 1980).
+        """
+        part, sigma = self.before.data.held_out, self.before.problem.rows.noise.force.sigma
+        use = part.rows[self.before.left.usable[part.rows] & self.fit.left.usable[part.rows]]
+
+        def error(fit: Fit) -> FloatArray:
+            moments, force = fit.left.body[use] / fit.left.noise[use], fit.rest.force[part.rows][part.valid] / sigma
+            return np.concatenate([moments.real, moments.imag, force.real, force.imag])
+
+        first, second = error(self.before), error(self.fit)
+        products = (first - second) * second
+        clusters = np.add.reduceat(products, np.arange(0, products.size, HELD_OUT_CLUSTER))
+        spread = max(float(np.sqrt(np.sum(clusters**2))), 1e-300)
+        return float(first @ first - second @ second) / (2.0 * spread)
 
     @property
     def accepted(self) -> bool:
@@ -376,8 +302,8 @@ class Tried:
     def agrees(self) -> bool:
         """Whether the held-out part agrees.
 
-        The moments' error has to fall, by how much matters little where the fitted part leaves no doubt. An error of
-        the record may show in the specific force alone: it must not make the moments significantly worse. What every
+        The error of moments and force has to fall significantly, and that of the moments alone, but for an error of the
+        record: it may show in the specific force, and must not make the moments significantly worse then. What every
         fit has within its tolerance has nothing to predict that others within theirs could not: that it must be larger
         is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
         read anew with the effect taken out, which the stretches' own scatter does not know of.
@@ -386,9 +312,7 @@ class Tried:
         if self.has_tolerance:
             return no_worse
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
-        if self.certain:
-            return falls and self.agreement.fall > 0.0 and self.agreement.shown >= HELD_OUT_SIGMAS
-        return falls and self.agreement.fall >= HELD_OUT_SIGMAS
+        return falls and self.score >= HELD_OUT_SIGMAS
 
     @property
     def is_established(self) -> bool:
@@ -413,7 +337,7 @@ class Choice:
     """
 
     ranked: tuple[Candidate, ...]
-    tried: tuple[Tried, ...]
+    tried: tuple[Tried, ...] = ()
     named_in: float | None = None
 
     @cached_property
@@ -421,6 +345,20 @@ class Choice:
         """p-values, adjusted for the number of candidates (Holm, Scand. J. Statist. 6:65, 1979)."""
         known = {each.name: each.p_value for each in self.ranked}
         return dict(zip(known, multipletests([*known.values()], method="holm")[1].tolist(), strict=True))
+
+    def significant(self, fit: Fit) -> list[Candidate]:
+        """Those that count beside a fit.
+
+        Where its residual is white, what is not beyond doubt does not: but an effect may still exceed the tolerance
+        that every fit allows it.
+        """
+        found = []
+        for each in (each for each in self.ranked if each.gain > 0.0 and each.fall >= LOOP_DETECTED):
+            doubted = fit.residual.white and not has_tolerance(fit.problem, each.name)
+            beyond = LOOP_BEYOND_DOUBT if doubted else 1.0
+            if self.chances[each.name] <= beyond * fit.data.source.config.significance:
+                found.append(each)
+        return found
 
     @property
     def accepted(self) -> Tried | None:
@@ -432,11 +370,6 @@ class Choice:
     def unwanted(self) -> tuple[str, ...]:
         """Those that the held-out part agrees with, but processes explain far better, or are of another family."""
         return tuple(each.candidate.name for each in self.tried if each.agrees and not each.accepted)
-
-    @property
-    def refuted(self) -> tuple[str, ...]:
-        """Those with which the held-out part does not agree."""
-        return tuple(each.candidate.name for each in self.tried if not each.agrees)
 
     @property
     def leading(self) -> Tried | None:
@@ -459,82 +392,54 @@ def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
     choice = first_accepted(fit, with_evidence(fit, candidates, beside), beside)
     if choice.accepted is None:
         return choice
-    chosen = choice.accepted.candidate
-    offered = [each for each in choice.ranked if each.name not in choice.unwanted]
+    chosen, refused = choice.accepted.candidate, {each.candidate.name for each in choice.tried[:-1]}
+    offered = [each for each in choice.significant(fit) if each.name not in refused]
     if chosen.follows is not None and not has_schedule(fit.model):
         offered = list(schedules_first(offered))
-    if choice.refuted:
-        leaders = most_explaining(fit, [each for each in offered if each.name not in choice.refuted], chosen)
-    else:
-        leaders = likeliest_beside(beside, offered, chosen, fit)
+    leaders = likeliest_beside(beside, offered, chosen, fit)
     return replace(choice, named_in=float(np.mean([each is chosen for each in leaders])))
 
 
 def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
-    """The candidates that lead, as they are likeliest beside all processes, with the evidence that they gain there.
-
-    So are all that change in time: on a coarse grid any of them may look like nothing.
+    """The candidates that save anything, as they are likeliest beside all processes, with the evidence that they gain
+    there.
     """
     found = []
-    for place, candidate in enumerate(candidates):
-        changes = any(m.time_variation != ("constant",) for m in candidate.fit.mechanisms)
-        leads = place < LOOP_WITH_EVIDENCE and candidate.gain > 0.0
-        if changes or leads or candidate.kind == "discovered":
-            gain, columns = beside.likeliest(candidate.fit)
-            if set(columns) != set(candidate.fit.selected):
-                candidate = _with_other(columns, candidate, fit)
-            candidate = replace(candidate, evidence=gain)
+    for candidate in candidates:
+        if candidate.gain > 0.0:
+            own, (gain, columns) = candidate.fit, beside.likeliest(candidate.fit)
+            if set(columns) != set(own.selected):
+                own = bounded(fit.problem, solved_again(fit.problem, own, columns))
+            candidate = replace(candidate, fit=own, evidence=gain)
         found.append(candidate)
     return found
-
-
-def _with_other(columns: tuple[Regressor, ...], candidate: Candidate, fit: Fit) -> Candidate:
-    """A candidate with these columns."""
-    own, problem, every = candidate.fit, fit.problem, (*fit.problem.baseline, *columns)
-    found = solved(Reduced(problem, own.frame), own.name, own.mechanisms, every, own.searched)
-    found = replace(found, nonlinear=nonlinear_parameters(columns, own.frame, problem.knots))
-    return candidate_of(problem, fit.null, found, candidate.kind, candidate.variant, candidate.file)
 
 
 def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is accepted.
 
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
-    less. Where the residual is white, what is not beyond doubt does not count: but an effect may still exceed the
-    tolerance that every fit allows it.
+    less.
     """
-    significance, problem = fit.data.config.significance, fit.problem
-    order = ranked(candidates, {column.mechanism for column in problem.baseline}, has_schedule(fit.model))
-    choice, tried, waiting = Choice(order, ()), list[Tried](), list(order)
-    while waiting and len(tried) < LOOP_TRIES:
-        candidate = waiting.pop(0)
-        if candidate.gain <= 0.0 or candidate.fall < LOOP_DETECTED or choice.chances[candidate.name] > significance:
-            continue
-        certain = choice.chances[candidate.name] <= LOOP_BEYOND_DOUBT * significance
-        if fit.residual.white and not certain and not has_tolerance(problem, candidate.name):
-            continue
-        if any(nearly_equal(candidate, other.candidate) for other in tried if not other.agrees):
+    choice, tried = Choice(ranked(candidates, has_schedule(fit.model))), list[Tried]()
+    for candidate in choice.significant(fit):
+        if any(candidate.predicts_as(other.candidate) for other in tried if not other.agrees):
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             continue
-        tried.append(_try(fit, candidate, certain, beside))
-        if tried[-1].accepted:
+        tried.append(_try(fit, candidate, beside))
+        if tried[-1].accepted or len(tried) == LOOP_TRIES:
             break
-        if not tried[-1].agrees:
-            waiting.sort(key=lambda each: (each.kind == "discovered", -each.gain))
     return replace(choice, tried=tuple(tried))
 
 
-def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried:
+def _try(fit: Fit, candidate: Candidate, beside: Beside) -> Tried:
     """A candidate added to the model; weighed beside processes where the held-out part agrees with it."""
-    added, before, after = with_candidate(fit, candidate), fit, with_columns(fit, candidate)
+    added, before = with_candidate(fit, candidate), fit
     if tolerance := has_tolerance(fit.problem, candidate.name):  # without it: fixed at zero
-        others = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
-        before = replace(fit, others=np.array(others))
-    agrees = agreement(fit.problem, fit.data.held_out, before.rest, after.rest)
-    new, old = added.held_out, before.held_out
-    ratio, error = new.mean_square / old.mean_square, jackknife_error(new.left_out / old.left_out)
-    tried = Tried(candidate, added, agrees, ratio, error, before, after, certain, tolerance)
+        known = [item.present if item.name == candidate.name else np.nan for item in fit.nuisances]
+        before = replace(fit, known=np.array([*np.full(len(fit.model.columns), np.nan), *known]))
+    tried = Tried(candidate, before, added, tolerance)
     if not tried.agrees:
         return tried
     there, own = beside_processes(added, fit.model, added.data.fitted), added.model.added[-1]
@@ -550,37 +455,24 @@ def _try(fit: Fit, candidate: Candidate, certain: bool, beside: Beside) -> Tried
 def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> Iterator[Candidate]:
     """Of each repetition what gains most beside all processes, a generic description far more than its rivals."""
     rivals = [own, *[each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]]
-    for problem in _repetitions(beside.rows.problem, fit):
-        again = replace(beside, rows=rows_of(problem, beside.point))
+    for rows in _repetitions(beside, fit):
+        again = replace(beside, rows=rows)
         gains = {each.name: again.gain_of(each.fit) for each in rivals}
         for each in rivals[1:]:
             gains[each.name] -= SPECIFIC if each.kind == "discovered" else 0.0
         yield min(rivals, key=best_first(rivals, gains))
 
 
-def most_explaining(fit: Fit, offered: Sequence[Candidate], own: Candidate) -> Iterator[Candidate]:
-    """Of each repetition what explains more than every other name, processes apart."""
-    named = sorted((each for each in offered if each.kind != "discovered"), key=lambda each: -each.gain)
-    rivals = [each for each in offered if each is own or each in named[: LOOP_RIVALS + 1]]
-    for problem in _repetitions(fit.problem, fit):
-        criteria = [solved_again(problem, each.fit).information for each in rivals]
-        yield rivals[int(np.argmin(criteria))]
-
-
-def _repetitions(problem: Problem, fit: Fit) -> Iterator[Problem]:
-    """The problem with other blocks, other knots, and another inertia and dynamic pressure."""
-    data, config = fit.data, fit.data.config
+def _repetitions(beside: Beside, fit: Fit) -> Iterator[Rows]:
+    """The rows with other blocks, and with another inertia and dynamic pressure by a tolerance of either."""
+    problem, data = beside.rows.problem, fit.data
     for share in LOOP_REPEATED_BLOCKS:
-        fitted, _ = split(data.frame, data.whole.valid, round(share * config.blocks))
-        yield problem.on(fitted)
-    start, stop = float(data.frame.time.min()), float(data.frame.time.max())
-    for more in LOOP_REPEATED_KNOTS:
-        yield replace(problem, knots=default_knots(start, stop, max(config.knot_count + more, 1)))
+        fitted, _ = split(data.frame, data.whole.valid, round(share * data.source.config.blocks))
+        yield rows_of(problem.on(fitted), beside.point)
     nuisances = problem.rows.nuisances
     for effect in REPEATED_ERRORS:
-        for side in (-1.0, 1.0):
-            items = tuple(
-                replace(item, present=item.present + side) if item.name == effect else item for item in nuisances.items
-            )
-            if items != nuisances.items:
-                yield replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=items)))
+        unit = np.array([float(item.name == effect) for item in nuisances.items])
+        if np.any(unit):
+            made = problem.rows.white_histories(nuisances.histories(unit[:, np.newaxis]))
+            shift = beside.rows.whitened(made)[:, 0]
+            yield from (replace(beside.rows, y=beside.rows.y + side * shift) for side in (-1.0, 1.0))

@@ -16,16 +16,17 @@ from brv_hypo.inference.problem import Problem, given_column
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import RateFrame
+from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.linearisation.nuisance import on_frame
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
-from brv_hypo.tracing.acceptance import Candidate, History, Variant, candidate_of, solved_again
+from brv_hypo.tracing.acceptance import Candidate, History, Variant, bounded, solved_again
 from brv_hypo.tracing.description import discover
 from brv_hypo.tracing.fit import Fit, with_efficiency
 
-_SPENT = 1e-6  # of a column that is left beside others, below which it says nothing
+_SPENT = 1e-12  # of a column's square that is left beside others, below which it says nothing
 # What is described in generic terms is called this, with the number of its step.
 GENERIC = "discovered"
 
@@ -42,7 +43,7 @@ def analyse_step(
     catalogue: dict[str, list[Variant]] = {}
     for effect in effects:  # one that the model has on some of the flights is tried on the others
         known = {applied.flight for applied in model.applied if applied.effect.name == effect.name}
-        others = {number: flight for number, flight in enumerate(linear) if number not in known}
+        others = {number: flight for number, flight in enumerate(linear.flights) if number not in known}
         catalogue[effect.name] = _variants_of(frame, others, effect)
     plain = fit.data.regression(model, linear, _histories(*catalogue.values()))
     sharp = plain.under(estimated_noise(plain))
@@ -52,12 +53,11 @@ def analyse_step(
     found = [candidate for candidate in tried if candidate is not None]
     if found:
         fit = replace(fit, problem=with_efficiency(fit.problem, likeliest([each.fit for each in found])))
-        fits = [replace(each.fit, efficiency=fit.problem.efficiency) for each in found]
-        pairs = zip(fits, found, strict=True)
-        found = [candidate_of(fit.problem, fit.null, own, each.kind, each.variant) for own, each in pairs]
         for place, candidate in enumerate(found):
+            own = bounded(fit.problem, replace(candidate.fit, efficiency=fit.problem.efficiency))
+            found[place] = replace(candidate, null=fit.null, fit=own)
             if len(catalogue.get(candidate.name, ())) > 1:
-                fit, found[place] = _closer(fit, candidate)
+                fit, found[place] = _closer(fit, found[place])
     found.sort(key=attrgetter("fit.information"))
     described = discover(fit.problem, fit.null, generic_name(model)) if describe else None
     return fit, (*found, *([] if described is None else [described]))
@@ -112,7 +112,7 @@ def _try_record_effect(fit: Fit, variants: Sequence[Variant]) -> Candidate | Non
     if not found:
         return None
     best, variant = min(found, key=lambda pair: pair[0].information)
-    return candidate_of(problem, fit.null, best, next(iter(variant.values())).effect.kind, variant)
+    return Candidate(next(iter(variant.values())).effect.kind, fit.null, best, variant)
 
 
 def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
@@ -122,7 +122,7 @@ def _closer(fit: Fit, candidate: Candidate) -> tuple[Fit, Candidate]:
     """
     for turn in range(RECORD_EFFECT_CLOSER):
         history = next(iter(candidate.variant.values()))
-        flights = {history.flight: fit.linear[history.flight]}
+        flights = {history.flight: fit.linear.flights[history.flight]}
         variants = _variants_of(fit.problem.frame, flights, history.effect, f"{turn}.")
         fit = replace(fit, problem=replace(fit.problem, given={**fit.problem.given, **_histories(variants)}))
         nearer = _try_record_effect(fit, variants)
@@ -151,7 +151,7 @@ def _try_mechanism(fit: Fit, sharp: Problem, mechanism: Mechanism) -> Candidate 
         searched = len({column for offer in offered for column in offer})
         named = mechanism.name, (mechanism,), frame
         fits = [each for offer in offered for each in forward(problem, *named, offer, searched)]
-    return candidate_of(problem, fit.null, likeliest(fits), "mechanism") if fits else None
+    return Candidate("mechanism", fit.null, likeliest(fits)) if fits else None
 
 
 def _offered(
@@ -185,24 +185,24 @@ def forward(
     """Fits of 1, 2, ... choices of columns, each the one before with the choice that lowers the error most."""
     reduced = Reduced(problem, frame)
     batch = reduced.batch(columns)
-    triangle = reduced.triangle(batch)  # has the same products as the rows, and is small
-    free, left, least = triangle[:, :-1], triangle[:, -1], _SPENT * np.sqrt(batch.squares)
+    products, right, squares = batch.products(batch), reduced.right(batch), batch.squares
     offered: dict[object, list[int]] = {}
     for place, column in enumerate(columns):
         offered.setdefault(column.choice, []).append(place)
     chosen: tuple[Regressor, ...] = ()
     found: list[HypothesisFit] = []
     while offered and len(chosen) < problem.max_terms:
-        bases = {
-            choice: np.linalg.qr(free[:, places])[0]
-            for choice, places in offered.items()
-            if np.all(np.linalg.norm(free[:, places], axis=0) > least[places])
+        gains = {
+            choice: float(right[own] @ solve_normal(products[np.ix_(own, own)], right[own], squares[own]))
+            for choice, own in offered.items()
+            if np.all(np.diag(products)[own] > _SPENT * squares[own])
         }
-        gains = {choice: float(np.sum((basis.T @ left) ** 2)) for choice, basis in bases.items()}
         best = max(gains, key=gains.__getitem__, default=None)
         if best is None or gains[best] <= 0.0:
             break
-        chosen = (*chosen, *(columns[place] for place in offered.pop(best)))
-        left, free = (rows - bases[best] @ (bases[best].T @ rows) for rows in (left, free))
+        own = offered.pop(best)
+        chosen = (*chosen, *(columns[place] for place in own))
+        made = solve_normal(products[np.ix_(own, own)], products[:, own], squares[own])
+        right, products = right - made @ right[own], products - made @ products[own]
         found.append(solved(reduced, name, mechanisms, (*problem.baseline, *chosen), searched))
     return found

@@ -20,45 +20,44 @@ from brv_hypo.constants import (
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import baseline_columns
-from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.aero_table import AeroTable, TableIncrements, TableSlope
+from brv_hypo.model.aero_table import TableIncrements, TableSlope
 from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment, wavering_speeds
 from brv_hypo.model.model import Model, constant_moment
-from brv_hypo.model.term import Regressor, TimeBasis
+from brv_hypo.model.term import TimeBasis, term_column
 from brv_hypo.motion.motion import Motion
-from brv_hypo.tracing.fit import Corrected
+from brv_hypo.tracing.fit import Corrected, Flights, correct
 from brv_hypo.tracing.result import Baseline
 
 
-def start_model(
-    flights: Sequence[Flight],
-    mechanisms: Sequence[Mechanism],
-    baseline: Baseline = "constant",
-    aero: AeroTable | None = None,
-) -> Model:
-    """The baseline alone: with constant coefficients, with a stiffness that follows Mach and Reynolds number, or with
-    that of a table.
+def start_model(source: Flights, mechanisms: Sequence[Mechanism] = (), baseline: Baseline = "constant") -> Model:
+    """The columns of the baseline: constant coefficients, a stiffness that follows Mach and Reynolds number, or that of
+    a table; and, without columns, further mechanisms and what its static moment may be more.
 
+    That is a bend that a body with its slope may have, and a schedule where it follows Mach number. A table that says
+    how the slope goes with the angle of attack says by how much it may err in that as well; and what has the bend as a
+    column already knows no prior of it.
     Raises UnanswerableError where a record has no Mach number at which a table could be read.
     """
+    flights, aero = source.records, source.config.aero
     table = () if aero is None else (TableSlope(table=aero), TableIncrements(table=aero))
     if table and any(flight.mach is None or not np.all(np.isfinite(flight.mach)) for flight in flights):
         raise UnanswerableError(
             "a record has no Mach number, at which an aerodynamic table is read. Add mach or altitude to it."
         )
     static = static_moment(flights, "constant" if table else baseline)
-    return Model().having(static, PitchDamping(), *table, *mechanisms)
-
-
-def starting_columns(model: Model, frame: RateFrame) -> tuple[Regressor, ...]:
-    """The columns of the baseline; where the model has a table, that in place of a slope of its own."""
-    columns, table = baseline_columns(frame), model.mechanisms.get(TableSlope.name)
-    if table is None:
-        return columns
-    kept = tuple(column for column in columns if not column.term.startswith("C_malpha"))
-    term = table.terms(frame.motions[0], {})[0]
-    return (*kept, Regressor(table.name, term.name, (), TimeBasis("constant"), term.units))
+    model = Model().having(static, PitchDamping(), *table, *mechanisms)
+    data = correct(source, model)
+    columns, motion = baseline_columns(data.frame), data.frame.motions[0]
+    if table:  # in place of a slope of its own
+        (term,) = table[0].terms(motion, {})
+        columns = tuple(column for column in columns if not column.term.startswith("C_malpha"))
+        columns = (*columns, term_column(table[0], term, (), TimeBasis("constant")))
+    model = model.but(columns=columns)
+    slope, bends = _slope(model, data), any(is_bend(mechanism, motion) for mechanism in model.mechanisms.values())
+    if slope is not None and not bends and (aero is None or len(aero.alpha) < 2):
+        model = model.having(StaticBend(slope=slope))
+    return scheduled(model, data) if has_schedule(model) else model
 
 
 def static_moment(flights: Sequence[Flight], baseline: Baseline) -> StaticMoment:
@@ -110,20 +109,6 @@ def has_schedule(model: Model) -> bool:
     static = model.mechanisms.get(StaticMoment.name)
     own = isinstance(static, StaticMoment) and static.by == "mach"
     return own or bool(model.mechanisms.keys() & {TableIncrements.name, SlopeSchedule.name, TableSlope.name})
-
-
-def with_priors(model: Model, data: Corrected) -> Model:
-    """The model with what its static moment may be more: a bend, and a schedule where it follows Mach number.
-
-    The bend is one that a body with its slope may have. A table that says how the slope goes with the angle of attack
-    says by how much it may err in that as well; and what has the bend as a column already knows no prior of it.
-    """
-    table, slope = model.mechanisms.get(TableSlope.name), _slope(model, data)
-    known = isinstance(table, TableSlope) and len(table.table.alpha) > 1
-    bends = any(is_bend(mechanism, data.frame.motions[0]) for mechanism in model.mechanisms.values())
-    if not (known or slope is None or bends):
-        model = model.having(StaticBend(slope=slope))
-    return scheduled(model, data) if has_schedule(model) else model
 
 
 def is_bend(mechanism: Mechanism, motion: Motion) -> bool:

@@ -20,9 +20,7 @@ from brv_hypo.constants import (
     CONFOUNDED_NEAR,
     DESCRIBED_CLOSEST,
     DESCRIBED_FINER,
-    DESCRIBED_FREE,
     DESCRIBED_GRADUAL,
-    DESCRIBED_HATS,
     DESCRIBED_NEIGHBOURS,
     DESCRIBED_SHARP,
     DESCRIBED_SLOW,
@@ -35,6 +33,7 @@ from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, sol
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import fastest_turning
+from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
@@ -49,7 +48,7 @@ from brv_hypo.mechanisms.yaml_mechanism import (
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.tracing.acceptance import Candidate, candidate_of
+from brv_hypo.tracing.acceptance import Candidate
 
 # ---- The dictionary ----
 
@@ -107,7 +106,7 @@ def entries(motions: Sequence[Motion]) -> tuple[Entry, ...]:
         values = np.concatenate([values_of(motion, quantity) for motion in motions])
         low, high = float(np.min(values)), float(np.max(values))
         if np.isfinite(low) and np.isfinite(high) and high - low > 1e-6 * abs(high):
-            found += [*_steps(quantity, low, high), *_smooth(quantity, low, high)]
+            found += _steps(quantity, low, high)
     return tuple(found)
 
 
@@ -176,24 +175,6 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
     return [entry(axis, share, value) for axis in _PLANE for share in _WIDTHS for value in places]
 
 
-def _smooth(quantity: Quantity, low: float, high: float) -> list[Entry]:
-    """Splines: stiffness, out-of-plane slope, damping and body-fixed moment around a value of the quantity."""
-    width = (high - low) / (DESCRIBED_HATS - 1)
-    found = []
-    for at in (low + k * width for k in range(DESCRIBED_HATS)):
-        hat, label = (Factor(of=quantity, function="bump", at=at, width=width),), f"hat at {quantity} {at:.12g}"
-        inside, outside = (_term(f"{axis} alpha, {label}", axis, 1, hat) for axis in _PLANE)
-        forms = {
-            "a change of the stiffness": (inside,),
-            "an out-of-plane moment with alpha": (outside,),
-            "a change of damping": (_term(f"rates, {label}", "along_rates", 0, hat),),
-            "a body-fixed moment": tuple(_term(f"{axis}, {label}", axis, 0, hat) for axis in _BODY),
-        }
-        where = f"around {_QUANTITIES[quantity]} {at:.4g}"
-        found += [Entry(f"{form} {where}", terms, follows=quantity, form=form) for form, terms in forms.items()]
-    return found
-
-
 # ---- Its entries beside a model ----
 
 _Bases = tuple[TimeBasis, ...]
@@ -206,12 +187,12 @@ def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | No
     gains = search.gains(search.offered)
     found = [search.fitted(search.best(gains), _ALWAYS, len(gains))] if gains and max(gains) > 0.0 else []
     if len(problem.records) == 1:
-        found += search.all_timed()
+        found += [search.timed(entry) for entry in search.best_over_stretches()]
     if not found:
         return None
     fit = likeliest(found)
     terms = as_terms(fit.selected, fit.values[fit.baseline_size :], fit.mechanisms[0])
-    return candidate_of(problem, null, fit, "discovered", file=file_of(name, fit.mechanisms[0].title, terms))
+    return Candidate("discovered", null, fit, file=file_of(name, fit.mechanisms[0].title, terms))
 
 
 def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
@@ -242,10 +223,6 @@ class _Changing(YamlMechanism):
     terms_enter_together = True
 
 
-_Placed = tuple[Entry, _Bases, int]
-"""An entry at its best place, how it changes in time, and of how many choices it is one."""
-
-
 @dataclass(frozen=True)
 class _Search:
     """The dictionary beside a model."""
@@ -256,21 +233,18 @@ class _Search:
 
     def gains(self, chosen: Sequence[Entry], bases: _Bases = _ALWAYS) -> list[float]:
         """Fall of the residual sum of squares by each entry, changing in time like this."""
-        return [float(_fall(*each)) for each in self._normal(chosen, bases)]
+        normal = self._normal(chosen, bases)
+        return [float(right @ solve_normal(products, right, squares)) for products, right, squares in normal]
 
-    def _normal(self, chosen: Sequence[Entry], bases: _Bases) -> list[tuple[FloatArray, FloatArray]]:
-        """Normal equations of each entry, changing in time like this, beside the model."""
+    def _normal(self, chosen: Sequence[Entry], bases: _Bases) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Normal equations of each entry, changing in time like this, beside the model, and its columns' squares."""
         mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
         reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
         groups = [_columns(mechanism.name, entry, bases) for entry in chosen]
         batch = reduced.batch([column for group in groups for column in group])
         ends = np.cumsum([0, *(len(group) for group in groups)])
-        found = []
-        for each in (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends)):
-            products, right = each.products(each), reduced.right(each)
-            free = np.diag(products) > DESCRIBED_FREE**2 * each.squares
-            found.append((np.where(np.outer(free, free), products, 0.0), np.where(free, right, 0.0)))
-        return found
+        each = (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends))
+        return [(own.products(own), reduced.right(own), own.squares) for own in each]
 
     def best(self, gains: Sequence[float]) -> Entry:
         """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
@@ -297,27 +271,14 @@ class _Search:
             spacing /= DESCRIBED_FINER
         return entry
 
-    def all_timed(self) -> list[HypothesisFit]:
-        """Entries that change in time: the best over a stretch, the best at the times of those, and the first of them
-        with times anew at its own place: beside a place a jump more makes up for what is off.
-        """
-        offered = [entry for entry in self.offered if entry.follows is None]
-        placed = [self._timed(entry) for entry in self._over_stretches(offered)]
-        if not placed:
-            return []
-        found = [self.fitted(*each) for each in placed]
-        (entry, bases, _), _ = min(zip(placed, found, strict=True), key=lambda pair: pair[1].information)
-        gains = [self.gains([each], bases)[0] for each in offered]
-        return found + [self.fitted(*self._timed(each)) for each in (offered[int(np.argmax(gains))], entry)]
-
-    def _timed(self, entry: Entry) -> _Placed:
+    def timed(self, entry: Entry) -> HypothesisFit:
         """An entry with jumps in time where they explain most, and then at its own best place."""
         mechanism = _Changing(definition=entry.terms)
         fit = fit_hypothesis(self.problem, mechanism.name, (mechanism,))
         bases = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
         sets = len(self.offered) * math.comb(fit.searched, len(bases))
         searched = next(count for count in itertools.count(len(bases)) if math.comb(count, len(bases)) >= sets)
-        return self.moved(entry, bases), bases, searched
+        return self.fitted(self.moved(entry, bases), bases, searched)
 
     def fitted(self, entry: Entry, bases: _Bases, searched: int) -> HypothesisFit:
         """An entry, changing in time like this, as one of so many choices."""
@@ -328,9 +289,9 @@ class _Search:
         columns = (*self.problem.baseline, *_columns(self.name, entry, bases))
         return solved(reduced, self.name, (mechanism,), columns, searched)
 
-    def _over_stretches(self, offered: Sequence[Entry]) -> list[Entry]:
+    def best_over_stretches(self) -> list[Entry]:
         """The entries that explain most over some stretch of time; of neighbours the best alone."""
-        time = self.problem.frame.time
+        time, offered = self.problem.frame.time, [entry for entry in self.offered if entry.follows is None]
         edges = np.linspace(float(time.min()), float(time.max()), DESCRIBED_STRETCHES + 1)
         stretches = tuple(TimeBasis("jump", float(a), float(b)) for a, b in itertools.pairwise(edges))
         gains = [_most_of_a_stretch(*self._normal([entry], stretches)[0]) for entry in offered]
@@ -341,9 +302,9 @@ class _Search:
         return found[:DESCRIBED_TIMED]
 
 
-def _most_of_a_stretch(normal: FloatArray, right: FloatArray) -> float:
+def _most_of_a_stretch(normal: FloatArray, right: FloatArray, squares: FloatArray) -> float:
     """The largest fall of the residual's squares by an entry over neighbouring parts of the record; normal equations of
-    its parts.
+    its parts, and their squares.
     """
     count = DESCRIBED_STRETCHES
     shape = (count, right.size // count)
@@ -351,19 +312,14 @@ def _most_of_a_stretch(normal: FloatArray, right: FloatArray) -> float:
     ends = itertools.combinations(range(count + 1), 2)
     joined = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends])
     of_each = np.einsum("wj,jakb,wk->wab", joined, normal, joined, optimize=True)
-    return float(np.max(_fall(of_each, joined @ right)))
+    values = solve_normal(of_each, joined @ right, joined @ squares.reshape(shape))
+    return float(np.max(np.sum((joined @ right) * values, axis=1)))
 
 
 def _neighbours(one: Entry, other: Entry) -> bool:
     """Whether two entries are the same at places next to each other."""
     placed = one.at is not None and other.at is not None
     return placed and abs(one.position - other.position) < DESCRIBED_NEIGHBOURS * max(one.spacing, other.spacing)
-
-
-def _fall(normal: FloatArray, right: FloatArray) -> FloatArray:
-    """Fall of the residual sum of squares by normal equations (..., columns, columns) and (..., columns)."""
-    inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
-    return np.asarray(np.einsum("...a,...ab,...b->...", right, inverse, right), dtype=float)
 
 
 def _columns(mechanism: str, entry: Entry, bases: _Bases) -> tuple[Regressor, ...]:

@@ -15,7 +15,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 from typing import cast
 
 import numpy as np
@@ -139,14 +138,13 @@ class Beside:
         Intervals are those of the jackknife over stretches of time (Efron and Stein, Ann. Statist. 9, 1981).
         """
         selected = self._finer._selected(names)
-        order = [*((self.families[name],) for name in names), *(some for some, _ in selected)]
+        order = [*(self.families[name] for name in names), *(family for family, _ in selected)]
         residuals = [self._residual(names[:count]) for count in range(len(names) + 1)]
         residuals += [each.residual for _, each in selected]
         squares = [np.bincount(self.rows.time_blocks, weights=each**2).astype(float) for each in residuals]
         falls = dict[str, FloatArray]()
-        for some, before, after in zip(order, squares, squares[1:], strict=False):
-            for family in some:  # what two explain together is half of either
-                falls[family] = np.asarray(falls.get(family, 0.0) + (before - after) / len(some))
+        for family, before, after in zip(order, squares, squares[1:], strict=False):
+            falls[family] = np.asarray(falls.get(family, 0.0) + before - after)
         histories = self._histories(selected[-1][1])
         found = []
         for family, fall in falls.items():
@@ -172,22 +170,20 @@ class Beside:
         found = self.shares([])
         return found[0].family if found and found[0].share > FAMILY_MAJORITY else None
 
-    def _selected(self, names: Sequence[str]) -> list[tuple[tuple[str, ...], Evidence]]:
-        """Families one after another, each the one that raises the evidence most; two at once where no one does."""
-        every = tuple(dict.fromkeys(group.family for group in self.rows.groups))
-        whole, level, known = self.evidence(names, every).level, -np.inf, tuple[str, ...]()
-        found: list[tuple[tuple[str, ...], Evidence]] = []
-        while whole > level + FAMILY_SIGNIFICANT and len(known) < len(every):
-            for size in (1, 2):
-                offered = combinations([each for each in every if each not in known], size)
-                tried = {some: self.evidence(names, (*known, *some)) for some in offered}
-                best = max(tried, key=lambda some: tried[some].level)
-                if tried[best].level > level + FAMILY_SIGNIFICANT:
-                    break
-            else:
+    def _selected(self, names: Sequence[str]) -> list[tuple[str, Evidence]]:
+        """Families one after another, each the one that raises the evidence most, while that gains."""
+        rest, known = list(dict.fromkeys(group.family for group in self.rows.groups)), list[str]()
+        found: list[tuple[str, Evidence]] = []
+        level = -np.inf
+        while rest:
+            tried = {family: self.evidence(names, [*known, family]) for family in rest}
+            best = max(rest, key=lambda family: tried[family].level)
+            if tried[best].level <= level + FAMILY_SIGNIFICANT:
                 break
             found.append((best, tried[best]))
-            known, level = (*known, *best), tried[best].level
+            level = tried[best].level
+            known.append(best)
+            rest.remove(best)
         return found
 
     def _histories(self, own: Evidence) -> dict[str, ProcessHistory]:
@@ -212,7 +208,7 @@ def beside_processes(
     known = {(each.effect.name, each.component, each.flight) for each in before.applied}
     applied = [each for each in model.applied if (each.effect.name, each.component, each.flight) not in known]
     histories = dict(given or {}) | {
-        _label(a): on_frame(data.frame, a.flight, linear[a.flight].effect(a.effect, a.component, a.size))
+        _label(a): on_frame(data.frame, a.flight, linear.flights[a.flight].effect(a.effect, a.component, a.size))
         for a in applied
     }
     corrections = [dict(each) for each in data.corrections]

@@ -17,7 +17,7 @@ from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
-from brv_hypo.comparison.summary import channel_of, flight_summary, likelihood_block, motion_histories
+from brv_hypo.comparison.summary import estimates, flight_summary, likelihood_block, motion_histories, of_flight
 from brv_hypo.constants import (
     LIKELIHOOD_STEPS,
     MODEL_ERROR_CHANCE,
@@ -39,18 +39,17 @@ from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.whitening import effective_samples
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
-from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
+from brv_hypo.model.baseline import KnownSlopeSchedule, SlopeSchedule
 from brv_hypo.model.model import Model, ModelError, SavedModel, digest
-from brv_hypo.model.term import BASELINE, Regressor, TimeBasis, evaluated
+from brv_hypo.model.term import Regressor, TimeBasis, evaluated
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
 from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
-from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged, noise_floor
+from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
-_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
 # What a static moment may be a function of.
 _FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds")
 _ALWAYS = TimeBasis("constant")
@@ -65,7 +64,7 @@ def gathered(
     discovery: MechanismFile | None,
 ) -> Trace:
     """The result of the contract; `before` are the residual moments of the first model."""
-    data, flights, final = fit.data, fit.data.originals, fit.residual
+    data, flights, final = fit.data, fit.data.source.records, fit.residual
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
     definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
@@ -79,7 +78,10 @@ def gathered(
         hints=tuple(name for name in names_added(steps, "hint") if name not in findings),
         families=steps[0].families,
         account=account,
-        model=ModelSummary(terms=(*estimates(found, data), *_record_terms(whole)), definition=definition),
+        model=ModelSummary(
+            terms=(*estimates(found.columns, found.values, found.covariance, data.frame), *_record_terms(whole)),
+            definition=definition,
+        ),
         record_errors=record_errors(beside),
         **collinear(found.columns, found.covariance),
         static_slopes=slopes,
@@ -89,7 +91,7 @@ def gathered(
         stopped=stopped,
         unexplained=unexplained(final),
         caveats=tuple(dict.fromkeys(each for one in every for each in _caveats_of(*one))),
-        noise=noise_floor(data.held_out, fit.left),
+        noise=fit.left.mean_square_of_noise(data.held_out.rows),
         final_residual=final,
         discovered=_described(fit.model, found, discovery),
         picture=_picture(before, fit, final.flight or 0, beside),
@@ -116,8 +118,9 @@ def _described(model: Model, found: Coefficients, discovery: MechanismFile | Non
 def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:
     """Of several flights, that of the one with this number."""
     after, data, measured = fit.left, fit.data, fit.data.moments(fit.data.frame.observed)
-    kept = (before.usable & after.usable)[data.rows_of(number)]
-    samples, rows = data.samples_of(number)[kept], data.rows_of(number)[kept]
+    rows = np.arange(after.usable.size)[data.frame.span(number)]
+    kept = (before.usable & after.usable)[rows]
+    samples, rows = data.frame.samples(number)[kept], rows[kept]
     return Picture(
         measured=pair(measured.body[rows]),
         before=pair(before.body[rows]),
@@ -222,29 +225,6 @@ def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivativ
 # ---- The model's coefficients on the whole record, and how well they are known ----
 
 
-def estimates(found: Coefficients, data: Corrected) -> tuple[TermEstimate, ...]:
-    """Coefficients with their standard errors, as a result has them."""
-    sigmas, out = np.sqrt(np.maximum(np.diag(found.covariance), 0.0)).tolist(), []
-    for column, value, sigma in zip(found.columns, found.values.tolist(), sigmas, strict=True):
-        basis, reconstruction = column.time_basis, data.reconstructions[column.flight or 0]
-        time = reconstruction.flight.time
-        acts = max(basis.start, float(time[0])), min(basis.stop, float(time[-1]))
-        where = {
-            "channel": channel_of(column, data.frame.mechanisms, reconstruction.motion),
-            "region_s": None if basis.kind == "constant" else acts,
-            "delay_s": column.delay,
-        }
-        mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
-        label = column.label + _of_flight(data, column.flight)
-        out.append(estimate(label, mechanism, value, sigma, column.units, **where))
-    return tuple(out)
-
-
-def _of_flight(data: Corrected, number: int | None) -> str:
-    """Which flight a term is of, where there are several; counted from 1."""
-    return "" if number is None or len(data.records) == 1 else f" [flight {number + 1}]"
-
-
 def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     """What was taken out of the record; its standard errors are those of a further change, moments and motion fitted
     along.
@@ -254,14 +234,14 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     of = {(item.name, item.component, item.flight): sigma * item.size for item, sigma in pairs}
     found = []
     for a in whole.model.applied:
-        name, sigma = a.component + _of_flight(whole.data, a.flight), of[a.effect.name, a.component, a.flight]
+        name, sigma = a.component + of_flight(whole.data.frame, a.flight), of[a.effect.name, a.component, a.flight]
         found.append(estimate(name, a.effect.name, a.value, sigma, a.units, channel="record"))
     return tuple(found)
 
 
 def _definition(fit: Fit, model: Model, found: Coefficients) -> SavedModel:
     """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
-    flights, (elsewhere, left) = fit.data.originals, _elsewhere(fit, model, found)
+    flights, (elsewhere, left) = fit.data.source.records, _elsewhere(fit, model, found)
     known = model.but(columns=found.columns).saved()
     return known.with_coefficients(found.values, found.covariance, elsewhere.values, elsewhere.covariance).model_copy(
         update={
@@ -294,7 +274,7 @@ def _elsewhere(fit: Fit, model: Model, own: Coefficients) -> tuple[Coefficients,
     if np.all(lasts) and not model.applied:
         return own, fit.left
     columns = tuple(itertools.compress(model.columns, lasts))
-    fit = converged(fit.data.originals, model.but(columns=columns, applied=()), fit.data.config)
+    fit = converged(fit.data.source, model.but(columns=columns, applied=()))
     found = fit.on_whole_record().coefficients
     # What was refined on the way is the same column still.
     place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}
@@ -312,7 +292,7 @@ def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoment
     Nothing where that is no more than the noise may leave by chance.
     """
     pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
-    mach = np.concatenate([rec.motion.mach[data.samples_of(k)] for k, rec in enumerate(data.reconstructions)])
+    mach = np.concatenate([rec.motion.mach[data.frame.samples(k)] for k, rec in enumerate(data.reconstructions)])
     places = np.array([float(np.mean(mach[rows])) for rows in pieces])
     apart = bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size
     order = np.argsort(places) if apart else np.arange(places.size)
@@ -329,8 +309,7 @@ def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArr
     kept = [rows[left.usable[rows]] for rows in pieces]
     weights = weights * [rows.size for rows in kept]
     weights = weights / weights.sum(axis=1, keepdims=True)
-    squares = np.array([np.mean(np.abs(left.body[rows]) ** 2) / 2.0 for rows in kept])
-    noises = np.array([np.mean(left.noise[rows] ** 2) for rows in kept])
+    squares, noises = np.array([(left.mean_square(rows), left.mean_square_of_noise(rows)) for rows in kept]).T
     parts = [part(left.body[rows] / left.noise[rows]) for part in (np.real, np.imag) for rows in kept]
     share = effective_samples(parts) / sum(part.size for part in parts)
     # Of a mean square with so many degrees of freedom, were it noise alone.
@@ -401,7 +380,7 @@ def maximum_likelihood(fit: Fit) -> MaximumLikelihood:
     fixed = {(each.effect.name, each.component): each.value for each in model.applied}
     regressed = Regressed.of(fit.problem, fit.data.frame, model.columns, *fit.solution).beside([fixed])
     found = identify(data.frame, columns, values, regressed=regressed, max_iterations=LIKELIHOOD_STEPS)
-    return likelihood_block(found, estimates(Coefficients(found.columns, found.values, found.covariance), data))
+    return likelihood_block(found, estimates(found.columns, found.values, found.covariance, data.frame))
 
 
 def _known_schedule(fit: Fit) -> KnownSlopeSchedule | None:

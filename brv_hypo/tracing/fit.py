@@ -7,7 +7,7 @@ are nearly taken out, and about the model's own coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,7 +17,6 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.constants import (
-    MODEL_CORRECTIONS,
     MODEL_LINEARISATIONS,
     MODEL_MOMENT_ROUNDS,
     MODEL_OWN_POINTS,
@@ -40,7 +39,7 @@ from brv_hypo.inference.refinement import ROUGH, Steps, nonlinear_parameters, pr
 from brv_hypo.linearisation.channels import Histories, Noise, Part, part, split, whole
 from brv_hypo.linearisation.frame import RateFrame, ResidualMoments, build_frame, remove_levels, residual_moments
 from brv_hypo.linearisation.linear import covariance_of, solve_scaled
-from brv_hypo.linearisation.nuisance import Errors, Nuisance, nuisances
+from brv_hypo.linearisation.nuisance import Errors, KnownHistories, Nuisance, nuisances
 from brv_hypo.linearisation.propagated_motion import linearisation_point
 from brv_hypo.linearisation.response import LinearisedFlight
 from brv_hypo.linearisation.whitening import difference, white
@@ -57,8 +56,34 @@ from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
 from brv_hypo.tracing.result import Residual, TraceConfig
 
-Linear = tuple[LinearisedFlight, ...]
-"""One a flight."""
+
+@dataclass(frozen=True)
+class Flights:
+    """Flights and the settings that they are traced by; what each reads without a model's errors is found once."""
+
+    records: tuple[Flight, ...]
+    config: TraceConfig
+    _known: dict[tuple[int, str], tuple[InertialRecord, Reconstruction]] = field(default_factory=dict, repr=False)
+
+    def read(self, number: int, model: Model, corrections: Errors) -> tuple[InertialRecord, Reconstruction]:
+        """One flight without its errors that a model holds, and `corrections` besides, where it is linearised."""
+        own = tuple(applied for applied in model.applied if applied.flight == number)
+        if corrections or (number, repr(own)) not in self._known:
+            settings, read = ReconstructionConfig(method=self.config.method), without(self.records[number], corrections)
+            read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
+            point = linearisation_point(reconstruct(read, settings), settings)
+            if corrections:  # not read again
+                return point
+            self._known[number, repr(own)] = point
+        return self._known[number, repr(own)]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Each flight linearised about a model, with what errors of its record do there, as far as it is known."""
+
+    flights: tuple[LinearisedFlight, ...]
+    known: KnownHistories = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
@@ -69,8 +94,7 @@ class Corrected:
     their priors still, but is linearised where those of the record are corrected and those of the vehicle act.
     """
 
-    originals: tuple[Flight, ...]
-    config: TraceConfig
+    source: Flights
     records: tuple[InertialRecord, ...]
     frame: RateFrame
     fitted: Part
@@ -87,15 +111,6 @@ class Corrected:
     def flights(self) -> tuple[Flight, ...]:
         """The records as they are read."""
         return tuple(reconstruction.flight for reconstruction in self.frame.reconstructions)
-
-    def rows_of(self, number: int) -> IntArray:
-        """Rows of the frame that belong to one flight."""
-        return np.flatnonzero(self.frame.flight_of_row == number)
-
-    def samples_of(self, number: int) -> IntArray:
-        """The sample of the flight that each of these rows is."""
-        own = [np.arange(s.rows.start, s.rows.stop) for s in self.frame.segments if s.flight == number]
-        return np.concatenate(own) if own else np.zeros(0, dtype=int)
 
     def part_where(self, chosen: BoolArray) -> Part:
         """The rows that are chosen (frame rows,)."""
@@ -131,7 +146,7 @@ class Corrected:
             columns, vehicle = tuple(model.columns[j] for j in own), model.tolerated(reconstruction.flight)
             known = with_vehicle(self.frame, columns, values[own], vehicle, self.corrections[number])
             found.append(linearised(record, reconstruction, *known))
-        return tuple(found)
+        return Linear(tuple(found))
 
     def regression(
         self,
@@ -145,18 +160,18 @@ class Corrected:
         Components of record effects that the model holds are free, all others bounded by their tolerances. `processes`
         of the record may act.
         """
-        frame, config, flights = self.frame, self.config, len(linear)
+        frame, config, flights = self.frame, self.source.config, len(linear.flights)
         free = [
             {(a.effect.name, a.component): a.effect for a in model.applied if a.flight == number}
             for number in range(flights)
         ]
         effects, vehicle = (*nuisance_effects(), *processes), model.tolerated(self.flights[0])
-        unknown = nuisances(frame, linear, effects, vehicle, free, self.corrections)
+        unknown = nuisances(frame, linear.flights, effects, vehicle, free, self.corrections, linear.known)
         return Problem(
             frame=frame.with_mechanisms([GivenColumns()]),
             records=self.records,
-            force=on_rows(frame, linear)[0],
-            rows=WhitenedRows(self.fitted, first_noise(linear), unknown),
+            force=on_rows(frame, linear.flights)[0],
+            rows=WhitenedRows(self.fitted, first_noise(linear.flights), unknown),
             baseline=model.columns,
             knots=default_knots(float(frame.time.min()), float(frame.time.max()), config.knot_count),
             max_terms=config.max_terms * flights,
@@ -165,27 +180,19 @@ class Corrected:
         )
 
 
-def correct(
-    flights: Sequence[Flight], model: Model, config: TraceConfig, corrections: Sequence[Errors] | None = None
-) -> Corrected:
+def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None = None) -> Corrected:
     """Reconstruct the flights as the model reads their records, `corrections` out of each besides.
 
     What the reconstruction finds of the remaining errors within their tolerances is taken out too.
     """
-    corrections = tuple(corrections) if corrections is not None else tuple({} for _ in flights)
-    settings = ReconstructionConfig(method=config.method)
-    points = []
-    for number, flight in enumerate(flights):
-        read = without(flight, corrections[number])
-        own = [applied for applied in model.applied if applied.flight == number]
-        read = superposed(read, [each.effect.perturb(read, each.component, -each.value) for each in own])
-        points.append(linearisation_point(reconstruct(read, settings), settings))
+    corrections = tuple(corrections) if corrections is not None else tuple({} for _ in source.records)
+    points = [source.read(number, model, known) for number, known in enumerate(corrections)]
     records = tuple(record for record, _ in points)
     frame = build_frame([reconstruction for _, reconstruction in points], list(model.mechanisms.values()))
     pairs = zip(records, frame.reconstructions, strict=True)
     valid = on_rows(frame, [linearised(*pair, frame, (), np.zeros(0)) for pair in pairs])[1]  # no spike, and measured
-    parts = (*split(frame, valid, config.blocks), whole(frame, valid))
-    return Corrected(tuple(flights), config, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
+    parts = (*split(frame, valid, source.config.blocks), whole(frame, valid))
+    return Corrected(source, records, frame, *parts, corrections).with_in_plane_moment(model.columns)
 
 
 @dataclass(frozen=True)
@@ -233,24 +240,23 @@ class Coefficients:
 class Fit:
     """A model on a part of flights, else the fitted one; `problem` is its regression, linear about `linear`.
 
-    `fixed` (columns,) are coefficients and `others` (unknowns,) nuisances that are not fitted, NaN for those that are;
-    empty where all are.
+    `known` (columns + unknowns,) are coefficients and nuisances that are not fitted, NaN for those that are; empty
+    where all are.
     """
 
     model: Model
     data: Corrected
     problem: Problem
     linear: Linear
-    fixed: FloatArray = field(default_factory=lambda: np.zeros(0))
-    others: FloatArray = field(default_factory=lambda: np.zeros(0))
+    known: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def solution(self) -> tuple[FloatArray, FloatArray]:
         """Coefficients (columns,) and nuisances (unknowns,)."""
-        if not (self.fixed.size or self.others.size):
+        if not self.known.size:
             return self.problem.solution(self.data.frame, self.model.columns)
         _, values, _ = self.all_unknowns
-        return values[: len(self.model.columns)], values[values.size - len(self.nuisances) :]
+        return values[self._places[: len(self.model.columns)]], values[self._places[len(self.model.columns) :]]
 
     @property
     def values(self) -> FloatArray:
@@ -262,11 +268,17 @@ class Fit:
         """Columns, constants of integration and nuisances (rows, all), what they come to, and which are fitted."""
         design = self.problem.whole_design(self.data.frame, self.model.columns)
         values = np.full(design.shape[1], np.nan)
-        values[: self.fixed.size] = self.fixed
-        values[values.size - self.others.size :] = self.others
+        if self.known.size:
+            values[self._places] = self.known
         free, values = np.isnan(values), np.nan_to_num(values)
         values[free] = solve_scaled(design[:, free], self.problem.raw_response - design @ values)
         return design, values, free
+
+    @property
+    def _places(self) -> IntArray:
+        """Where coefficients and nuisances stand among all unknowns: between them are constants of integration."""
+        columns, first = len(self.model.columns), 2 * len(self.problem.rows.part.levels)
+        return np.append(np.arange(columns), columns + first + np.arange(len(self.nuisances)))
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -284,8 +296,7 @@ class Fit:
         covariance, count = np.zeros((free.size, free.size)), int(free.sum())
         found = covariance_of(fitted, residual, problem.samples, efficiency)
         covariance[np.ix_(free, free)] = found[:count, :count]
-        kept = np.r_[: len(columns), free.size - len(self.nuisances) : free.size]
-        return np.asarray(covariance[np.ix_(kept, kept)], dtype=float)
+        return np.asarray(covariance[np.ix_(self._places, self._places)], dtype=float)
 
     @property
     def coefficients(self) -> Coefficients:
@@ -371,42 +382,59 @@ def fitted_about(data: Corrected, model: Model, values: FloatArray | None = None
     return Fit(model, data, problem.under(noise), linear)
 
 
-def converged(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
-    """The fit of a model, linearised where the errors that the tolerances allow are nearly taken out.
+def converged(source: Flights, model: Model) -> Fit:
+    """The fit of a model, linearised where the errors that the tolerances allow are nearly taken out."""
+    return converged_from(fitted_about(correct(source, model), model))
 
-    What they do to the reconstruction is not small enough to be linear from the record as it is. Knots and delays
-    of the model are refined there. Last it is linearised about its own coefficients, while it fits better so: the first
-    are of the rates' differences, and those of columns that are nearly one are anything. Where it fits worse, much is
-    unexplained, errors far beyond their tolerances are linear about no point, and the next is as good as chance.
+
+def converged_from(fit: Fit) -> Fit:
+    """The same, from another point.
+
+    What errors do to the reconstruction is not small enough to be linear from the record as it is; nor are the errors
+    that the model holds, whose values follow. Knots and delays of the model are refined there. Last it is linearised
+    about its own coefficients: the first are of the rates' differences, and those of columns that are nearly one are
+    anything. Where it fits worse, much is unexplained, errors far beyond their tolerances are linear about no point,
+    and the next is as good as chance.
     """
-    fit = _near_its_errors(flights, model, config)
-    for _ in range(MODEL_OWN_POINTS):
-        nearer = fitted_about(fit.data, fit.model, fit.values)
+    fit, worse = _while_better(fit, _without_its_errors, MODEL_LINEARISATIONS)
+    if worse:  # the record has none of the errors; what was found of the vehicle's moments acts
+        fit = _with_its_vehicle(fit)
+    return _while_better(fit, lambda own: fitted_about(own.data, own.model, own.values), MODEL_OWN_POINTS)[0]
+
+
+def _while_better(fit: Fit, step: Callable[[Fit], Fit], most: int) -> tuple[Fit, bool]:
+    """The fit after some steps, while these improve it; and whether a further one would make it worse."""
+    for _ in range(most):
+        nearer = step(fit)
         fall = fit.errors.mean_square / nearer.errors.mean_square
         if fall < 1.0 / MODEL_TRIFLE:
-            break
+            return fit, True
         fit = nearer
         if fall < MODEL_TRIFLE:
             break
-    return fit
+    return fit, False
 
 
-def _near_its_errors(flights: Sequence[Flight], model: Model, config: TraceConfig) -> Fit:
-    fit = fitted_about(correct(flights, model, config), model)
-    for _ in range(MODEL_LINEARISATIONS):
-        found, before = fit.record_errors, fit.data.corrections
-        corrections = [next_corrections(k, each, model, found[k], before[k]) for k, each in enumerate(flights)]
-        nearer = fitted_about(correct(flights, model, config, corrections), model).at_best_knots()
-        if nearer.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
-            # The errors of the record that were found are none; what was found of the vehicle's moments acts.
-            allowed = [{mechanism.name for mechanism in model.tolerated(flight)} for flight in fit.data.flights]
-            acting = tuple(
-                {**known, **{name: value for name, value in more.items() if name[0] in names}}
-                for known, more, names in zip(before, corrections, allowed, strict=True)
-            )
-            return fitted_about(replace(fit.data, corrections=acting), model, fit.values)
-        fit, model = nearer, nearer.model
-    return fit
+def _found(fit: Fit) -> list[Errors]:
+    """What is taken out of each flight's record after a fit."""
+    pairs = zip(fit.data.source.records, fit.record_errors, fit.data.corrections, strict=True)
+    return [next_corrections(k, flight, fit.model, found, before) for k, (flight, found, before) in enumerate(pairs)]
+
+
+def _without_its_errors(fit: Fit) -> Fit:
+    """The model where the errors of the record that a fit finds are taken out, its knots and delays refined."""
+    more = ((a, fit.record_errors[a.flight].get((a.effect.name, a.component), 0.0)) for a in fit.model.applied)
+    model = fit.model.but(applied=tuple(a.model_copy(update={"value": a.value + value}) for a, value in more))
+    return fitted_about(correct(fit.data.source, model, _found(fit)), model).at_best_knots()
+
+
+def _with_its_vehicle(fit: Fit) -> Fit:
+    """The model about its coefficients and the errors of the vehicle that a fit finds."""
+    acting = []
+    for flight, known, found in zip(fit.data.flights, fit.data.corrections, _found(fit), strict=True):
+        names = {mechanism.name for mechanism in fit.model.tolerated(flight)}
+        acting.append({**known, **{name: value for name, value in found.items() if name[0] in names}})
+    return fitted_about(replace(fit.data, corrections=tuple(acting)), fit.model, fit.values)
 
 
 def next_corrections(number: int, flight: Flight, model: Model, found: Errors, before: Errors) -> Errors:
@@ -425,51 +453,29 @@ def next_corrections(number: int, flight: Flight, model: Model, found: Errors, b
     return {**before, **within}
 
 
-def refitted(fit: Fit) -> Fit:
-    """The fit with its errors of the record fitted once more, all together and under the final noise.
-
-    Their first values are those of a reconstruction that the errors themselves had distorted. The fit itself where that
-    is no better.
-    """
-    for _ in range(MODEL_CORRECTIONS if fit.model.applied else 0):
-        wrong = fit.record_errors
-        applied = tuple(
-            a.model_copy(update={"value": a.value + wrong[a.flight].get((a.effect.name, a.component), 0.0)})
-            for a in fit.model.applied
-        )
-        model = fit.model.but(applied=applied)
-        data = correct(fit.data.originals, model, fit.data.config, fit.data.corrections)
-        found = fitted_about(data, model, fit.values, fit.problem.rows.noise)
-        if found.errors.mean_square > fit.errors.mean_square * MODEL_TRIFLE:
-            break
-        fit = found
-    return fit
-
-
 # ---- The residual: whiteness, size, where it is largest, its frequency ----
 
 
 def _residual_of(fit: Fit) -> Residual:
     """Of several flights, size and place are those of the one with the largest residual against its noise."""
     data, left = fit.data, fit.left
-    every = [rows[left.usable[rows]] for rows in map(data.rows_of, range(len(data.records)))]
-    squares = np.abs(left.body) ** 2
-    ratios = [float(np.mean(squares[k]) / 2.0 / np.mean(left.noise[k] ** 2)) if k.size else 0.0 for k in every]
+    spans = [data.frame.span(number) for number in range(len(data.records))]
+    ratios = [left.mean_square(each) / max(left.mean_square_of_noise(each), 1e-300) for each in spans]
     number = int(np.argmax(ratios))
-    motion, body = data.reconstructions[number].motion, left.body[every[number]]
-    samples = data.samples_of(number)
-    time, samples = motion.time[samples], samples[left.usable[data.rows_of(number)]]
+    usable, samples = left.usable[spans[number]], data.frame.samples(number)
+    motion, body = data.reconstructions[number].motion, left.body[spans[number]][usable]
+    time, samples = motion.time[samples], samples[usable]
     plane = plane_from_body(body, motion.windward_meridian[samples])
     channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
     p_value, frequency = _whiteness(fit), _dominant(body, float(np.median(np.diff(time))))
     return Residual(
         flight=number if len(ratios) > 1 else None,
-        rms=float(np.sqrt(np.mean(squares[every[number]]) / 2.0)),
+        rms=float(np.sqrt(left.mean_square(spans[number]))),
         white=p_value > WHITE_CHANCE and ratios[number] < NOISE_EXCESS,
         p_value=p_value,
         noise_ratio=ratios[number],
         worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
-        worst_region_s=_worst_region(time, motion.time[samples], squares[every[number]]),
+        worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
         dominant_frequency_hz=frequency,
         dominant_frequency_is=_name_frequency(motion, frequency),
     )
@@ -536,9 +542,3 @@ def has_tolerance(problem: Problem, effect: str) -> bool:
 def with_efficiency(problem: Problem, fit: HypothesisFit) -> Problem:
     """The problem with the effective share of samples that a fit's residual shows."""
     return replace(problem, efficiency=problem.efficiency_of(fit.residual))
-
-
-def noise_floor(part: Part, moments: ResidualMoments) -> float:
-    """Mean square of the moment coefficients' noise on a part."""
-    rows = part.rows[moments.usable[part.rows]]
-    return float(np.mean(moments.noise[rows] ** 2))

@@ -164,14 +164,14 @@ class Step(NullIsNaN):
     `error_before`, `error_after` are those of the moment coefficients; `force_error_before`, `force_error_after` those
     of the specific force across the axis, (m/s^2)^2, in which an error of the record may show alone.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
-    blocks, knots, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
+    blocks, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
     `flight_left_out`: with several flights, what the shared terms predict of each from the others. `removed`: effects
     of earlier steps that the model has no need of beside this one.
     `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has
     those that explain any, with intervals and the histories of processes. `unwanted`: what is refused as processes
     explain the record far better; `evidence_gain`: the log evidence that what was added gains beside them, nats.
     `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
-    `held_out_score` the fall of the held-out error in both channels in its standard errors.
+    `held_out_score` the fall of that of moments and force in its standard errors.
     """
 
     step: int

@@ -20,7 +20,6 @@ from brv_hypo.constants import FINDING_SHOWN, HELD_OUT_SHORTEST, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
-from brv_hypo.flight.record import Flight
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import GIVEN
@@ -34,12 +33,12 @@ from brv_hypo.motion import try_record
 from brv_hypo.progress import Progress, report_to, stages
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import FAMILY_REST, SPECIFIC
-from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded, with_columns
+from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confounded
 from brv_hypo.tracing.additions import analyse_step
-from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model, starting_columns, with_priors
+from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, MomentErrors, converged, correct, fitted_about, refitted
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
     Account,
     Baseline,
@@ -97,31 +96,28 @@ def trace(
                 "configuration."
             )
     with threadpool_limits(limits=1, user_api="blas"):  # the matrices are small: threads only cost
-        result = _trace(records, config, stages(report_to(progress), {}))
+        result = _trace(Flights(records, config), stages(report_to(progress), {}))
     return result.model_copy(update={"record": record_summary([try_record(flight)[1] for flight in own])})
 
 
-def _trace(flights: tuple[Flight, ...], config: TraceConfig, say: Callable[[str], None]) -> Trace:
-    begun = clock.perf_counter()
+def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
+    begun, config = clock.perf_counter(), source.config
     tried, turns = _effects(config), list[Turn]()
     say("reconstructing the motion")
-    fit = _start(flights, config, config.baseline)
-    discovery: MechanismFile | None = None
+    fit = _start(source, config.baseline)
     stopped: Stop = "limit"
     for number in range(1, config.max_steps + 1):
         say(f"step {number}: trying the effects")
         turn = _turn(number, fit, *tried, [each.step for each in turns])
         turns.append(turn)
-        if turn.discovery is not None and (turn.after is not None or discovery is None):
-            discovery = turn.discovery
         fit = turn.after or turn.before
         if turn.after is None:
             nothing_more: Stop = "white" if turn.step.residual.white else "nothing significant"
             stopped = "nothing improves held-out error" if turn.step.refused else nothing_more
             break
-    first, fit = turns[0].before, refitted(fit)
+    first = turns[0].before
     steps = _confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
-    result = gathered(fit, first.left, steps, _account(turns, fit), stopped, discovery)
+    result = gathered(fit, first.left, steps, _account(turns, fit), stopped, turns[-1].discovery)
     if config.maximum_likelihood:
         say("maximum likelihood of the final model")
         result = result.model_copy(update={"ml": maximum_likelihood(fit)})
@@ -136,16 +132,14 @@ def _effects(config: TraceConfig) -> tuple[tuple[Mechanism, ...], tuple[RecordEf
     return of_moments, tuple(item for item in items if isinstance(item, RecordEffect))
 
 
-def _start(flights: tuple[Flight, ...], config: TraceConfig, baseline: Baseline) -> Fit:
+def _start(source: Flights, baseline: Baseline) -> Fit:
     """The model that the trace starts from."""
-    start = config.start
+    flights, start = source.records, source.config.start
     if not isinstance(start, str):
-        return converged(flights, restored(start, flights), config)
+        return converged(source, restored(start, flights))
     known = parse_hypothesis(start)
-    model = start_model(flights, known, baseline, config.aero)
-    data = correct(flights, model, config)
-    columns, added = starting_columns(model, data.frame), tuple(mechanism.name for mechanism in known)
-    model = with_priors(model.but(columns=columns, added=added), data)
+    model = start_model(source, known, baseline).but(added=tuple(mechanism.name for mechanism in known))
+    data = correct(source, model)
     chosen = tuple(m for m in known if m.time_variation != ("constant",) or m.parameters())
     motion, each = data.reconstructions[0].motion, range(len(flights)) if len(flights) > 1 else [None]
     declared = tuple(  # every term of mechanisms that leave no choice in time, of all flights together or of each
@@ -157,20 +151,19 @@ def _start(flights: tuple[Flight, ...], config: TraceConfig, baseline: Baseline)
     )
     model = model + Model(columns=declared)
     if chosen:
-        problem = converged(flights, model, config).problem
+        problem = converged(source, model).problem
         model = model.but(columns=fit_hypothesis(problem, "start", chosen).columns)
-    return converged(flights, model, config)
+    return converged(source, model)
 
 
 def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
     """The held-out error of one model after another, from constant coefficients to the last."""
     first, added = turns[0].before, [turn.step.added for turn in turns if turn.step.added is not None]
-    flights, config = first.data.originals, first.data.config
-    start, models = "constant", list[tuple[str, Fit]]()
+    config, start, models = first.data.source.config, "constant", list[tuple[str, Fit]]()
     if config.start != "none" or config.aero is not None:
         start = "the model given"
     elif has_schedule(first.model):
-        models, start = [(start, _start(flights, config, "constant"))], "scheduled"
+        models, start = [(start, _start(first.data.source, "constant"))], "scheduled"
     models += zip((start, *added), [*(turn.before for turn in turns[: len(added)]), last], strict=True)
     errors = [(name, fit.held_out) for name, fit in models]
     return tuple(
@@ -185,7 +178,7 @@ def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
 class Turn(NamedTuple):
     """One step with the fit that it started from, and the one that it led to.
 
-    `discovery`: the description in generic terms, where it is significant and no name took its place.
+    `discovery`: where it led to none, the description in generic terms that is significant all the same.
     """
 
     step: Step
@@ -201,7 +194,8 @@ def _turn(
 
     What steps `before` added and is not wanted beside it is removed.
     """
-    model, flights, config = fit.model, fit.data.originals, fit.data.config
+    model, source, config = fit.model, fit.data.source, fit.data.source.config
+    flights = source.records
     usable = tuple(m for m in mechanisms if _applicable(m, fit.data))
     bends = [m for m in usable if StaticBend.name in model.mechanisms and is_bend(m, fit.data.frame.motions[0])]
     # What changes in time may be described better by more columns of it.
@@ -219,25 +213,14 @@ def _turn(
             here, choice, before = there, named, ()
     step, after = step_of(number, here, choice, before), None
     if choice.accepted is not None:
-        after = choice.accepted.fit
-        if choice.accepted.candidate.effect is None:
-            # Beside a model that lacked the effect, the errors of the record had taken up some of it.
-            after = converged(flights, after.model, config)
+        # Beside a model that lacked the effect, the errors of the record had taken up some of it.
+        after = converged_from(choice.accepted.fit)
         earlier = [each.added for each in before if each.added is not None and each.added != step.added]
         if gone := unwanted(after, earlier):
-            after = converged(flights, after.model.without(gone), config)
+            after = converged_from(fitted_about(after.data, after.model.without(gone)))
             step = step.model_copy(update={"removed": gone})
-    return Turn(step, here, after, _discovery(choice, config.significance))
-
-
-def _discovery(choice: Choice, significance: float) -> MechanismFile | None:
-    """The description in generic terms, where it is significant and no name took its place."""
-    accepted, own = choice.accepted, next((each for each in choice.ranked if each.file is not None), None)
-    if own is None:
-        return None
-    if accepted is None or accepted.candidate is own:
-        return own.file if choice.chances[own.name] <= significance else None
-    return own.file if own.name in confounded(accepted.candidate, choice.ranked) else None
+    described = [] if after else [each.file for each in choice.significant(here) if each.file is not None]
+    return Turn(step, here, after, described[0] if described else None)
 
 
 def _has_everywhere(name: str, model: Model, flights: int) -> bool:
@@ -313,7 +296,7 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
                 f_ratio=each.f_ratio,
                 p_value_adjusted=choice.chances[each.name],
                 explains=each.explains,
-                description=_described(each, fit.data.flights),
+                description=_described(each, fit),
                 near_equals=confounded(each, reported),
             )
             for each in reported
@@ -331,11 +314,11 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
     )
 
 
-def _described(candidate: Candidate, flights: Sequence[Flight]) -> str:
-    """What a candidate says of these flights."""
+def _described(candidate: Candidate, fit: Fit) -> str:
+    """What a candidate beside a model says of its flights."""
     if candidate.file is not None:
         return candidate.file.title
-    effect, parts = candidate.effect, []
+    effect, flights, parts = candidate.effect, fit.data.flights, []
     for column, value in zip(candidate.fit.selected, candidate.fit.values[candidate.fit.baseline_size :], strict=True):
         name, number, when = column.label, column.flight, ""
         if effect is not None:
@@ -348,19 +331,22 @@ def _described(candidate: Candidate, flights: Sequence[Flight]) -> str:
         parts.append(f"{name} {value:.3g}{units}{when}{which}")
     time = getattr(effect, "time", None)
     at = "" if time is None else f" at {time:.3f} s"
-    where = "" if effect is None or candidate.in_rates > FINDING_SHOWN else " (in the specific force only)"
+    own, rates = candidate.fit, fit.problem.rows.rates
+    before, after = (each.residual[:rates] for each in (candidate.null, own))
+    shown = float(before @ before - after @ after) > FINDING_SHOWN * own.rss / own.samples
+    where = "" if effect is None or shown else " (in the specific force only)"
     return ", ".join(parts) + at + where
 
 
 def _after(leading: Tried) -> dict[str, Any]:
     """What a step says of the candidate that leads."""
     return {
-        "description": _described(leading.candidate, leading.before.data.flights),
+        "description": _described(leading.candidate, leading.before),
         "error_after": _errors(leading.fit),
         "error_ratio_held_out": leading.ratio,
         "error_ratio_std_error": leading.ratio_error,
-        "force_error_after": _force_errors(leading.after),
-        "held_out_score": leading.agreement.fall,
+        "force_error_after": _force_errors(leading.fit),
+        "held_out_score": leading.score,
     }
 
 
@@ -389,7 +375,10 @@ def _left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
     shared = any(column.flight is None and column.mechanism != GIVEN for column in candidate.fit.selected)
     if len(flights) < 2 or not shared:
         return None
-    fits = (fit, with_columns(fit, candidate))
+    own = replace(
+        fit, model=fit.model.but(columns=candidate.fit.columns), data=replace(fit.data, frame=candidate.fit.frame)
+    )
+    fits = (fit, own)
     before, after = ([_predicted(each, number) for number in flights] for each in fits)
     sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
     return FlightLeftOut(
@@ -402,14 +391,9 @@ def _left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
 def _predicted(fit: Fit, number: int) -> MomentErrors:
     """Errors on one flight of the shared coefficients that the others have: 0 is fixed, NaN free."""
     data, inside = fit.data, fit.data.frame.flight_of_row == number
-    numbers = ([each.flight for each in some] for some in (fit.model.columns, fit.nuisances))
-    flights = [np.array([-1 if each is None else each for each in some]) for some in numbers]
-    without = [np.where(each == number, 0.0, np.nan) for each in flights]
-    known = replace(fit, problem=fit.problem.on(data.part_where(~inside)), fixed=without[0], others=without[1])
-    fixed = [
-        np.where(each == -1, found, np.where(each == number, np.nan, 0.0))
-        for each, found in zip(flights, known.solution, strict=True)
-    ]
-    part = data.part_where(inside)
-    there = replace(fit, problem=fit.problem.on(part), fixed=fixed[0], others=fixed[1])
-    return MomentErrors.of(part, there.left)
+    numbers = [*(column.flight for column in fit.model.columns), *(item.flight for item in fit.nuisances)]
+    flights = np.array([-1 if each is None else each for each in numbers])
+    own, shared, part = flights == number, flights == -1, data.part_where(inside)
+    others = replace(fit, problem=fit.problem.on(data.part_where(~inside)), known=np.where(own, 0.0, np.nan))
+    known = np.where(shared, np.concatenate(others.solution), np.where(own, np.nan, 0.0))
+    return MomentErrors.of(part, replace(fit, problem=fit.problem.on(part), known=known).left)

@@ -11,7 +11,7 @@ from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.motion.signals import differentiate
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.baseline import start_model
-from brv_hypo.tracing.fit import correct
+from brv_hypo.tracing.fit import Flights, correct
 from tests.flights import nominal
 
 
@@ -22,7 +22,8 @@ def test_their_noise_is_what_the_filter_makes_of_the_gyros_noise(louder: float) 
     40 draws of white noise; of the 2 % that their mean square scatters, four standard deviations are allowed.
     """
     flight = nominal().flight
-    data = correct((flight,), start_model((flight,), ()), TraceConfig())
+    source = Flights((flight,), TraceConfig())
+    data = correct(source, start_model(source))
     record = data.records[0]
     spin = differentiate(record.spin_rate.signal, flight.step, louder * record.gyro_sigma, flight.segments)
     assert (spin.half_width > record.spin_rate.half_width) == (louder > 1.0)

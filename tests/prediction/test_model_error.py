@@ -20,7 +20,7 @@ from brv_hypo.prediction import Prediction, predict
 from brv_hypo.tracing import Trace, TraceConfig
 from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.final_model import model_error
-from brv_hypo.tracing.fit import Corrected, correct
+from brv_hypo.tracing.fit import Corrected, Flights, correct
 from tests.chains import traced_trim, trimmed
 from tests.flights import nominal
 
@@ -43,7 +43,12 @@ JUMP = SavedColumn(
 def data() -> Corrected:
     flight = nominal().flight
     falling = replace(flight, mach=np.linspace(12.0, 6.0, flight.samples))
-    return correct((falling,), start_model((falling,), ()), TraceConfig())
+    return _corrected(falling)
+
+
+def _corrected(flight: Flight) -> Corrected:
+    source = Flights((flight,), TraceConfig())
+    return correct(source, start_model(source))
 
 
 def left_at(data: Corrected, sigma: Any, seed: int = 1) -> ResidualMoments:
@@ -82,7 +87,7 @@ def test_noise_alone_seldom_leaves_anything_on_any_stretch(data: Corrected) -> N
 
 
 def test_it_is_told_where_it_was_left(data: Corrected) -> None:
-    mach = data.reconstructions[0].motion.mach[data.samples_of(0)]
+    mach = data.reconstructions[0].motion.mach[data.frame.samples(0)]
     found = model_error(data, left_at(data, np.where(mach > 9.0, 1e-3, 0.0)), left_at(data, 0.0))
     low, high = found.at(np.array([6.5, 11.5]), elsewhere=False)
     assert low < 0.1 * high
@@ -91,7 +96,7 @@ def test_it_is_told_where_it_was_left(data: Corrected) -> None:
 
 def test_without_a_mach_number_there_is_one_value() -> None:
     flight = nominal().flight
-    unknown = correct((replace(flight, mach=None),), start_model((flight,), ()), TraceConfig())
+    unknown = _corrected(replace(flight, mach=None))
     found = model_error(unknown, left_at(unknown, 1e-3), left_at(unknown, 1e-3))
     assert found.mach == ()
     assert found.own[0] == pytest.approx(1e-3, rel=0.2)

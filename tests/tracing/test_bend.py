@@ -17,8 +17,8 @@ from brv_hypo.model.model import Model, model_text, read_model, restored
 from brv_hypo.prediction import predict
 from brv_hypo.simulation import SimulationConfig, load_config, simulate
 from brv_hypo.tracing import Trace, TraceConfig, trace
-from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model, starting_columns, with_priors
-from brv_hypo.tracing.fit import correct
+from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
+from brv_hypo.tracing.fit import Flights
 from tests.flights import SAMPLE_RATE_HZ, STEP_S, nominal
 from tests.studies.loop.planting import another_flight
 
@@ -55,9 +55,7 @@ def bend_of(result: Trace) -> tuple[float, float]:
 
 
 def model_of(flight: Flight, aero: AeroTable | None = None, held: tuple[str, ...] = ()) -> Model:
-    model = start_model((flight,), [find(name) for name in held], "constant", aero)
-    data = correct((flight,), model, TraceConfig())
-    return with_priors(model.but(columns=starting_columns(model, data.frame)), data)
+    return start_model(Flights((flight,), TraceConfig(aero=aero)), [find(name) for name in held])
 
 
 @pytest.mark.thorough

@@ -11,9 +11,9 @@ from brv_hypo.constants import FAMILY_SPLINES
 from brv_hypo.mechanisms.contract import FAMILIES
 from brv_hypo.mechanisms.registry import moment_processes
 from brv_hypo.tracing import Trace, TraceConfig, trace
-from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
+from brv_hypo.tracing.baseline import start_model
 from brv_hypo.tracing.families import Beside, _family_of, _finer_processes, beside_processes
-from brv_hypo.tracing.fit import converged, correct
+from brv_hypo.tracing.fit import Flights, converged
 from tests.chains import judged_cone
 from tests.studies.independent.flights import Made, make_flight
 
@@ -87,10 +87,8 @@ def test_the_account_goes_from_constant_coefficients_to_the_last_model() -> None
 def beside_nothing() -> Beside:
     """The baseline of a flight beside all processes, with nothing added."""
     made = flight("damping_alpha")
-    model = start_model((made.flight,), ())
-    data = correct((made.flight,), model, CONFIG)
-    model = model.but(columns=starting_columns(model, data.frame))
-    state = converged((made.flight,), with_priors(model, data), CONFIG)
+    source = Flights((made.flight,), CONFIG)
+    state = converged(source, start_model(source))
     return beside_processes(state, state.model)
 
 

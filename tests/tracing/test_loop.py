@@ -15,6 +15,7 @@ from brv_hypo.report.trace import trace_document
 from brv_hypo.simulation import load_config, simulate
 from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.tracing import Trace, TraceConfig, trace
+from brv_hypo.tracing.fit import Flights
 from brv_hypo.tracing.result import Family, ProcessHistory
 from tests.chains import traced_trim
 from tests.flights import nominal
@@ -120,8 +121,8 @@ def test_a_record_far_finer_than_its_motion_is_traced_as_means_of_samples(monkey
     traced: list[Flight] = []
     result = traced_trim()
 
-    def begun(flights: tuple[Flight, ...], *_: Any) -> Trace:
-        traced.extend(flights)
+    def begun(source: Flights, *_: Any) -> Trace:
+        traced.extend(source.records)
         return result
 
     monkeypatch.setattr(trace_module, "_trace", begun)

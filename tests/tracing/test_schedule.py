@@ -17,8 +17,8 @@ from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.motion.smoother import BENT
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.acceptance import schedules_first
-from brv_hypo.tracing.baseline import has_schedule, scheduled, start_model, starting_columns, static_moment
-from brv_hypo.tracing.fit import correct, next_corrections
+from brv_hypo.tracing.baseline import has_schedule, start_model, static_moment
+from brv_hypo.tracing.fit import Flights, next_corrections
 from tests.flights import nominal
 
 machs = st.floats(0.5, 30.0)
@@ -63,7 +63,7 @@ def test_the_slopes_spread_is_at_most_its_size(low: float, ratio: float) -> None
 
 @pytest.mark.parametrize(("baseline", "expected"), [("scheduled", True), ("constant", False)])
 def test_a_scheduled_baseline_follows_the_mach_number(baseline: Any, expected: bool) -> None:
-    assert has_schedule(start_model((_falling(),), (), baseline)) is expected
+    assert has_schedule(start_model(Flights((_falling(),), TraceConfig()), (), baseline)) is expected
 
 
 @pytest.mark.parametrize(
@@ -94,9 +94,7 @@ def _falling() -> Any:
 
 def test_the_schedule_is_known_by_its_prior() -> None:
     flight = _falling()
-    model = start_model((flight,), (), "scheduled")
-    data = correct((flight,), model, TraceConfig())
-    model = scheduled(model.but(columns=starting_columns(model, data.frame)), data)
+    model = start_model(Flights((flight,), TraceConfig()), (), "scheduled")
     names = [mechanism.name for mechanism in model.tolerated(flight)]
     assert names.count(SlopeSchedule.name) == 1
     assert not any(column.mechanism == SlopeSchedule.name for column in model.columns)
@@ -104,7 +102,7 @@ def test_the_schedule_is_known_by_its_prior() -> None:
 
 def test_what_is_taken_out_of_a_record_is_plausible() -> None:
     flight = nominal().flight
-    model = start_model((flight,), ())
+    model = start_model(Flights((flight,), TraceConfig()))
     size = flight.instruments.gyro_bias[1]
     found = next_corrections(0, flight, model, {("gyro_bias", "q"): 40.0 * size}, {})
     assert found["gyro_bias", "q"] == pytest.approx(3.0 * size)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from brv_hypo.constants import LOOP_REPEATED_BLOCKS, REPEATED_ERRORS
+from brv_hypo.inference.rows import rows_of
 from brv_hypo.linearisation.linear import covariance_of
 from brv_hypo.mechanisms import find
 from brv_hypo.model.term import Regressor, TimeBasis, term_column
 from brv_hypo.tracing import TraceConfig
+from brv_hypo.tracing.acceptance import _repetitions
 from brv_hypo.tracing.additions import analyse_step
-from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
-from brv_hypo.tracing.fit import Fit, converged, correct, fitted_about
+from brv_hypo.tracing.baseline import start_model
+from brv_hypo.tracing.families import beside_processes
+from brv_hypo.tracing.fit import Fit, Flights, converged, correct, fitted_about
 from tests.chains import TRIM, traced_trim
 from tests.comparison.pulse import fitted, pulse
 from tests.flights import nominal
@@ -23,11 +29,9 @@ CONFIG = TraceConfig(maximum_likelihood=False, discover=False)
 @pytest.fixture(scope="module")
 def state() -> Fit:
     """A moment that begins and ends, with the knots that a fit gave it."""
-    flights = (pulse().flight,)
-    model = start_model(flights, [find("bodyfixed")])
-    columns = starting_columns(model, correct(flights, model, CONFIG).frame)
-    model = model.but(columns=(*columns, *fitted("bodyfixed").selected))
-    return converged(flights, model, CONFIG)
+    source = Flights((pulse().flight,), CONFIG)
+    model = start_model(source, [find("bodyfixed")])
+    return converged(source, model.but(columns=(*model.columns, *fitted("bodyfixed").selected)))
 
 
 @pytest.mark.thorough
@@ -51,7 +55,7 @@ def test_sizes_are_less_certain_than_they_would_be_at_known_knots(state: Fit) ->
 
 def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
     flight = nominal().flight
-    model = start_model((flight,), [find("trim")])
+    model = start_model(Flights((flight,), CONFIG), [find("trim")])
     assert "trim" in [mechanism.name for mechanism in model.tolerated(flight)]
     held = model.but(columns=(Regressor("trim", "C_m0", (), TimeBasis("constant"), "1"),))
     assert "trim" not in [mechanism.name for mechanism in held.tolerated(flight)]
@@ -62,20 +66,43 @@ def test_a_trim_that_was_added_has_no_tolerance_beside_it() -> None:
         assert abs(found[name].value - planted) < 4.0 * found[name].std_error
 
 
+def test_a_reading_of_a_record_is_reconstructed_once_and_its_errors_are_linearised_once() -> None:
+    source = Flights((nominal().flight,), CONFIG)
+    model = start_model(source)
+    data = correct(source, model)
+    assert correct(source, model).records[0] is data.records[0]
+    assert correct(source, model, [{("gyro_bias", "q"): 1e-4}]).records[0] is not data.records[0]
+    linear = data.linearised(model, data.values(data.fitted, model.columns))
+    first, known = data.regression(model, linear), dict(linear.known)
+    again = data.regression(model, linear)
+    assert known
+    assert all(linear.known[key] is history for key, history in known.items())
+    assert [item.label for item in again.rows.nuisances.items] == [item.label for item in first.rows.nuisances.items]
+    assert np.array_equal(again.raw_response, first.raw_response)
+
+
+@pytest.mark.thorough
+def test_a_repetition_with_another_inertia_is_the_problem_with_that_prior(state: Fit) -> None:
+    beside = beside_processes(state, state.model, state.data.fitted)
+    problem, nuisances = beside.rows.problem, beside.rows.problem.rows.nuisances
+    moved = tuple(replace(i, present=i.present + (i.name == REPEATED_ERRORS[0])) for i in nuisances.items)
+    other = replace(problem, rows=replace(problem.rows, nuisances=replace(nuisances, items=moved)))
+    repeated = list(_repetitions(beside, state))[len(LOOP_REPEATED_BLOCKS)]
+    assert repeated.y - beside.rows.y == pytest.approx(rows_of(other, beside.point).y - beside.rows.y, abs=1e-6)
+    assert np.linalg.norm(repeated.y - beside.rows.y) > 0.01
+
+
 @pytest.mark.slow
 def test_a_model_is_linearised_about_its_own_coefficients_until_it_fits_no_better() -> None:
     """Three powers of a Mach number that changes by 2 % are nearly one column.
 
     Once was not enough: a third of what it left was its own, and a moment that turns with the roll a finding.
     """
-    flights = (sized(232010, "reynolds_stiffness").made.flight,)
-    config = CONFIG.model_copy(update={"baseline": "constant"})
-    model = start_model(flights, [find("mach_stiffness")], "constant")
-    data = correct(flights, model, config)
-    motion, always = data.reconstructions[0].motion, TimeBasis("constant")
+    source = Flights((sized(232010, "reynolds_stiffness").made.flight,), CONFIG)
+    model = start_model(source, [find("mach_stiffness")])
+    motion, always = correct(source, model).reconstructions[0].motion, TimeBasis("constant")
     terms = find("mach_stiffness").terms(motion, {})
     powers = [term_column(find("mach_stiffness"), term, (), always) for term in terms]
-    model = with_priors(model.but(columns=(*starting_columns(model, data.frame), *powers)), data)
-    state = converged(flights, model, config)
+    state = converged(source, model.but(columns=(*model.columns, *powers)))
     again = fitted_about(state.data, state.model, state.values)
     assert again.errors.mean_square > 0.98 * state.errors.mean_square

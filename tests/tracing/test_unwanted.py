@@ -12,8 +12,8 @@ from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.tracing import TraceConfig
 from brv_hypo.tracing.additions import generic_name
-from brv_hypo.tracing.baseline import start_model, starting_columns
-from brv_hypo.tracing.fit import Fit, converged, correct
+from brv_hypo.tracing.baseline import start_model
+from brv_hypo.tracing.fit import Fit, Flights, converged, correct
 from brv_hypo.tracing.result import Errors, Residual, Step, lasting_steps
 from brv_hypo.tracing.trace import unwanted
 from tests.comparison.pulse import fitted, pulse
@@ -23,20 +23,20 @@ CONFIG = TraceConfig(maximum_likelihood=False)
 
 def model_of(*names: str) -> Model:
     """Constant coefficients, the moment that was planted, and other effects."""
-    flights = (pulse().flight,)
-    model = start_model(flights, [find(name) for name in ("bodyfixed", *names)])
-    frame = correct(flights, model, CONFIG).frame
+    source = Flights((pulse().flight,), CONFIG)
+    model = start_model(source, [find(name) for name in ("bodyfixed", *names)])
+    frame = correct(source, model).frame
     terms = {name: find(name).terms(frame.motions[0], {}) for name in names}
     others = tuple(
         Regressor(name, term.name, (), TimeBasis("constant"), term.units) for name in names for term in terms[name]
     )
-    columns = (*starting_columns(model, frame), *fitted("bodyfixed").selected, *others)
+    columns = (*model.columns, *fitted("bodyfixed").selected, *others)
     return model.but(columns=columns, added=("bodyfixed", *names))
 
 
 @pytest.fixture(scope="module")
 def state() -> Fit:
-    return converged((pulse().flight,), model_of("magnus", "trim", "mach_stiffness"), CONFIG)
+    return converged(Flights((pulse().flight,), CONFIG), model_of("magnus", "trim", "mach_stiffness"))
 
 
 @pytest.mark.thorough

@@ -21,8 +21,8 @@ from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 from brv_hypo.tracing import TraceConfig
-from brv_hypo.tracing.baseline import start_model, starting_columns, with_priors
-from brv_hypo.tracing.fit import Fit, converged, correct
+from brv_hypo.tracing.baseline import start_model
+from brv_hypo.tracing.fit import Fit, Flights, converged, correct
 from brv_hypo.tracing.result import Baseline
 from tests.studies.independent.flights import Made
 
@@ -33,15 +33,13 @@ def baseline_state(
     flight: Flight, known: Sequence[Mechanism] = (), baseline: Baseline = "scheduled", bent: bool = True
 ) -> Fit:
     """The loop's first model on the record, all terms of `known` mechanisms beside it; `bent`: with its bend."""
-    config = TraceConfig(baseline=baseline)
-    model = start_model((flight,), (), baseline)
-    first = correct((flight,), model, config)
-    model = with_priors(model.but(columns=starting_columns(model, first.frame)), first)
+    source = Flights((flight,), TraceConfig(baseline=baseline))
+    model = start_model(source, (), baseline)
     if not bent:
         model = model.without([StaticBend.name])
-    motion, always = first.reconstructions[0].motion, TimeBasis("constant")
+    motion, always = correct(source, model).reconstructions[0].motion, TimeBasis("constant")
     own = tuple(Regressor(each.name, term.name, (), always, "1") for each in known for term in each.terms(motion, {}))
-    return converged((flight,), model.having(*known) + Model(columns=own), config)
+    return converged(source, model.having(*known) + Model(columns=own))
 
 
 def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool = True) -> tuple[float, ...]:
@@ -53,7 +51,7 @@ def f_ratios_in_record(made: Made, baseline: Baseline = "scheduled", bent: bool 
 
 def f_ratio_of_error(state: Fit, effect: RecordEffect, component: str, size: float) -> float:
     """F of an error of an instrument, or of a wind, of this size (SI)."""
-    history = on_frame(state.problem.frame, 0, state.linear[0].effect(effect, component, size))
+    history = on_frame(state.problem.frame, 0, state.linear.flights[0].effect(effect, component, size))
     problem = replace(state.problem, given={_PLANTED: history})
     return size**2 * _beside_baseline(problem, problem.design(problem.frame, [given_column(_PLANTED)])[:, 0])
 

@@ -31,7 +31,7 @@ from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.tracing import Trace, TraceConfig, trace
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import is_bend
-from brv_hypo.tracing.fit import Fit, converged, with_efficiency
+from brv_hypo.tracing.fit import Fit, Flights, converged, with_efficiency
 from tests.studies.loop.planting import DETECTED, free_length, free_part
 from tests.studies.loop.planting_on_record import with_moment
 
@@ -60,7 +60,7 @@ def standing_on(flight: Flight, found: SavedModel) -> Ground:
     """The record with a model that was found on it."""
     settings = TraceConfig(maximum_likelihood=False)
     with threadpool_limits(limits=1, user_api="blas"):
-        state = converged((flight,), restored(found, (flight,)), settings)
+        state = converged(Flights((flight,), settings), restored(found, (flight,)))
         here, _ = analyse_step(state, (), ())
     return Ground(flight, found, state, here)
 
@@ -115,7 +115,7 @@ def limits_there(
     settings = TraceConfig(maximum_likelihood=False)
     both = model + Model(mechanisms={item.name: item}, columns=own)
     with threadpool_limits(limits=1, user_api="blas"):
-        problem = converged((flight,), both, settings).problem
+        problem = converged(Flights((flight,), settings), both).problem
         problem = with_efficiency(problem, fit_hypothesis(problem, "none", ()))
         others, last = problem.baseline[: -len(own)], problem.baseline[-len(own) :]
         moment = problem.design(problem.frame, last) @ values

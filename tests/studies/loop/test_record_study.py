@@ -10,7 +10,7 @@ from brv_hypo.flight import Flight
 from brv_hypo.mechanisms import Mechanism, find
 from brv_hypo.model.model import restored
 from brv_hypo.tracing import TraceConfig, trace
-from brv_hypo.tracing.fit import Fit, converged
+from brv_hypo.tracing.fit import Fit, Flights, converged
 from tests.chains import ONE_EFFECT, traced_trim, trimmed
 from tests.flights import nominal
 from tests.studies.loop import record_study
@@ -30,7 +30,7 @@ def base() -> Ground:
 def state() -> Fit:
     """What the flight's least-squares problem is linearised about."""
     flights = (trimmed().flight,)
-    return converged(flights, restored(traced_trim().model.definition, flights), ONE_EFFECT)
+    return converged(Flights(flights, ONE_EFFECT), restored(traced_trim().model.definition, flights))
 
 
 @pytest.mark.thorough
