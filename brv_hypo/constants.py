@@ -224,6 +224,7 @@ LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what expl
 # all a function of Mach number, and jumps in time describe any smooth change.
 LOOP_SCHEDULE = 0.5
 LOOP_REPEATED_BLOCKS = (0.75, 1.25)  # of the configured number
+LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
 FINDING_SIGMAS = 1.645  # standard errors by which a finding lowers the held-out moment error: 5 %, one-sided
 FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four

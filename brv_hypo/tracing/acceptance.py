@@ -33,13 +33,15 @@ from brv_hypo.constants import (
     LOOP_DETECTED,
     LOOP_IN_ITS_PLACE,
     LOOP_REPEATED_BLOCKS,
+    LOOP_REPEATED_KNOTS,
     LOOP_RIVALS,
     LOOP_SCHEDULE,
     LOOP_TRIES,
     REPEATED_ERRORS,
 )
-from brv_hypo.inference.fit import HypothesisFit, solved, with_errors
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
+from brv_hypo.inference.noise import estimated_noise
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.refinement import nonlinear_parameters
@@ -48,7 +50,7 @@ from brv_hypo.linearisation.channels import Histories, split
 from brv_hypo.mechanisms.contract import Component, RecordEffect
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
 from brv_hypo.model.model import Applied, Model
-from brv_hypo.model.term import Regressor
+from brv_hypo.model.term import Regressor, default_knots
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule, scheduled
 from brv_hypo.tracing.families import Beside, beside_processes
@@ -455,12 +457,30 @@ def _try(fit: Fit, candidate: Candidate, beside: Beside) -> Tried:
 def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> Iterator[Candidate]:
     """Of each repetition what gains most beside all processes, a generic description far more than its rivals."""
     rivals = [own, *[each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]]
-    for rows in _repetitions(beside, fit):
+    repetitions = [({each.name: each.fit for each in rivals}, rows) for rows in _repetitions(beside, fit)]
+    for fits, rows in (*repetitions, *((known, beside.rows) for known in _with_other_knots(fit, rivals))):
         again = replace(beside, rows=rows)
-        gains = {each.name: again.gain_of(each.fit) for each in rivals}
+        gains = {each.name: again.gain_of(fits[each.name]) for each in rivals}
         for each in rivals[1:]:
             gains[each.name] -= SPECIFIC if each.kind == "discovered" else 0.0
         yield min(rivals, key=best_first(rivals, gains))
+
+
+def _with_other_knots(fit: Fit, rivals: Sequence[Candidate]) -> Iterator[dict[str, HypothesisFit]]:
+    """The fits of the rivals by name, mechanisms searched anew on another grid of knots; on one flight, where they are
+    searched so.
+    """
+    timed = [r for r in rivals if r.kind == "mechanism" and r.fit.mechanisms[0].time_variation != ("constant",)]
+    if not timed or len(fit.problem.records) > 1:
+        return
+    problem, time = fit.problem.under(estimated_noise(fit.problem)), fit.problem.frame.coefficient_time
+    for more in LOOP_REPEATED_KNOTS:
+        knots = default_knots(float(time.min()), float(time.max()), max(fit.problem.knots.size + more, 1))
+        other, known = replace(problem, knots=knots), {each.name: each.fit for each in rivals}
+        for each in timed:
+            own = fit_hypothesis(other, each.name, each.fit.mechanisms)
+            known[each.name] = own if own.selected else each.fit
+        yield known
 
 
 def _repetitions(beside: Beside, fit: Fit) -> Iterator[Rows]:
