@@ -1,10 +1,11 @@
-"""Every constant that decides a verdict or a finding of the ranking and the residuals, in the order in which data flow.
+"""What reconstruction, search and likelihood go by, and how far they go, in the order in which data flow.
 
 Beside each stands what it is of and why it is as it is; over each section the studies that its constants were set by,
 or whose figures (brv_hypo/docs/validation.md) hold with them. A constant that names no source or study of its own was
 set by judgement.
 
-Not here: what decides a fault of the record (`brv_hypo.thresholds`), and what guards arithmetic (rounding, ridges,
+Not here: thresholds that decide a fault, a name or a finding (`brv_hypo.thresholds`); steps of a search that one module
+alone takes, which stand at its top; and what guards arithmetic (rounding, ridges,
 cutoffs near machine precision), bounds memory or time, or is drawn or listed.
 """
 
@@ -125,8 +126,8 @@ WAVERING_SPEED = 5e-5
 # Share of a shape's rms beyond what a listed mechanism reproduces, from which the shape is something else. The studies
 # call an effect reproduced by what holds 90 % of it.
 OUTSIDE = 0.1
-# The same for values: of the squares of errors (in tolerances) that the data ask of record and vehicle, and of the
-# square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
+# Errors of second order in values: of the squares of errors (in tolerances) that the data ask of record and vehicle,
+# and of the square of a coefficient, 7 % of itself. Not set by flights: it only keeps names from being refused.
 SECOND_ORDER_VALUES = 5e-3
 COMPARED_BLOCKS = 8  # of time, of which each is held out in turn, if a user says nothing else
 
@@ -140,10 +141,9 @@ LIMIT_QUANTILE = 0.975
 LIMIT_LARGEST = 10.0  # rms moments above which nothing is known of a mechanism's size
 LIMIT_EDGES = 9  # of regions that are tried: every region between two of them
 
-# ---- Verdict: stability ----
+# ---- Repetitions of a trace ----
 
-# Errors of what is told of vehicle and air, of which each is taken a tolerance higher and lower in turn for the same;
-# in the loop too.
+# Errors of vehicle and air, of which each is taken a tolerance higher and lower in turn.
 REPEATED_ERRORS = ("inertia", "inertia_ratio", "dynamic_pressure_scale")
 
 # ---- Likelihood of what stands ----

@@ -1,4 +1,4 @@
-"""Thresholds that decide whether a flight record is faulty (spike, stuck, clipped, gap): value, unit, source.
+"""Thresholds that decide whether a record is faulty, a mechanism named or an effect found: value, unit, source.
 
 A threshold is a plain number where it is used; its entry in `THRESHOLDS` says the rest, and `source` names the paper,
 the study (`python -m ...`) or the test file of this repository that set it or holds with it. "Judgement" stands where

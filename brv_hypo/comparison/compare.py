@@ -1,4 +1,4 @@
-"""`compare`: from flight records to ranked mechanisms.
+"""`compare`: from flight records to ranked mechanisms; `brv_hypo/comparison/__init__.py` says how a name comes about.
 
 Beside it: the seven criteria of Section 3.3.2 of the report, for every hypothesis on the same rows.
 """

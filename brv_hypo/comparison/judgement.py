@@ -228,7 +228,10 @@ def acting_in(fit: HypothesisFit) -> set[str]:
 
 
 def _estimated(fit: HypothesisFit, own: Evidence, level: float, weight: float, scale: float) -> HypothesisFit:
-    """The fit as its evidence has it: a nat counts as `weight` in errors; `level` is weighed; see `scale_variance`."""
+    """The fit as its evidence has it: a nat counts as `weight` in errors, by its own share of what it and processes
+    make; `level` is weighed, by the leader's. What pressure and inertia are known to (`scale_variance`) cancels in a
+    fraction of the static moment.
+    """
     count, covariance = len(fit.columns), own.covariance / weight
     # With knots and delays where they are: one at its bound would be moved beyond it.
     values = own.values_without(range(len(fit.selected), len(fit.selected) + len(fit.nonlinear)))[:count]

@@ -37,8 +37,8 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Fit:
-    """How the leader fits: `noise` over what the record states, of so many `rows`; squares that it `explains` of the
-    residual of the baseline, and whether the interval of their share excludes none.
+    """How the leader fits: `noise`, the rms residual over the noise measured in the record, of so many `rows`; squares
+    that it `explains` of the residual of the baseline, and whether the interval of their share excludes none.
     """
 
     noise: float
@@ -191,8 +191,8 @@ def _inadequate(leader: Candidate, fit: Fit, chances: Mapping[str, float], outsi
     if not fit.adequate:
         return (
             f"{_NONE_ADEQUATE}: {name} fits best, but beside all processes its residual is "
-            f"{fit.noise:.2f} times the record's noise, more than {name} explains. Check the noise that the record "
-            f"states (--instruments). {remedy}"
+            f"{fit.noise:.2f} times the record's noise, more than {name} explains. Check the tolerances that are "
+            f"stated (--instruments). {remedy}"
         )
     best = max(outside, key=lambda candidate: candidate.level)
     return (

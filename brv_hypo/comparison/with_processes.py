@@ -1,7 +1,8 @@
 """A hypothesis beside processes: fitted, acting between two times, without what is not wanted there.
 
-The search, which knows no processes, describes with many knots what they explain. Entrances: `in_one_region` and
-`plainest`.
+The search, which knows no processes, describes with many knots what they explain. In order: `beside` (a fit as it was
+searched), `in_one_region` (acting between two times), `plainest` (the likeliest of these, grown and without what is not
+wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, and the errors `along_delays`.
 """
 
 from __future__ import annotations

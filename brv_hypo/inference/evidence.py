@@ -112,7 +112,7 @@ class Evidence(_Integrated):
 
     @property
     def noise(self) -> float:
-        """Noise over what the record states."""
+        """Noise over that measured in the record, from differences of its samples."""
         return float(np.exp(self.at[0]))
 
     @property

@@ -68,7 +68,9 @@ class HypothesisFit:
 
     `columns` are the baseline's and then the selected ones; `values` and `covariance` belong to them.
     `residual` (rows,) is whitened; `searched` counts the choices. `nonlinear` are the delays and knots;
-    `joint_covariance`, of values and then those, and `others`, all nuisances, are empty until `with_errors`.
+    `joint_covariance`, of values and then those, and `others`, all nuisances, are empty until errors are known: of the
+    regression by `with_errors`, beside processes by `comparison.judgement`, which replaces values too; `residual` and
+    what follows from it stay those of the regression.
     `bound_cost` is the fall of 2 ln L where coefficients are held within their mechanism's bounds; `left_out`, of
     values and then delays and knots, is known beside processes.
     """

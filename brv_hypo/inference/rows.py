@@ -239,7 +239,7 @@ class Rows:
     counted: BoolArray
     """Which rows (n,) count: not the first of a record, where the filters of instruments still settle."""
     noise_ratio: float = 1.0
-    """Their noise over what the record states."""
+    """Their noise over that measured in the record."""
 
     @property
     def size(self) -> int:
