@@ -129,7 +129,7 @@ def brv_hypo_mechanisms():
 
 
 @pytest.mark.thorough
-def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, unasked, tmp_path):
+def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, tmp_path):
     """Evidences hardly change where its tolerance is next to nothing; with a large one they do.
 
     One unknown more moves the noise that the search is under, and with it by a nat where knots come to lie.
@@ -138,7 +138,7 @@ def test_a_mechanism_with_a_tolerance_is_in_every_hypothesis(brv_hypo, drifted, 
     found = []
     for size in (1e-12, 1e-2):
         path.write_text(TILT.format(size=size))
-        found.append(information(compared(brv_hypo, tmp_path, drifted, "--plugin", path)))
-    own = information(unasked)
+        found.append(information(compared(brv_hypo, tmp_path, drifted, "--plugin", path, names="sticking")))
+    own = information(compared(brv_hypo, tmp_path, drifted, names="sticking"))
     negligible, large = (max(abs(level - own[name][1]) for name, (_, level) in each.items()) for each in found)
     assert large > 5.0 * negligible
