@@ -111,7 +111,6 @@ FAR_BETTER = (
 # Sigma that the instruments' noise shows at the motion's frequency, over that of neighbouring samples, from which the
 # motion is reconstructed with it: correlations of neighbouring samples above 0.2.
 COLOURED = 1.5
-LINEARISATIONS = 2  # about the leader, and about another that has the larger evidence there, or the same found better
 # Fall of the criterion by which the leader beside processes has to be likelier than the search had it, from which on
 # the search is taken to have missed it: 10 nats.
 SEARCH_MISSED = 20.0

@@ -58,34 +58,6 @@ from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 from brv_hypo.thresholds import BOUND_COSTS
 
-
-def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
-    """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
-    designs = [problem.design(fit.frame, fit.columns) for fit in fits]
-    size = len(problem.baseline)
-    complete = _independent(np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)]))
-    null = least_squares(_independent(designs[0][:, :size]), problem.response)
-    block = block_of_whitened_row(problem, block_count)
-    reference = Reference(
-        rss_forced=null.rss,
-        n_forced=size,
-        complete=least_squares(complete, problem.response),
-        blocks=np.where(block < 0, block.max(), block),  # rows of the priors belong to the last one
-    )
-    return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
-
-
-def _independent(design: FloatArray) -> FloatArray:
-    """The columns without those that depend on the ones before, by pivoted QR."""
-    triangle, order = qr(design / lengths(design), mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    kept = np.sort(order[: diagonal.size][diagonal > 1e-9 * diagonal[0]])
-    return np.asarray(design[:, kept], dtype=float)
-
-
-# ---- `compare`: from flight records to ranked mechanisms ----
-
-
 LATER_STAGES = {"linearising": 0.6, "predicting held-out": 0.75, "maximum likelihood": 0.8}
 """Fraction of a comparison that is done before each."""
 
@@ -282,3 +254,30 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
         hint = meant(name, own, f"compared: {', '.join(own)}.")
         raise UsageError(f"the settings have options of '{name}', which is not compared; {hint}")
     return found
+
+
+# ---- The report's criteria ----
+
+
+def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
+    """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
+    designs = [problem.design(fit.frame, fit.columns) for fit in fits]
+    size = len(problem.baseline)
+    complete = _independent(np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)]))
+    null = least_squares(_independent(designs[0][:, :size]), problem.response)
+    block = block_of_whitened_row(problem, block_count)
+    reference = Reference(
+        rss_forced=null.rss,
+        n_forced=size,
+        complete=least_squares(complete, problem.response),
+        blocks=np.where(block < 0, block.max(), block),  # rows of the priors belong to the last one
+    )
+    return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
+
+
+def _independent(design: FloatArray) -> FloatArray:
+    """The columns without those that depend on the ones before, by pivoted QR."""
+    triangle, order = qr(design / lengths(design), mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    kept = np.sort(order[: diagonal.size][diagonal > 1e-9 * diagonal[0]])
+    return np.asarray(design[:, kept], dtype=float)

@@ -24,15 +24,15 @@ from brv_hypo.comparison.with_processes import (
     Pair,
     acting,
     along_delays,
-    beside,
     in_one_region,
     level,
     moved,
     plainest,
     scanned,
     widened,
+    with_its_evidence,
 )
-from brv_hypo.constants import LINEARISATIONS, OUTSIDE, SEARCH_MISSED, SEARCH_OUT_OF_REACH
+from brv_hypo.constants import OUTSIDE, SEARCH_MISSED, SEARCH_OUT_OF_REACH
 from brv_hypo.inference.derivatives import as_planted
 from brv_hypo.inference.evidence import Evidence, maximised, rows_under_own_noise
 from brv_hypo.inference.fit import (
@@ -117,36 +117,40 @@ def judged(
 ) -> Judged:
     """Every hypothesis searched about the baseline's fit, then linear about the leader of those, beside processes.
 
-    Where another has the larger evidence there, the record is linearised about that one once more; so it is about the
-    same one where its residual is more than noise and it explains the record far better, as it is found there, than as
-    the search on the grid had it. The later of the two linearisations is kept, unless its leader's residual is larger
-    by more than noise scatters.
+    Where `_another_point` is better, the record is linearised about that once more; that is kept unless its leader's
+    residual is larger by more than noise scatters.
     """
     shared, settings = shared_problem(reconstructions, config)
-    problem, fits, found = shared, _searched(shared, hypotheses, say), None
+    fits = _searched(shared, hypotheses, say)
     point = self_consistent(shared, likeliest(fits))
-    for remaining in reversed(range(LINEARISATIONS)):
+
+    def about(problem: Problem, point: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
         say(f"linearising about {hypothesis(point.name)}")
-        whole, problem = linearised_about(problem, point, settings, config)
-        there = _beside_processes(whole, problem, point, _linearised(problem, fits))
-        fits = list(there.fits)
-        if found is None or there.misfit < found.misfit * (1.0 + (2.0 * there.rows.size) ** -0.5):
-            found = there
-        if not remaining:
-            break
-        leader = likeliest(fits)
-        if leader.name != point.name:
-            point = self_consistent(problem, leader)
-            continue
-        if not config.refine or there.misfit < 1.0 + NOISE_LEVEL[1]:
-            break  # on the grid alone, the search misses what lies between; a residual as of noise lacks nothing
-        again = replace(leader, frame=shared.frame.with_mechanisms(leader.mechanisms), log_evidence=None)
-        again = self_consistent(shared, again)
-        if again.information > point.information - SEARCH_MISSED:
-            break
-        problem, point = shared, again
-    assert found is not None
-    return found
+        whole, there = linearised_about(problem, point, settings, config)
+        return _beside_processes(whole, there, point, _linearised(there, fits))
+
+    first = about(shared, point, fits)
+    another = _another_point(shared, first, point, config.refine)
+    if another is None:
+        return first
+    second = about(*another, first.fits)
+    return second if second.misfit < first.misfit * (1.0 + (2.0 * second.rows.size) ** -0.5) else first
+
+
+def _another_point(
+    shared: Problem, found: Judged, point: HypothesisFit, refine: bool
+) -> tuple[Problem, HypothesisFit] | None:
+    """The problem and the fit to linearise about once more: another leader's than at the point; or the same leader's,
+    where its residual is more than noise and it explains the record far better than as the search on the grid had it.
+    """
+    leader = likeliest(found.fits)
+    if leader.name != point.name:
+        return found.problem, self_consistent(found.problem, leader)
+    if not refine or found.misfit < 1.0 + NOISE_LEVEL[1]:
+        return None  # on the grid alone, the search misses what lies between; a residual as of noise lacks nothing
+    again = replace(leader, frame=shared.frame.with_mechanisms(leader.mechanisms), log_evidence=None)
+    again = self_consistent(shared, again)
+    return (shared, again) if again.information <= point.information - SEARCH_MISSED else None
 
 
 def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fits: Sequence[HypothesisFit]) -> Judged:
@@ -155,7 +159,7 @@ def _beside_processes(whole: Problem, problem: Problem, about: HypothesisFit, fi
     """
     rows, start = rows_under_own_noise(whole, next(each for each in fits if each.name == about.name))
     null = maximised(rows, rows.terms(None), start)
-    first = [beside(rows, each, start, null.at) if each.selected else (each, null) for each in fits]
+    first = [with_its_evidence(rows, each, start, null.at) if each.selected else (each, null) for each in fits]
     pairs = _likeliest_forms(problem, first, null, rows.frame_of(about))
     place = max(range(len(pairs)), key=lambda k: level(pairs[k]))
     pairs[place] = scanned(problem, moved(problem, pairs[place], closely=True))

@@ -1,8 +1,9 @@
 """A hypothesis beside processes: fitted, acting between two times, without what is not wanted there.
 
-The search, which knows no processes, describes with many knots what they explain. In order: `beside` (a fit as it was
-searched), `in_one_region` (acting between two times), `plainest` (the likeliest of these, grown and without what is not
-wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, and the errors `along_delays`.
+The search, which knows no processes, describes with many knots what they explain. In order: `with_its_evidence` (a fit
+as it was searched), `in_one_region` (acting between two times), `plainest` (the likeliest of these, grown and without
+what is not wanted), `widened` (onsets that take time); of the leader `moved` closely and `scanned`, and the errors
+`along_delays`.
 """
 
 from __future__ import annotations
@@ -213,10 +214,10 @@ def _between(
 
 def fitted(problem: Problem, like: HypothesisFit, selected: Sequence[Regressor], *starts: Evidence) -> Pair:
     """The hypothesis of a fit with other columns, beside processes, from the amplitudes of other evidences."""
-    return beside(starts[0].rows, _with_columns(problem, like, selected), *(each.at for each in starts))
+    return with_its_evidence(starts[0].rows, _with_columns(problem, like, selected), *(each.at for each in starts))
 
 
-def beside(rows: Rows, fit: HypothesisFit, *starts: FloatArray) -> Pair:
+def with_its_evidence(rows: Rows, fit: HypothesisFit, *starts: FloatArray) -> Pair:
     """A fit with its evidence from some amplitudes: knots and delays move what it is beside processes, not without."""
     own = maximised(rows, rows.terms(fit), *starts)
     if not fit.nonlinear:

@@ -11,7 +11,7 @@ import pytest
 from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.intervals import intervals
 from brv_hypo.comparison.limits import _every_region
-from brv_hypo.comparison.with_processes import beside
+from brv_hypo.comparison.with_processes import with_its_evidence
 from brv_hypo.inference.refinement import nonlinear_parameters
 from brv_hypo.model.term import Regressor, TimeBasis
 from tests.chains import judged_cone
@@ -84,7 +84,7 @@ def test_knots_move_what_the_evidence_finds_and_not_what_the_fit_without_process
     fit, own = found.fits[found.leader], found.evidences[found.leader]
     other = replace(fit, values=np.append(fit.values[: fit.baseline_size], 3.0 * fit.values[fit.baseline_size :]))
     assert fit.nonlinear
-    there, again = beside(own.rows, other, own.at)
+    there, again = with_its_evidence(own.rows, other, own.at)
     assert again.level == pytest.approx(own.level, abs=0.01)
     assert np.diag(again.covariance) == pytest.approx(np.diag(own.covariance), rel=0.01)
     assert there.values[fit.baseline_size :] == pytest.approx(own.values[fit.baseline_size : fit.values.size], rel=0.01)
