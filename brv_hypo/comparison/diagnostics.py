@@ -82,7 +82,10 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
 
 
 def events_apart(judged: Judged) -> tuple[str, ...]:
-    """Which changes of the leader come significantly earlier or later on a flight than on all in the mean."""
+    """Which change of the leader comes at another Mach number on one flight than on others by most, if significantly.
+
+    In one figure: an event that is far apart is described by several changes about it.
+    """
     own, fit = judged.evidences[judged.leader], judged.fits[judged.leader]
     knots = [each for each in fit.nonlinear if each.kind == "knot"]
     if len(own.rows.blocks) < 2 or not knots:
@@ -90,13 +93,14 @@ def events_apart(judged: Judged) -> tuple[str, ...]:
     late, sigmas = own.events_apart
     step = max(each.flight.step for each in fit.frame.reconstructions)  # within which filters of sensors shift a jump
     sigmas = np.hypot(sigmas / np.sqrt(judged.weight), step / np.sqrt(12.0))
-    return tuple(
-        f"the change of {fit.selected[knot.columns[0]].term} at {at(fit.frame.common, knot.value)} comes "
-        f"{abs(late[k, flight]):.3f} s {'later' if late[k, flight] > 0.0 else 'earlier'} on flight {flight + 1} "
-        f"than on all in the mean (sigma {sigmas[k, flight]:.3f} s)"
-        for k, knot in enumerate(knots)
-        for flight in range(late.shape[1])
-        if abs(late[k, flight]) > APART_SIGMAS * sigmas[k, flight]
+    apart = np.where(np.any(np.abs(late) > APART_SIGMAS * sigmas, axis=1), np.ptp(late, axis=1), 0.0)
+    most = int(np.argmax(apart))
+    if apart[most] == 0.0:
+        return ()
+    term, place = fit.selected[knots[most].columns[0]].term, at(fit.frame.common, knots[most].value)
+    return (
+        f"the change of {term} about {place} does not come at one Mach number on all flights ({apart[most]:.1g} s "
+        "apart): for its time, compare each flight by itself",
     )
 
 

@@ -23,7 +23,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, cho_solve, cholesky, helmert, solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
@@ -243,11 +243,11 @@ class Evidence(_Integrated):
         their standard errors.
         """
         first, flights = self.rows.shared.shape[1] + self.terms.known, len(self.rows.blocks)
-        count = self.terms.apart // flights
-        beyond = np.kron(np.eye(count), np.eye(flights) - 1.0 / flights)
-        covariance = beyond @ self.solution.covariance[first:, first:] @ beyond
-        sigmas = self.noise * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        return (beyond @ self.solution.border[first:]).reshape(count, flights), sigmas.reshape(count, flights)
+        count = self.terms.apart // (flights - 1)
+        made = np.kron(np.eye(count), helmert(flights).T)
+        variances = np.diag(made @ self.solution.covariance[first:, first:] @ made.T)
+        late, sigmas = made @ self.solution.border[first:], self.noise * np.sqrt(variances)
+        return late.reshape(count, flights), sigmas.reshape(count, flights)
 
     def made_by(self, process: int) -> FloatArray:
         """What a process's columns make of the rows before whitening (n,), at their mode."""

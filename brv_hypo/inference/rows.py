@@ -21,6 +21,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import helmert
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.inference.fit import HypothesisFit
@@ -197,7 +198,7 @@ class Terms:
     prior: float = 0.0
     """Log probability of these terms before the data."""
     apart: int = 0
-    """How many columns are what knots of single flights move, knot by knot: nuisances of the hypothesis."""
+    """How many columns are contrasts between the flights' own knots, knot by knot: nuisances of the hypothesis."""
 
     @property
     def known(self) -> int:
@@ -305,13 +306,14 @@ class Rows:
         return Terms(x, spread, scaled, prior, apart)
 
     def _of_single_flights(self, fit: HypothesisFit, rates: ComplexArray) -> ComplexArray:
-        """Of what parameters move (frame rows, parameters) that of knots of several flights, flight by flight (frame
-        rows, knots times flights): events come at about the same Mach number.
+        """Of what parameters move (frame rows, parameters) that of knots of several flights as contrasts between these,
+        which leave a knot the mean of its flights (frame rows, knots times contrasts): events come at about the same
+        Mach number.
         """
-        knots = [k for k, each in enumerate(fit.nonlinear) if each.kind == "knot" and len(self.blocks) > 1]
-        flights, of_row = range(len(self.blocks)), self.frame.flight_of_row
-        found = [np.where(of_row == flight, rates[:, k], 0.0) for k in knots for flight in flights]
-        return np.stack(found, axis=1) if found else rates[:, :0]
+        knots = [k for k, each in enumerate(fit.nonlinear) if each.kind == "knot"] if len(self.blocks) > 1 else []
+        mine = self.frame.flight_of_row[:, np.newaxis] == np.arange(len(self.blocks))
+        found = [(mine * rates[:, [k]]) @ helmert(len(self.blocks)).T for k in knots]
+        return np.concatenate([rates[:, :0], *found], axis=1)
 
     def frame_of(self, fit: HypothesisFit) -> RateFrame:
         """The frame in which C_mw is that of a fit."""
