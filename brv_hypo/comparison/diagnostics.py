@@ -82,7 +82,7 @@ def record_errors(own: Evidence, weight: float = 1.0) -> tuple[RecordError, ...]
 
 
 def events_apart(judged: Judged) -> tuple[str, ...]:
-    """Which change of the leader comes at another Mach number on one flight than on others by most, if significantly.
+    """Which change of the leader comes most apart on flights from the time that they share, if significantly.
 
     In one figure: an event that is far apart is described by several changes about it.
     """
@@ -98,9 +98,10 @@ def events_apart(judged: Judged) -> tuple[str, ...]:
     if apart[most] == 0.0:
         return ()
     term, place = fit.selected[knots[most].columns[0]].term, at(fit.frame.common, knots[most].value)
+    shared = "time" if fit.frame.common is None else "Mach number"
     return (
-        f"the change of {term} about {place} does not come at one Mach number on all flights ({apart[most]:.1g} s "
-        "apart): for its time, compare each flight by itself",
+        f"the change of {term} about {place} does not come at one {shared} on all flights ({apart[most]:.1g} s apart): "
+        "for its time, compare each flight by itself",
     )
 
 
