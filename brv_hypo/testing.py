@@ -115,7 +115,7 @@ def plant_effect(effect: str, component: str, value: float, *, vehicle: str = VE
 
 def recover_effect(flight: Flight, effect: str, *rivals: str) -> Trace:
     """The trace of a flight that tries an effect and the rivals alone, and discovers nothing of its own."""
-    settings = TraceConfig(effects=(effect, *rivals), discover=False, maximum_likelihood=False, max_steps=2)
+    settings = TraceConfig(effects=(effect, *rivals), discover=False, max_steps=2)
     return trace(flight, settings)
 
 

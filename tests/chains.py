@@ -17,7 +17,7 @@ from tests.flights import SAMPLE_RATE_HZ, STEP_S, flown, nominal
 
 # Well beyond what tactical tolerances allow: 0.5 mm of c.g. offset make 7e-5.
 TRIM = (1e-3, -5e-4)
-ONE_EFFECT = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
+ONE_EFFECT = TraceConfig(effects=("trim",), discover=False, max_steps=1)
 """One turn of the loop, for what does not depend on what there is to find."""
 
 

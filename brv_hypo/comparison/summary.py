@@ -31,13 +31,13 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.io.text import hypothesis, times
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism
-from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
+from brv_hypo.model.baseline import PitchDamping, SlopeSchedule, StaticBend, StaticMoment
 from brv_hypo.model.term import BASELINE, Regressor, Vector, evaluated
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
-_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name, KnownSlopeSchedule.name)
+_OF_THE_BASELINE = (StaticMoment.name, PitchDamping.name, StaticBend.name, SlopeSchedule.name)
 _LEFT_OUT = "ranked by regression alone: set maximum_likelihood to full to have its likelihood fit too"
 
 

@@ -194,10 +194,9 @@ def build_problem(
     applied = {}
     for value, flight in tolerated:  # all in tolerances; what is estimated is beside what was taken out of the record
         name = of_flight(value.name, flight)
-        applied[name], found, bounded = (0.0, 0.0, True) if regressed is None else value.known(regressed, flight)
+        applied[name], found = (0.0, 0.0) if regressed is None else value.known(regressed, flight)
         theta[name] = found - applied[name]
-        if bounded:
-            priors[name] = (-applied[name], 1.0)
+        priors[name] = (-applied[name], 1.0)
     return Problem(
         frame=frame,
         inputs=inputs,

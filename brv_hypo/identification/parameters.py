@@ -365,11 +365,11 @@ class Tolerated:
         """Error and component."""
         return f"{self.error} {self.component}"
 
-    def known(self, regressed: Regressed, flight: int) -> tuple[float, float, bool]:
-        """What was taken out of a flight's record and what was found in all, in sizes, and whether it is bounded."""
+    def known(self, regressed: Regressed, flight: int) -> tuple[float, float]:
+        """What was taken out of a flight's record and what was found in all, in sizes."""
         key = (self.error, self.component)
         applied, found = (each[flight].get(key, 0.0) for each in (regressed.applied, regressed.found))
-        return applied / self.size, found / self.size, key not in regressed.free[flight]
+        return applied / self.size, found / self.size
 
 
 Histories = Mapping[str, FloatArray]

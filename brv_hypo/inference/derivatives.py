@@ -144,6 +144,34 @@ def along_flights(
     )
 
 
+def per_coefficient(
+    frame: RateFrame,
+    columns: Sequence[Regressor],
+    flight: int,
+    motion: Motion,
+    alpha: FloatArray,
+    by: Callable[[Motion, FloatArray], Change],
+) -> FloatArray:
+    """What `by` asks for per unit of each coefficient about angles of attack (samples,) rad (samples, columns).
+
+    Nothing of terms that look back in time and, at rest, of those that are not in the plane of alpha alone.
+    """
+    less, more, unit, at_rest = by(motion, alpha)
+    out = np.zeros((alpha.size, len(columns)))
+    for j, column in enumerate(columns):
+        mechanism = frame.mechanisms.get(column.mechanism)
+        if mechanism is None or mechanism.parameters() or not column.acts_on(flight):
+            continue
+        slow, fast = (
+            None if each is None else next(t for t in mechanism.terms(each, {}) if t.name == column.term)
+            for each in (less, more)
+        )
+        if fast is not None and not (at_rest and np.any(fast.out_of_plane)):
+            rise = fast.in_plane - (0.0 if slow is None else slow.in_plane)
+            out[:, j] = rise / unit * column.time_basis(motion.coefficient_time)
+    return out
+
+
 def _along(
     own: Evidence,
     columns: Sequence[Regressor],
@@ -159,29 +187,15 @@ def _along(
     less, more, unit, at_rest = by(motion, alpha)
     unit = np.broadcast_to(unit, alpha.shape)[places]
 
-    def rise(slow: ComplexArray | FloatArray | float, fast: ComplexArray | FloatArray) -> FloatArray:
+    def rise(slow: ComplexArray | float, fast: ComplexArray) -> FloatArray:
         return np.asarray(np.real(fast - slow)[places] / unit, dtype=float)
 
-    def made(column: Regressor) -> FloatArray | float:
-        mechanism, theta = frame.mechanisms.get(column.mechanism), dict(column.theta)
-        if mechanism is None or mechanism.parameters():
-            return 0.0
-        slow, fast = (
-            None if each is None else next(t for t in mechanism.terms(each, theta) if t.name == column.term)
-            for each in (less, more)
-        )
-        if fast is None or (at_rest and np.any(fast.out_of_plane)):
-            return 0.0
-        basis = column.time_basis(motion.coefficient_time)[places]
-        return rise(0.0 if slow is None else slow.in_plane, fast.in_plane) * basis
-
-    values = np.zeros((places.size, own.values.size))
-    for j, column in enumerate(columns):
-        if column.acts_on(flight):
-            values[:, j] = made(column)
-    allowed = np.zeros((places.size, len(own.shared_tolerances)))
-    for j, item in enumerate(own.shared_tolerances if at_rest else ()):
-        allowed[:, j] = item.size * made(Regressor(item.name, item.component, (), columns[0].time_basis, item.units))
+    always, items = TimeBasis("constant"), own.shared_tolerances
+    within = [Regressor(item.name, item.component, (), always, item.units) for item in items]
+    values, allowed = np.zeros((places.size, own.values.size)), np.zeros((places.size, len(items)))
+    values[:, : len(columns)] = per_coefficient(frame, columns, flight, motion, alpha, by)[places]
+    if at_rest:
+        allowed = per_coefficient(frame, within, flight, motion, alpha, by)[places] * [item.size for item in items]
     groups, splines = {group.name: k for k, group in enumerate(own.rows.groups)}, dict[int, FloatArray]()
     for process in moment_processes():
         if at_rest and process.family != "stiffness":

@@ -330,14 +330,12 @@ def with_others(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
 class Regressed:
     """Errors of every flight: `applied` as corrections of its record before, `found` in all; one mapping each.
 
-    `rates` (rows,) rad/s are the de-rolled rates as they follow from coefficients and errors; `free`, one a flight, are
-    the errors that no tolerance bounds.
+    `rates` (rows,) rad/s are the de-rolled rates as they follow from coefficients and errors.
     """
 
     applied: tuple[Errors, ...]
     found: tuple[Errors, ...]
     rates: ComplexArray
-    free: tuple[frozenset[tuple[str, str]], ...]
 
     @classmethod
     def of(
@@ -349,13 +347,4 @@ class Regressed:
             nuisances.values(np.zeros(others.size), flights),
             nuisances.values(others, flights),
             problem.frame.observed - problem.left(frame, columns, values, others).rates,
-            (frozenset(),) * flights,
         )
-
-    def beside(self, held: Sequence[Errors]) -> Regressed:
-        """With errors, one mapping a flight, that a model holds: its records are without them, and they are free."""
-        applied, found = (
-            tuple({**own, **{key: own.get(key, 0.0) + value for key, value in more.items()}} for own, more in pairs)
-            for pairs in (zip(each, held, strict=True) for each in (self.applied, self.found))
-        )
-        return replace(self, applied=applied, found=found, free=tuple(map(frozenset, held)))

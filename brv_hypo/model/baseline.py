@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial import Legendre
-from numpy.polynomial.chebyshev import chebval, chebvander
+from numpy.polynomial.chebyshev import chebvander
 from numpy.polynomial.legendre import legvander
 
 from brv_hypo.arrays import FloatArray
@@ -208,10 +208,6 @@ class SlopeSchedule(DesignMoment):
         """Standard deviation (1/rad, 1/rad^3) of each coefficient."""
         return (*self.sizes.tolist(), *(self.sizes / BENT**2).tolist())
 
-    def known_schedule(self, coefficients: Sequence[float]) -> KnownSlopeSchedule:
-        """The schedule with these coefficients (terms,), as one term."""
-        return KnownSlopeSchedule(low=self.low, high=self.high, size=self.size, coefficients=tuple(coefficients))
-
     @property
     def sizes(self) -> FloatArray:
         """Prior sigmas (cosines,) of the slope's terms in 1/rad; none where the range is too narrow for any."""
@@ -230,23 +226,3 @@ class SlopeSchedule(DesignMoment):
     @property
     def _range(self) -> float:
         return float(np.log(self.high / self.low))
-
-
-class KnownSlopeSchedule(SlopeSchedule):
-    """A schedule whose coefficients are known, as one term; its own coefficient is 1 where they are right."""
-
-    name, title = "slope_course", "static slope by a known schedule"
-
-    coefficients: tuple[float, ...]
-
-    def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        """The sum of the schedule's terms."""
-        count = len(self.coefficients) // 2
-        halves = self.coefficients[:count], self.coefficients[count:]
-        slope, bend = (chebval(self._cosine(motion), (0.0, *half)) for half in halves)
-        total = motion.alpha * (slope + motion.alpha**2 * bend)
-        return (Term("C_malpha by the schedule", np.asarray(total), np.zeros_like(motion.alpha), "1"),)
-
-    def tolerance(self, flight: Flight) -> tuple[float, ...] | None:
-        """None: the schedule is known."""
-        return None

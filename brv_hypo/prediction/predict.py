@@ -38,6 +38,7 @@ from brv_hypo.constants import (
 from brv_hypo.errors import UnanswerableError, UsageError
 from brv_hypo.flight import FlightSource, one_flight
 from brv_hypo.flight.record import Flight
+from brv_hypo.inference.derivatives import per_coefficient, slope
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
@@ -62,7 +63,7 @@ from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
 from brv_hypo.tracing.baseline import is_bend
-from brv_hypo.tracing.final_model import pair, slopes_at
+from brv_hypo.tracing.final_model import pair
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
 
@@ -105,7 +106,7 @@ def predict(
     --------
     >>> import brv_hypo
     >>> flown, sister = (brv_hypo.simulate("research_cone", seed=seed, sample_rate=50.0) for seed in (1, 2))
-    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False, maximum_likelihood=False)
+    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False)
     >>> brv_hypo.predict(sister, traced).ratio < 0.01
     True
     """
@@ -330,7 +331,7 @@ def noise_share(record: InertialRecord, stiffness: FloatArray, modes: int) -> Fl
 def noise_of(fit: Fit, measured: ResidualMoments) -> FloatArray:
     """1-sigma (rows,) of the gyros' noise in the residual moments."""
     record, motion = fit.problem.records[0], fit.data.reconstructions[0].motion
-    slopes = slopes_at(fit.data, motion, fit.model.columns, 0, motion.alpha) @ fit.values
+    slopes = per_coefficient(fit.data.frame, fit.model.columns, 0, motion, motion.alpha, slope) @ fit.values
     stiffness = (slopes * record.moment_scale)[fit.data.frame.samples(0)]
     modes = fit.problem.rows.nuisances.flights[0].walks.size // 2
     return np.asarray(measured.noise * np.sqrt(noise_share(record, stiffness, modes)), dtype=float)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from brv_hypo.comparison.result import BUT_MARKED, beyond_text
+from brv_hypo.comparison.result import beyond_text
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import interval, number, p_value, share
 from brv_hypo.prediction.result import LocalChange, Prediction, Region
@@ -115,7 +115,6 @@ def trace_document(result: Trace) -> Document:
     name = ", ".join(flight.title or str(flight.path) for flight in result.flights)
     sound, found = result.record.sound, ", ".join(result.findings)
     most = next((each.family for each in result.steps[0].decomposition if each.interval_95[0] > 0.5), None)
-    trouble, marked = "" if result.ml is None else result.ml.trouble, BUT_MARKED if result.collinear_groups else ""
     collinear = tables.collinear_texts("C_mq", result.damping)
     conclusion = (
         "" if sound else CONTRADICTED,
@@ -127,7 +126,6 @@ def trace_document(result: Trace) -> Document:
         _STOPPED[result.stopped],
         result.unexplained,
         beyond_text(result.record_errors),
-        f"Maximum likelihood, {trouble}: quote the table of the model{marked}." if trouble else "",
     )
     account = [
         {"model": each.model, "held out": number(each.held_out), "sigma": number(each.std_error, 2)}
@@ -150,9 +148,6 @@ def trace_document(result: Trace) -> Document:
         Texts(tables.collinear_names(result.collinear_groups), bullets=False, shown="verbose"),
         Texts(result.collinear, tables.PAIRS, shown="page"),
     ]
-    if (fit := result.ml) is not None:
-        ended = fit.status if fit.status == "converged" else f"{fit.status} ({fit.message})"
-        model.append(term_table(f"Model, by maximum likelihood: {ended}", fit.terms))
     warnings = (*fault_texts(result.record), *result.caveats)
     steps = [*(b for step in result.steps for b in _step(step)), Texts(final, "Final residual", bullets=False)]
     sections = [
@@ -195,7 +190,7 @@ def residual_text(residual: Residual) -> str:
     return (
         f"{where}rms {number(residual.rms)}, {white}, mean square {number(residual.noise_ratio)} times the noise's; "
         f"largest in {residual.worst_channel}, {interval(residual.worst_region_s)} s, mostly at "
-        f"{number(residual.dominant_frequency_hz)} Hz ({residual.dominant_frequency_is})"
+        f"{number(residual.dominant_frequency_hz)} Hz"
     )
 
 
@@ -230,7 +225,7 @@ def _step(step: Step) -> list[Block]:
 
 
 def outcome_text(step: Step) -> str:
-    """What was added, and the errors before and after; those of the specific force where an error of the record was."""
+    """What was added, and the errors before and after."""
     before, after = step.error_before, step.error_after
     if step.added is None or after is None:
         # what was significant in the fit, and why it was not added; the last of them where few repetitions name it
@@ -256,11 +251,8 @@ def outcome_text(step: Step) -> str:
     if step.held_out_score is not None:
         fall = number(step.held_out_score, 2)
         text += f"; the held-out error of moments and force falls by {fall} standard errors"
-    kind = next((c.kind for c in step.candidates if c.effect == step.added), None)
-    if kind in ("instrument", "environment") and (force := step.force_error_after) is not None:
-        text += f"; specific force held out {number(step.force_error_before.held_out)} → {number(force.held_out)} m²/s⁴"
-    if step.flight_left_out is not None:
-        text += f"; each flight predicted from the others, ratio {number(step.flight_left_out.ratio)}"
+    if step.ratio_of_flights_left_out is not None:
+        text += f"; each flight predicted from the others, ratio {number(step.ratio_of_flights_left_out)}"
     return text
 
 

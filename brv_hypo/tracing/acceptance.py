@@ -54,7 +54,7 @@ from brv_hypo.model.term import Regressor, default_knots
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule, scheduled
 from brv_hypo.tracing.families import Beside, beside_processes
-from brv_hypo.tracing.fit import Fit, converged_from, correct, fitted_about, has_tolerance
+from brv_hypo.tracing.fit import Fit, MomentErrors, converged_from, correct, fitted_about, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
 
 # ---- One effect as fitted ----
@@ -321,11 +321,35 @@ class Tried:
         """Whether it has a name that the evidence clearly wants beside all processes."""
         return self.candidate.kind != "discovered" and (self.gain or 0.0) >= SPECIFIC
 
-    def status(self, named_in: float, choices: int, elsewhere: float | None) -> Status:
-        """A finding or a hint, one of so many choices; `elsewhere`: the ratio of errors on flights left out."""
-        lowers = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0 and (elsewhere is None or elsewhere < 1.0)
+    @cached_property
+    def elsewhere(self) -> float | None:
+        """The ratio on flights that are predicted from the others each; None for one, or where nothing is shared."""
+        flights, columns = range(len(self.fit.data.records)), self.candidate.fit.selected
+        if len(flights) == 1 or self.candidate.effect is not None or all(c.flight is not None for c in columns):
+            return None
+        before, after = (sum(squares_elsewhere(fit, k) for k in flights) for fit in (self.before, self.fit))
+        return after / before
+
+    def status(self, named_in: float, choices: int) -> Status:
+        """A finding or a hint, one of so many choices."""
+        lowers = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0 and (self.elsewhere or 0.0) < 1.0
         wanted = self.gain is None or self.gain - np.log(choices) >= SPECIFIC
         return "finding" if lowers and wanted and named_in >= FINDING_REPEATED else "hint"
+
+
+def squares_elsewhere(fit: Fit, number: int) -> float:
+    """Sum of squared moment errors on one flight of the shared coefficients that the others have.
+
+    What is of this flight alone is fitted to it.
+    """
+    data, inside = fit.data, fit.data.frame.flight_of_row == number
+    numbers = [*(column.flight for column in fit.model.columns), *(item.flight for item in fit.nuisances)]
+    flights = np.array([-1 if each is None else each for each in numbers])
+    own, shared, part = flights == number, flights == -1, data.part_where(inside)
+    others = replace(fit, problem=fit.problem.on(data.part_where(~inside)), known=np.where(own, 0.0, np.nan))
+    known = np.where(shared, np.concatenate(others.solution), np.where(own, np.nan, 0.0))
+    left = replace(fit, problem=fit.problem.on(part), known=known).left
+    return float(MomentErrors.of(part, left).squares.sum())
 
 
 # ---- Which is added ----

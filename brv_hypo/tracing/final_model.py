@@ -1,13 +1,12 @@
-"""The model that a trace ends with: coefficients on the whole record, what they make of slopes, and its likelihood.
+"""The model that a trace ends with: coefficients on the whole record, and what they make of slopes.
 
-Entrances: `gathered`, the result of a trace, and `maximum_likelihood`.
+Entrance: `gathered`, the result of a trace.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,32 +15,26 @@ from scipy import stats
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
-from brv_hypo.comparison.result import MaximumLikelihood, TermEstimate
-from brv_hypo.comparison.summary import estimates, flight_summary, likelihood_block, motion_histories, of_flight
-from brv_hypo.constants import (
-    LIKELIHOOD_STEPS,
-    MODEL_ERROR_CHANCE,
-    MODEL_ERROR_WEIGHTS,
-    REPORTED_DRAG,
-    REPORTED_MERIDIAN,
-    REPORTED_PER_CYCLE,
-    SCHEDULE_TRIFLE,
-    STABLE_SIGMAS,
-)
+from brv_hypo.comparison.result import TermEstimate
+from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, of_flight
+from brv_hypo.constants import MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS, REPORTED_DRAG, STABLE_SIGMAS
 from brv_hypo.flight.record import Flight
-from brv_hypo.identification import identify
-from brv_hypo.inference.derivatives import Along, Derivative, along_flight, along_flights, damping, slope
+from brv_hypo.inference.derivatives import (
+    Along,
+    Derivative,
+    along_flight,
+    along_flights,
+    damping,
+    per_coefficient,
+    slope,
+)
 from brv_hypo.inference.evidence import Evidence
-from brv_hypo.inference.fit import Regressed
 from brv_hypo.inference.refinement import FINAL
 from brv_hypo.io.text import number, times
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.whitening import effective_samples
-from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
-from brv_hypo.model.baseline import KnownSlopeSchedule, SlopeSchedule
 from brv_hypo.model.model import Model, ModelError, SavedModel, digest
-from brv_hypo.model.term import Regressor, TimeBasis, evaluated
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
@@ -49,10 +42,6 @@ from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
-
-# What a static moment may be a function of.
-_FLOW = ("time", "alpha", "velocity", "dynamic_pressure", "mach", "log_reynolds")
-_ALWAYS = TimeBasis("constant")
 
 
 def gathered(
@@ -193,22 +182,13 @@ def unexplained(residual: Residual) -> str | None:
     return (
         f"The residual has an rms of {residual.rms:.3g}, {factor} times the noise of the moments; it is largest in "
         f"{residual.worst_channel} and from {times(*residual.worst_region_s)}, at "
-        f"{residual.dominant_frequency_hz:.3g} Hz ({residual.dominant_frequency_is})."
+        f"{residual.dominant_frequency_hz:.3g} Hz."
     )
 
 
 def _caveats_of(flight: Flight, reconstruction: Reconstruction, slope: Derivative) -> list[str]:
     """What in the data could pose as an effect."""
-    found, motion = list(reconstruction.warnings), reconstruction.motion
-    turning = float(np.percentile(np.abs(motion.windward_meridian_rate), REPORTED_MERIDIAN))
-    per_cycle = 2.0 * np.pi / ((turning + float(np.mean(np.abs(motion.p)))) * flight.step)
-    if per_cycle < REPORTED_PER_CYCLE:
-        found.append(
-            f"a cycle of the fastest motion (roll and turn of the meridian together) has {per_cycle:.0f} samples: if "
-            "samples are averages over their interval, the motion appears "
-            f"{100.0 * (1.0 - np.sinc(1.0 / per_cycle)):.1f} % too small, and a delay of half a sample may look like "
-            "damping or lag"
-        )
+    found = list(reconstruction.warnings)
     share = flight.ax / flight.dynamic_pressure
     drag = float(np.std(share) / max(abs(float(np.median(share))), 1e-300))
     slopes, errors = np.array([slope.at_flown, slope.at_flown_std_error])
@@ -323,74 +303,12 @@ def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArr
 
 
 def static_slopes(data: Corrected, found: Coefficients) -> tuple[Derivative, ...]:
-    """Of each flight, what its wind-fixed terms make of dC_m,in/d alpha, at no angle of attack and at that flown."""
+    """Of each flight dC_m,in/d alpha as the coefficients have it, at no angle of attack and at that flown."""
 
     def at(number: int, motion: Motion, alpha: FloatArray, places: IntArray) -> Along:
-        slopes = slopes_at(data, motion, found.columns, number, alpha)[places]
+        slopes = per_coefficient(data.frame, found.columns, number, motion, alpha, slope)[places]
         variance = np.einsum("nj,jk,nk->n", slopes, found.covariance, slopes)
         return Along(slopes @ found.values, np.sqrt(np.maximum(variance, 0.0)), {})
 
     motions = enumerate(each.motion for each in data.reconstructions)
     return tuple(along_flight(motion, number, partial(at, number, motion)) for number, motion in motions)
-
-
-def slopes_at(
-    data: Corrected, motion: Motion, columns: Sequence[Regressor], number: int, alpha: FloatArray
-) -> FloatArray:
-    """d C_m,in/d alpha (n, columns) per unit of each coefficient about angles of attack (n,) rad."""
-    out, mechanisms = np.zeros((motion.time.size, len(columns))), data.frame.mechanisms
-    places = [j for j, c in enumerate(columns) if c.acts_on(number) and _is_static(mechanisms[c.mechanism])]
-    chosen = [columns[j] for j in places]
-    less, more, step, _ = slope(motion, alpha)
-    assert less is not None  # a derivative is between two motions
-    low, high = (evaluated(chosen, mechanisms, each) for each in (less, more))
-    for j, column, before, after in zip(places, chosen, low, high, strict=True):
-        out[:, j] = (after.in_plane - before.in_plane) / step * column.time_basis(motion.coefficient_time)
-    return out
-
-
-def _is_static(mechanism: Mechanism) -> bool:
-    """Whether its moment lies in the plane of alpha, and is one of the angle of attack and the flow alone."""
-    if not isinstance(mechanism, YamlMechanism):
-        return mechanism.wind_fixed
-    return all(
-        term.axis == "in_plane" and not (term.turn or term.delay) and all(f.of in _FLOW for f in term.factors)
-        for term in mechanism.definition
-    )
-
-
-def maximum_likelihood(fit: Fit) -> MaximumLikelihood:
-    """The likelihood's block of the result, in the form of `compare`'s; a failure is its status and message.
-
-    On a record that limits the reconstruction the search takes long and seldom ends: it is left out.
-    """
-    data, model, columns, values = fit.data, fit.model, fit.model.columns, fit.values
-    reason = ""
-    if len(data.records) > 1:
-        reason = "with several flights, terms of a single flight cannot be fitted"
-    elif data.reconstructions[0].status == "degraded":
-        reason = "the reconstruction is limited by the record, and the search would rarely converge"
-    if reason:
-        return MaximumLikelihood(status="left out", iterations=0, log_likelihood=None, message=reason)
-    known_schedule = _known_schedule(fit)
-    if known_schedule is not None:
-        column = Regressor(known_schedule.name, "C_malpha by the schedule", (), _ALWAYS, "1")
-        data = replace(data, frame=data.frame.with_mechanisms([known_schedule]))
-        columns, values = (*columns, column), np.append(values, 1.0)
-    fixed = {(each.effect.name, each.component): each.value for each in model.applied}
-    regressed = Regressed.of(fit.problem, fit.data.frame, model.columns, *fit.solution).beside([fixed])
-    found = identify(data.frame, columns, values, regressed=regressed, max_iterations=LIKELIHOOD_STEPS)
-    return likelihood_block(found, estimates(found.columns, found.values, found.covariance, data.frame))
-
-
-def _known_schedule(fit: Fit) -> KnownSlopeSchedule | None:
-    """What the baseline's slope is more by its schedule, which the likelihood knows no prior of; None for a trifle."""
-    schedule = fit.model.mechanisms.get(SlopeSchedule.name)
-    if not isinstance(schedule, SlopeSchedule):
-        return None
-    pairs = zip(fit.nuisances, fit.solution[1].tolist(), strict=True)
-    found = schedule.known_schedule([value * item.size for item, value in pairs if item.name == schedule.name])
-    motion = fit.data.reconstructions[0].motion
-    own = found.terms(motion, {})[0].in_plane
-    slope = sum(v for c, v in zip(fit.model.columns, fit.values, strict=True) if c.term == "C_malpha")
-    return found if np.linalg.norm(own) > SCHEDULE_TRIFLE * abs(slope) * np.linalg.norm(motion.alpha) else None

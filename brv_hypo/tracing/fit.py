@@ -22,8 +22,6 @@ from brv_hypo.constants import (
     MODEL_OWN_POINTS,
     MODEL_PLAUSIBLE,
     MODEL_TRIFLE,
-    REPORTED_FREQUENCY_LINES,
-    REPORTED_FREQUENCY_WITHIN,
     REPORTED_REGION_SHARE,
     REPORTED_REGIONS,
     WHITE_CHANCE,
@@ -50,7 +48,7 @@ from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, default_knots
 from brv_hypo.motion import ReconstructionConfig
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.motion import Motion, plane_from_body
+from brv_hypo.motion.motion import plane_from_body
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.motion.responses import superposed
 from brv_hypo.thresholds import NOISE_EXCESS
@@ -467,7 +465,7 @@ def _residual_of(fit: Fit) -> Residual:
     time, samples = motion.time[samples], samples[usable]
     plane = plane_from_body(body, motion.windward_meridian[samples])
     channels = {"C_m": body.real, "C_n": body.imag, "C_m,in": plane.real, "C_n,side": plane.imag}
-    p_value, frequency = _whiteness(fit), _dominant(body, float(np.median(np.diff(time))))
+    p_value = _whiteness(fit)
     return Residual(
         flight=number if len(ratios) > 1 else None,
         rms=float(np.sqrt(left.mean_square(spans[number]))),
@@ -476,8 +474,7 @@ def _residual_of(fit: Fit) -> Residual:
         noise_ratio=ratios[number],
         worst_channel=max(channels, key=lambda name: float(np.mean(channels[name] ** 2))),
         worst_region_s=_worst_region(time, motion.time[samples], np.abs(body) ** 2),
-        dominant_frequency_hz=frequency,
-        dominant_frequency_is=_name_frequency(motion, frequency),
+        dominant_frequency_hz=_dominant(body, float(np.median(np.diff(time)))),
     )
 
 
@@ -517,20 +514,6 @@ def _dominant(body: ComplexArray, step: float) -> float:
     values = body - body.mean()
     spectrum = np.abs(np.fft.fft(values * np.hanning(values.size)))
     return float(np.fft.fftfreq(values.size, step)[int(np.argmax(spectrum))])
-
-
-def _name_frequency(motion: Motion, frequency: float) -> str:
-    """What the frequency is near: a small multiple of the roll rate or of the meridian's."""
-    resolution = REPORTED_FREQUENCY_LINES / float(motion.time[-1] - motion.time[0])
-    rates = {"roll rate": motion.p, "windward-meridian rate": motion.windward_meridian_rate}
-    away, multiple, name = min(
-        (abs(abs(frequency) - multiple * abs(float(np.mean(rate))) / (2.0 * np.pi)), multiple, name)
-        for name, rate in rates.items()
-        for multiple in (1, 2, 3)
-    )
-    if away >= max(resolution, REPORTED_FREQUENCY_WITHIN * abs(frequency)):
-        return "not a multiple of the roll or meridian rate"
-    return f"{multiple} x {name}" if multiple > 1 else name
 
 
 def has_tolerance(problem: Problem, effect: str) -> bool:

@@ -10,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field
 from brv_hypo.comparison.result import (
     FlightSummary,
     Interval,
-    MaximumLikelihood,
     MotionHistories,
     RecordError,
     RecordSummary,
@@ -58,24 +57,18 @@ class TraceConfig(BaseModel):
     """As in `compare`."""
     max_terms: int = Field(default=TRACED_TERMS, ge=1, le=20)
     """As in `compare`."""
-    maximum_likelihood: bool = True
-    """Whether the final model is refined by maximum likelihood."""
 
 
 TraceSettings = TypedDict("TraceSettings", {  # noqa: UP013
     "start": str | SavedModel, "baseline": Baseline, "aero": AeroTable | None, "effects": Sequence[str] | None,
     "discover": bool, "method": str, "blocks": int, "max_steps": int, "significance": float, "knot_count": int,
-    "max_terms": int, "maximum_likelihood": bool,
+    "max_terms": int,
 }, total=False)  # fmt: skip
 """The fields of `TraceConfig` as keywords."""
 
 
 Kind = Literal["mechanism", "instrument", "environment", "discovered"]
-
-
 Status = Literal["finding", "hint"]
-
-
 Stop = Literal["white", "nothing significant", "nothing improves held-out error", "limit"]
 
 
@@ -96,7 +89,6 @@ class Residual(NullIsNaN):
     worst_channel: str
     worst_region_s: Interval
     dominant_frequency_hz: float
-    dominant_frequency_is: str
 
 
 class ProcessHistory(NullIsNaN):
@@ -145,33 +137,20 @@ class Errors(NullIsNaN):
     held_out: float
 
 
-class FlightLeftOut(NullIsNaN):
-    """Mean squares of the moment errors of each flight, the shared terms known from the others alone.
-
-    What belongs to a flight (trim, instruments, what changes at its times) is fitted to it in either case. `before`
-    and `after` are without and with the effect, by flight; `ratio` is that of their sums.
-    """
-
-    before: tuple[float, ...]
-    after: tuple[float, ...]
-    ratio: float
-
-
 class Step(NullIsNaN):
     """One turn of the loop. The first candidate is what was added, where anything was.
 
     `refused` is significant in the fitted part and does not lower the held-out error, or few repetitions name it.
-    `error_before`, `error_after` are those of the moment coefficients; `force_error_before`, `force_error_after` those
-    of the specific force across the axis, (m/s^2)^2, in which an error of the record may show alone.
+    `error_before`, `error_after` are those of the moment coefficients, `held_out_score` the fall of the error of these
+    and of the specific force, in which an error of the record may show alone, in standard errors.
     A finding lowers the held-out moment error by more than its uncertainty and is named in most repetitions with other
     blocks, inertia and dynamic pressure; `named_in` is the share of them that name it. All else is a hint.
-    `flight_left_out`: with several flights, what the shared terms predict of each from the others. `removed`: effects
-    of earlier steps that the model has no need of beside this one.
+    `ratio_of_flights_left_out`: of several flights, the ratio of the errors of each where what all share is known from
+    the others alone. `removed`: effects of earlier steps that the model has no need of beside this one.
     `families`: what each family of effects and processes explains of the residual's mean square; `decomposition` has
     those that explain any, with intervals and the histories of processes. `unwanted`: what is refused as processes
     explain the record far better; `evidence_gain`: the log evidence that what was added gains beside them, nats.
-    `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks;
-    `held_out_score` the fall of that of moments and force in its standard errors.
+    `error_ratio_std_error` is the standard error of `error_ratio_held_out` over held-out blocks.
     """
 
     step: int
@@ -190,11 +169,9 @@ class Step(NullIsNaN):
     error_before: Errors
     error_after: Errors | None = None
     error_ratio_held_out: float | None = None
-    force_error_before: Errors
-    force_error_after: Errors | None = None
-    flight_left_out: FlightLeftOut | None = None
     error_ratio_std_error: float | None = None
     held_out_score: float | None = None
+    ratio_of_flights_left_out: float | None = None
 
 
 def lasting_steps(steps: Sequence[Step]) -> tuple[Step, ...]:
@@ -261,7 +238,6 @@ class Trace(HasCharts, Result):
     caveats: tuple[str, ...] = ()
     noise: float = Field(description="mean square of the moment coefficients' noise on the held-out blocks")
     final_residual: Residual | None = None
-    ml: MaximumLikelihood | None = None
     seconds: float = 0.0
     picture: Picture | None = Field(default=None, exclude=True)
     discovered: MechanismFile | None = Field(default=None, exclude=True)
@@ -291,10 +267,8 @@ class Trace(HasCharts, Result):
                 "named_in": step.named_in,
                 "residual_rms": step.residual.rms,
                 "white": step.residual.white,
-                "fit_before": step.error_before.fit,
-                "fit_after": None if step.error_after is None else step.error_after.fit,
-                "held_out_before": step.error_before.held_out,
-                "held_out_after": None if step.error_after is None else step.error_after.held_out,
+                **{f"{k}_before": value for k, value in step.error_before},
+                **{f"{k}_after": value for k, value in step.error_after or ()},
                 "error_ratio_held_out": step.error_ratio_held_out,
             }
             for step in self.steps

@@ -1,14 +1,12 @@
 """`trace`, the residual loop: find the residual, add the effect that explains it, repeat until nothing is left.
 
 An effect is added where the evidence wants it beside all processes (`families`), and removed where it no longer is.
-The final model is refined by maximum likelihood on the measurements themselves (`final_model`).
 """
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -16,13 +14,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from brv_hypo.comparison.summary import record_summary
-from brv_hypo.constants import FINDING_SHOWN, HELD_OUT_SHORTEST, TRACED_SMALLEST
+from brv_hypo.constants import HELD_OUT_SHORTEST, TRACED_SMALLEST
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
-from brv_hypo.inference.problem import GIVEN
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -37,13 +34,12 @@ from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, choose, confou
 from brv_hypo.tracing.additions import analyse_step
 from brv_hypo.tracing.baseline import has_schedule, is_bend, start_model
 from brv_hypo.tracing.families import Beside, beside_processes
-from brv_hypo.tracing.final_model import gathered, maximum_likelihood
-from brv_hypo.tracing.fit import Corrected, Fit, Flights, MomentErrors, converged, converged_from, correct, fitted_about
+from brv_hypo.tracing.final_model import gathered
+from brv_hypo.tracing.fit import Corrected, Fit, Flights, converged, converged_from, correct, fitted_about
 from brv_hypo.tracing.result import (
     Account,
     Baseline,
     Errors,
-    FlightLeftOut,
     Step,
     Stop,
     Trace,
@@ -80,7 +76,7 @@ def trace(
     >>> import brv_hypo
     >>> magnus = {"mechanism": "magnus", "terms": {"C_npalpha": 3.0}}
     >>> flown = brv_hypo.simulate("research_cone", seed=1, duration=4.0, sample_rate=100.0, mechanisms=[magnus])
-    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False, maximum_likelihood=False)
+    >>> traced = brv_hypo.trace(flown, effects=["magnus"], discover=False)
     >>> traced.hints
     ('magnus',)
     """
@@ -118,9 +114,6 @@ def _trace(source: Flights, say: Callable[[str], None]) -> Trace:
     first = turns[0].before
     steps = _confirmed([turn.step for turn in turns], beside_processes(fit, first.model))
     result = gathered(fit, first.left, steps, _account(turns, fit), stopped, turns[-1].discovery)
-    if config.maximum_likelihood:
-        say("maximum likelihood of the final model")
-        result = result.model_copy(update={"ml": maximum_likelihood(fit)})
     return result.model_copy(update={"seconds": clock.perf_counter() - begun})
 
 
@@ -273,21 +266,18 @@ def _confirmed(steps: Sequence[Step], beside: Beside) -> tuple[Step, ...]:
 
 def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> Step:
     """One step of the result: the candidates with what was added first, and the errors before and after."""
-    leading, accepted = choice.leading, choice.accepted
-    before = fit if leading is None else leading.before
-    reported = choice.reported[:_REPORTED]
-    without_flight, status = None if leading is None else _left_out(fit, leading.candidate), None
+    leading, accepted, status = choice.leading, choice.accepted, None
     if accepted is not None and choice.named_in is not None:
         generic = accepted.candidate.kind == "discovered" and len(fit.data.records) == 1
-        elsewhere = None if without_flight is None else without_flight.ratio
-        own = accepted.status(choice.named_in, len(choice.ranked), elsewhere)
+        own = accepted.status(choice.named_in, len(choice.ranked))
         status = "hint" if generic or rests_on_hints(earlier) else own
     beside = beside_processes(fit if accepted is None else accepted.fit, fit.model)
     families = beside.shares([accepted.candidate.name] if accepted is not None and accepted.is_established else [])
+    reported, shares = choice.reported[:_REPORTED], {each.family: each.share for each in families}
     return Step(
         step=number,
         residual=fit.residual,
-        families={**dict.fromkeys(FAMILIES, 0.0), **{each.family: each.share for each in families}},
+        families={**dict.fromkeys(FAMILIES, 0.0), **shares},
         decomposition=families,
         candidates=tuple(
             TriedCandidate(
@@ -306,12 +296,26 @@ def step_of(number: int, fit: Fit, choice: Choice, earlier: Sequence[Step]) -> S
         evidence_gain=None if accepted is None else accepted.gain,
         added=None if accepted is None else accepted.candidate.name,
         standing=status,
-        flight_left_out=without_flight,
         named_in=choice.named_in,
-        error_before=_errors(before),
-        force_error_before=_force_errors(before),
+        error_before=_errors(fit if leading is None else leading.before),
         **({} if leading is None else _after(leading)),
     )
+
+
+def _after(leading: Tried) -> dict[str, Any]:
+    """What a step says of the candidate that leads."""
+    return {
+        "description": _described(leading.candidate, leading.before),
+        "error_after": _errors(leading.fit),
+        "error_ratio_held_out": leading.ratio,
+        "error_ratio_std_error": leading.ratio_error,
+        "held_out_score": leading.score,
+        "ratio_of_flights_left_out": leading.elsewhere,
+    }
+
+
+def _errors(fit: Fit) -> Errors:
+    return Errors(fit=fit.errors.mean_square, held_out=fit.held_out.mean_square)
 
 
 def _described(candidate: Candidate, fit: Fit) -> str:
@@ -330,35 +334,7 @@ def _described(candidate: Candidate, fit: Fit) -> str:
         which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
         parts.append(f"{name} {value:.3g}{units}{when}{which}")
     time = getattr(effect, "time", None)
-    at = "" if time is None else f" at {time:.3f} s"
-    own, rates = candidate.fit, fit.problem.rows.rates
-    before, after = (each.residual[:rates] for each in (candidate.null, own))
-    shown = float(before @ before - after @ after) > FINDING_SHOWN * own.rss / own.samples
-    where = "" if effect is None or shown else " (in the specific force only)"
-    return ", ".join(parts) + at + where
-
-
-def _after(leading: Tried) -> dict[str, Any]:
-    """What a step says of the candidate that leads."""
-    return {
-        "description": _described(leading.candidate, leading.before),
-        "error_after": _errors(leading.fit),
-        "error_ratio_held_out": leading.ratio,
-        "error_ratio_std_error": leading.ratio_error,
-        "force_error_after": _force_errors(leading.fit),
-        "held_out_score": leading.score,
-    }
-
-
-def _errors(fit: Fit) -> Errors:
-    return Errors(fit=fit.errors.mean_square, held_out=fit.held_out.mean_square)
-
-
-def _force_errors(fit: Fit) -> Errors:
-    """Mean squares (m/s^2)^2 of the transverse specific force's residual, both axes together."""
-    parts = [fit.rest.force[part.rows][part.valid] for part in (fit.data.fitted, fit.data.held_out)]
-    fitted, held_out = (float(np.mean(np.abs(part) ** 2) / 2.0) for part in parts)
-    return Errors(fit=fitted, held_out=held_out)
+    return ", ".join(parts) + ("" if time is None else f" at {time:.3f} s")
 
 
 def rests_on_hints(earlier: Sequence[Step]) -> bool:
@@ -367,33 +343,3 @@ def rests_on_hints(earlier: Sequence[Step]) -> bool:
     What is added beside it may make up for it: a moment that is constant in the body for one that drifts there.
     """
     return any(step.status == "hint" for step in lasting_steps(earlier))
-
-
-def _left_out(fit: Fit, candidate: Candidate) -> FlightLeftOut | None:
-    """Errors on each flight without and with the candidate; None for one flight, or where nothing of it is shared."""
-    flights = range(len(fit.data.records))
-    shared = any(column.flight is None and column.mechanism != GIVEN for column in candidate.fit.selected)
-    if len(flights) < 2 or not shared:
-        return None
-    own = replace(
-        fit, model=fit.model.but(columns=candidate.fit.columns), data=replace(fit.data, frame=candidate.fit.frame)
-    )
-    fits = (fit, own)
-    before, after = ([_predicted(each, number) for number in flights] for each in fits)
-    sums = [sum(float(each.squares.sum()) for each in errors) for errors in (before, after)]
-    return FlightLeftOut(
-        before=tuple(each.mean_square for each in before),
-        after=tuple(each.mean_square for each in after),
-        ratio=sums[1] / sums[0],
-    )
-
-
-def _predicted(fit: Fit, number: int) -> MomentErrors:
-    """Errors on one flight of the shared coefficients that the others have: 0 is fixed, NaN free."""
-    data, inside = fit.data, fit.data.frame.flight_of_row == number
-    numbers = [*(column.flight for column in fit.model.columns), *(item.flight for item in fit.nuisances)]
-    flights = np.array([-1 if each is None else each for each in numbers])
-    own, shared, part = flights == number, flights == -1, data.part_where(inside)
-    others = replace(fit, problem=fit.problem.on(data.part_where(~inside)), known=np.where(own, 0.0, np.nan))
-    known = np.where(shared, np.concatenate(others.solution), np.where(own, np.nan, 0.0))
-    return MomentErrors.of(part, replace(fit, problem=fit.problem.on(part), known=known).left)

@@ -46,7 +46,7 @@ def brv_hypo_record_effects():
     return [GreedyGyros()]
 """
 FIVE = ["bodyfixed", "damping", "inplane", "lag", "sticking"]
-TRACE = "effects: [sticking, gyro_bias]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
+TRACE = "effects: [sticking, gyro_bias]\nmax_steps: 1\ndiscover: false\n"
 STUDY = """
 vehicles: [{vehicle}]
 planted: [none]

@@ -24,7 +24,7 @@ sample_rate: 100.0
 step: 0.01
 mechanisms: [{mechanism: trim, terms: {C_m0: 1.0e-3, C_n0: -6.0e-4}, kind: constant}]
 """
-CONFIG = "effects: [trim]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
+CONFIG = "effects: [trim]\nmax_steps: 1\ndiscover: false\n"
 
 
 def known(flights, settings, **_):
@@ -128,9 +128,7 @@ def test_a_missing_model_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_several_flights_and_the_model_as_a_file(brv_hypo, simulated_file, tmp_path):
-    (tmp_path / "config.yaml").write_text(
-        "effects: [magnus]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
-    )
+    (tmp_path / "config.yaml").write_text("effects: [magnus]\nmax_steps: 1\ndiscover: false\n")
     files = ("--json", tmp_path / "out.json", "--write-model", tmp_path / "model.yaml")
     done = brv_hypo("trace", simulated_file, simulated_file, "--config", tmp_path / "config.yaml", *files)
     assert done.returncode == 0, done.stderr

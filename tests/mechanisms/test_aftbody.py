@@ -54,7 +54,7 @@ def test_small_amplitudes_grow_and_large_ones_shrink_to_the_limit_cycle(alpha: f
 
 @pytest.mark.slow
 def test_trace_finds_it_on_a_capsule_that_slows_through_mach_3_to_1() -> None:
-    found = trace(simulate("slowing_capsule", seed=1, plant=["aftbody_lag"]).flight, maximum_likelihood=False)
+    found = trace(simulate("slowing_capsule", seed=1, plant=["aftbody_lag"]).flight)
     assert found.findings == ("aftbody_lag",)
     (term,) = (term for term in found.model.terms if term.name == TERM)
     assert term.value == pytest.approx(-1.5, rel=0.05)

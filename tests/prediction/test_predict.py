@@ -244,7 +244,7 @@ def test_what_the_other_flight_had_of_its_own_is_told_with_the_remedy(predicted:
 def test_on_a_measured_record_a_held_model_far_off_is_told_with_the_remedy() -> None:
     """Found on the first two fifths of the entry, asked of all of it: half of it holds everywhere."""
     entry = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
-    settings = TraceConfig(effects=("trim",), discover=False, maximum_likelihood=False, max_steps=1)
+    settings = TraceConfig(effects=("trim",), discover=False, max_steps=1)
     model = trace(entry.window(None, 0.6 * entry.time[0] + 0.4 * entry.time[-1]), settings).model.definition
     held, fitted = (predict(entry, model, refit) for refit in ((), ("instruments",)))
     assert held.ratio > 1.0

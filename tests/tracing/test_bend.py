@@ -46,7 +46,7 @@ def bent() -> Flight:
 @cache
 def traced(*effects: str, magnus: bool = False) -> Trace:
     flight = simulate(bent_cone(C_npalpha=MAGNUS), seed=12).flight if magnus else bent()
-    return trace(flight, TraceConfig(effects=effects, discover=False, max_steps=2, maximum_likelihood=False))
+    return trace(flight, TraceConfig(effects=effects, discover=False, max_steps=2))
 
 
 def bend_of(result: Trace) -> tuple[float, float]:
@@ -84,7 +84,7 @@ def test_the_bend_is_named_where_its_name_is_offered() -> None:
 
 @pytest.mark.slow
 def test_a_moment_in_proportion_is_not_said_to_bend() -> None:
-    settings = TraceConfig(effects=("cubic_stiffness",), discover=False, max_steps=1, maximum_likelihood=False)
+    settings = TraceConfig(effects=("cubic_stiffness",), discover=False, max_steps=1)
     assert trace(nominal().flight, settings).added == ()
 
 

@@ -11,7 +11,7 @@ from tests.studies.independent.flights import make_flight
 from tests.studies.independent.imperfections import ordinary
 from tests.studies.independent.vehicles import CRAFTS
 
-BARE = TraceConfig(effects=("trim",), discover=False, max_steps=1, maximum_likelihood=False)
+BARE = TraceConfig(effects=("trim",), discover=False, max_steps=1)
 
 
 def damping_of(vehicle: str, seed: int, kinds: tuple[str, ...]) -> Derivative:

@@ -17,7 +17,7 @@ from brv_hypo.tracing.fit import Flights, converged
 from tests.chains import judged_cone
 from tests.studies.independent.flights import Made, make_flight
 
-CONFIG = TraceConfig(max_steps=2, maximum_likelihood=False, effects=("lag", "magnus", "damping", "trim", "gyro_bias"))
+CONFIG = TraceConfig(max_steps=2, effects=("lag", "magnus", "damping", "trim", "gyro_bias"))
 # Kinds of imperfections at several times an ordinary size, none of which is an effect of the list, and their families.
 UNDECLARED = {
     "damping_alpha": ("biconic", "rate"),

@@ -89,7 +89,6 @@ def test_the_dump_is_the_contracts_json(clean: Trace) -> None:
     }  # fmt: skip
     assert set(step["candidates"][0]) >= {"effect", "kind", "f_ratio", "p_value_adjusted", "explains"}
     assert {"picture", "discovered"}.isdisjoint(content)
-    assert set(content["ml"]) >= {"status", "iterations", "log_likelihood", "terms", "seconds"}
 
 
 def test_an_unknown_effect_is_refused() -> None:
@@ -109,7 +108,7 @@ def test_a_record_too_short_is_refused(seconds: float) -> None:
 def test_opportunity_needs_stiffness_that_changes_with_the_mach_number() -> None:
     """From constant stiffness; what is left with it is found by the trace that the manual tells of."""
     flight = load_flight(shared_file("data/opportunity/opportunity_entry.h5"))
-    result = trace(flight, TraceConfig(baseline="constant", max_steps=1, maximum_likelihood=False))
+    result = trace(flight, TraceConfig(baseline="constant", max_steps=1))
     assert result.findings == ("mach_stiffness",)
     (step,) = result.steps
     assert step.error_ratio_held_out is not None

@@ -50,9 +50,7 @@ def result() -> Trace:
 def beside_the_declared(tmp_path_factory: pytest.TempPathFactory) -> Trace:
     path = tmp_path_factory.mktemp("declared") / "declared.yaml"
     path.write_text(mechanism_text(declared()), encoding="utf-8")
-    settings = TraceConfig(
-        start=str(path), effects=("gyro_scale",), discover=False, max_steps=1, maximum_likelihood=False
-    )
+    settings = TraceConfig(start=str(path), effects=("gyro_scale",), discover=False, max_steps=1)
     return trace(nominal().flight, settings)
 
 
@@ -150,7 +148,7 @@ def test_all_that_was_described_is_written() -> None:
     always = trace(nominal().flight, ONE_EFFECT).model.definition.model_dump()
     columns = [*always["columns"], *({"mechanism": f.name, "term": "a", "units": "1"} for f in files)]
     start = SavedModel.model_validate({**always, "columns": columns, "covariance": (), "files": files})
-    settings = TraceConfig(start=start, effects=("gyro_scale",), discover=False, max_steps=1, maximum_likelihood=False)
+    settings = TraceConfig(start=start, effects=("gyro_scale",), discover=False, max_steps=1)
     found = trace(nominal().flight, settings).discovered
     assert found is not None
     assert [term.name for term in found.terms] == ["discovered_1: a", "discovered_2: a"]

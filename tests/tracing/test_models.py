@@ -72,8 +72,6 @@ def test_the_added_effect_is_the_first_candidate(made: Callable[[], Trace]) -> N
 @pytest.mark.slow
 def test_an_error_in_the_specific_force_alone_lowers_the_error_of_the_force(result: Trace) -> None:
     step = next(step for step in result.steps if step.added == "accel_scale")
-    assert step.force_error_after is not None
-    assert step.force_error_after.held_out < step.force_error_before.held_out
     assert step.held_out_score is not None
     assert step.held_out_score > 5.0
 
@@ -88,26 +86,10 @@ def test_the_error_of_the_record_has_a_standard_error(result: Trace) -> None:
 
 
 @pytest.mark.slow
-def test_the_likelihood_refines_the_final_model(result: Trace) -> None:
-    assert result.ml is not None
-    # Of Mach and Reynolds number, which move together, the search may run to its limit along what neither tells.
-    assert result.ml.status in ("converged", "iteration limit")
-    values = {term.name: term for term in result.ml.terms}
-    for name, planted in zip(("C_m0", "C_n0"), TRIM, strict=True):
-        assert abs(values[name].value - planted) < 0.05 * abs(TRIM[0])
-    # What the model took out of the record counts: ten tolerances are told whole, and bounded by none.
-    (held,) = (term for term in result.model.terms if term.channel == "record")
-    told = next(term for term in result.ml.instrument if term.name == f"accel_scale {held.name}")
-    assert abs(told.value - held.value) < 3.0 * told.std_error
-    assert 0.5 * held.std_error < told.std_error < 2.0 * held.std_error
-
-
-@pytest.mark.slow
 def test_after_the_limit_the_residual_is_that_of_the_final_model() -> None:
-    settings = QUICK.model_copy(update={"max_steps": 1, "maximum_likelihood": False})
+    settings = QUICK.model_copy(update={"max_steps": 1})
     result = trace(flight_with_errors(), settings)
     assert result.stopped == "limit"
-    assert result.ml is None
     assert result.final_residual == traced_errors().steps[1].residual
 
 
@@ -116,13 +98,7 @@ def test_after_the_limit_the_residual_is_that_of_the_final_model() -> None:
     ("flown", "made", "settings"),
     [
         pytest.param(lambda: trimmed().flight, traced_trim, ONE_EFFECT, id="one effect"),
-        pytest.param(
-            flight_with_errors,
-            traced_errors,
-            QUICK.model_copy(update={"maximum_likelihood": False}),
-            id="two effects",
-            marks=pytest.mark.slow,
-        ),
+        pytest.param(flight_with_errors, traced_errors, QUICK, id="two effects", marks=pytest.mark.slow),
     ],
 )
 def test_a_trace_that_starts_from_a_model_finds_its_residual(

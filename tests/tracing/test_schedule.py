@@ -35,18 +35,6 @@ def test_every_term_has_a_prior_and_smoother_ones_the_larger(low: float, ratio: 
     np.testing.assert_allclose(sigmas[schedule.sizes.size :], schedule.sizes / BENT**2)
 
 
-@given(low=machs, ratio=st.floats(1.5, 20.0), size=st.floats(1e-3, 10.0))
-def test_a_known_course_is_the_sum_of_its_terms(low: float, ratio: float, size: float) -> None:
-    schedule = SlopeSchedule(low=low, high=low * ratio, size=size)
-    terms = schedule.terms(MOTION, {})
-    coefficients = np.random.default_rng(1).standard_normal(len(terms))
-    (known_schedule,) = schedule.known_schedule(coefficients.tolist()).terms(MOTION, {})
-    total = sum(value * term.in_plane for value, term in zip(coefficients, terms, strict=True))
-    np.testing.assert_allclose(known_schedule.in_plane, total, atol=1e-12)
-    place = np.log(np.clip(MOTION.mach, low, low * ratio) / low) / np.log(ratio)
-    np.testing.assert_allclose(terms[2].in_plane, MOTION.alpha * np.cos(3.0 * np.pi * place), atol=1e-12)
-
-
 @given(low=machs, size=st.floats(1e-3, 10.0))
 def test_a_narrow_range_leaves_nothing_of_it(low: float, size: float) -> None:
     assert SlopeSchedule(low=low, high=1.02 * low, size=size).sizes.size == 0

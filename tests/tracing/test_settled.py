@@ -23,7 +23,7 @@ from tests.comparison.pulse import fitted, pulse
 from tests.flights import nominal
 from tests.studies.independent.effects import sized
 
-CONFIG = TraceConfig(maximum_likelihood=False, discover=False)
+CONFIG = TraceConfig(discover=False)
 
 
 @pytest.fixture(scope="module")

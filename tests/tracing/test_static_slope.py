@@ -14,7 +14,7 @@ from tests.chains import reconstructed
 from tests.studies.independent.flights import make_flight
 from tests.studies.independent.vehicles import CAPSULE
 
-BARE = TraceConfig(effects=("trim",), discover=False, max_steps=1, maximum_likelihood=False)
+BARE = TraceConfig(effects=("trim",), discover=False, max_steps=1)
 
 
 @pytest.mark.slow

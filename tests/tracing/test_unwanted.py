@@ -18,7 +18,7 @@ from brv_hypo.tracing.result import Errors, Residual, Step, lasting_steps
 from brv_hypo.tracing.trace import unwanted
 from tests.comparison.pulse import fitted, pulse
 
-CONFIG = TraceConfig(maximum_likelihood=False)
+CONFIG = TraceConfig()
 
 
 def model_of(*names: str) -> Model:
@@ -79,8 +79,6 @@ def step(number: int, added: str | None, *next_corrections: str) -> Step:
         error_before=nothing,
         error_after=None,
         error_ratio_held_out=None,
-        force_error_before=nothing,
-        force_error_after=None,
     )
 
 

@@ -21,7 +21,7 @@ from tests.study.outcomes import stored
 FLIGHTS = 3  # of the study
 _FLIGHT = "base: research_cone\ntitle: short\nduration: 3.0\nsample_rate: 100.0\n"
 _COMPARE = "mechanisms: [damping]\nmaximum_likelihood: none\n"
-_TRACE = "effects: [trim]\nmax_steps: 1\ndiscover: false\nmaximum_likelihood: false\n"
+_TRACE = "effects: [trim]\nmax_steps: 1\ndiscover: false\n"
 _STUDY = {
     "title": "killed",
     "planted": ["none"],

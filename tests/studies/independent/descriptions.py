@@ -31,7 +31,7 @@ from tests.studies.independent.record_oracle import f_ratios_in_record
 from tests.studies.independent.reporting import fly_and_report
 from tests.studies.independent.sisters import SECOND, sister
 
-SETTINGS = TraceConfig(max_steps=1, maximum_likelihood=False)
+SETTINGS = TraceConfig(max_steps=1)
 HARMONIC = 3.0
 
 

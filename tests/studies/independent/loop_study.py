@@ -29,7 +29,7 @@ from tests.studies.independent.oracle import DETECTED, judge
 from tests.studies.independent.record_oracle import f_ratios_in_record
 from tests.studies.independent.reporting import fly_and_report
 
-SETTINGS = TraceConfig(max_steps=4, maximum_likelihood=False)
+SETTINGS = TraceConfig(max_steps=4)
 # Streams of the size that is planted, and of a vehicle that is drawn.
 _SIZE, _VEHICLE = 11, 12
 JOINED = "+"

@@ -90,7 +90,7 @@ def fly(seed: int, vehicle: str, *, changed: bool = False, damped: bool = False)
             made, times = with_change(made)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    found = trace(first, TraceConfig(max_steps=2, maximum_likelihood=False))
+    found = trace(first, TraceConfig(max_steps=2))
     predicted = predict(made.flight, found.model.definition, REFIT)
     error = predicted.error
     return Outcome(

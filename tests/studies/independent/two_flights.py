@@ -61,7 +61,7 @@ def fly(seed: int, truth: str) -> Outcome | str:
         first, second, times = pair(seed, truth)
     except (RuntimeError, ValueError) as error:
         return f"seed {seed}: not flown ({error})"
-    settings = TraceConfig(max_steps=STEPS, maximum_likelihood=False)
+    settings = TraceConfig(max_steps=STEPS)
     alone = trace(first.flight, settings)
     both = trace((first.flight, second.flight), settings)
     step = alone.steps[0]

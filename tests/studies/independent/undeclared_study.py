@@ -26,7 +26,7 @@ from tests.studies.independent.imperfect_study import count
 from tests.studies.independent.reporting import fly_and_report
 from tests.studies.independent.vehicles import CRAFTS
 
-SETTINGS = TraceConfig(max_steps=4, maximum_likelihood=False)
+SETTINGS = TraceConfig(max_steps=4)
 FAMILY = {
     "wind_shear": "air",
     "turbulence": "air",

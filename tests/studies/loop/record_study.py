@@ -50,7 +50,7 @@ class Ground:
 
 def ground(flight: Flight, steps: int) -> Ground:
     """The record traced for `steps` steps; where none are asked for, its scheduled baseline alone."""
-    settings = TraceConfig(max_steps=max(steps, 1), maximum_likelihood=False)
+    settings = TraceConfig(max_steps=max(steps, 1))
     if steps == 0:
         settings = settings.model_copy(update={"effects": (), "discover": False})
     return standing_on(flight, trace(flight, settings).model.definition)
@@ -58,7 +58,7 @@ def ground(flight: Flight, steps: int) -> Ground:
 
 def standing_on(flight: Flight, found: SavedModel) -> Ground:
     """The record with a model that was found on it."""
-    settings = TraceConfig(maximum_likelihood=False)
+    settings = TraceConfig()
     with threadpool_limits(limits=1, user_api="blas"):
         state = converged(Flights((flight,), settings), restored(found, (flight,)))
         here, _ = analyse_step(state, (), ())
@@ -112,7 +112,7 @@ def limits_there(
     model = restored(base.model, (flight,))
     names = [term.name for term in item.terms(base.state.data.reconstructions[0].motion, {})]
     own = tuple(Regressor(item.name, name, (), _course(onset), "1") for name in names)
-    settings = TraceConfig(maximum_likelihood=False)
+    settings = TraceConfig()
     both = model + Model(mechanisms={item.name: item}, columns=own)
     with threadpool_limits(limits=1, user_api="blas"):
         problem = converged(Flights((flight,), settings), both).problem
@@ -174,7 +174,7 @@ def _limit_of(problem: Problem, column: FloatArray) -> float:
 def found_in(base: Ground, flight: Flight) -> Trace:
     """The planted record traced from the model of the record itself."""
     start = base.model.model_copy(update={"covariance": ()})
-    return trace(replace(flight), TraceConfig(start=start, max_steps=2, maximum_likelihood=False))
+    return trace(replace(flight), TraceConfig(start=start, max_steps=2))
 
 
 def families(result: Trace) -> str:

@@ -44,7 +44,7 @@ def test_nothing_planted_changes_nothing(state: Fit) -> None:
 @pytest.mark.slow
 def test_what_is_planted_is_found_at_its_size(base: Ground) -> None:
     flight = with_moment(base.flight, base.state, find("magnus"), [MAGNUS])
-    settings = TraceConfig(effects=("magnus", "trim"), discover=False, max_steps=2, maximum_likelihood=False)
+    settings = TraceConfig(effects=("magnus", "trim"), discover=False, max_steps=2)
     result = trace(flight, settings)
     assert result.added == ("magnus",)
     term = next(term for term in result.model.terms if term.mechanism == "magnus")

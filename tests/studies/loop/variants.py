@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--stop", type=float, default=None)
     given = parser.parse_args(arguments)
     flight = load_flight(given.flight, instruments=given.instruments).window(given.start, given.stop)
-    config = TraceConfig(baseline=given.baseline, max_steps=given.steps, maximum_likelihood=False)
+    config = TraceConfig(baseline=given.baseline, max_steps=given.steps)
     base = trace(flight, config)
     print(line("the record as it is", base), flush=True)
     others = []
