@@ -22,7 +22,6 @@ from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.constants import (
     CONFOUNDED_COSINE,
     CONFOUNDED_GAIN,
-    CONFOUNDED_NEAR,
     FINDING_REPEATED,
     FINDING_SIGMAS,
     HELD_OUT_CLUSTER,
@@ -78,7 +77,7 @@ class Candidate:
     """One effect as fitted, beside the fit without it (`null`).
 
     `variant` are the histories of a record effect, `file` a description in generic terms. `evidence` is the log
-    evidence that it gains beside all processes, nats; None where it is not known.
+    evidence that it gains beside all processes, nats, once that is known.
     """
 
     kind: Kind
@@ -86,7 +85,7 @@ class Candidate:
     fit: HypothesisFit
     variant: Variant = field(default_factory=dict)
     file: MechanismFile | None = None
-    evidence: float | None = None
+    evidence: float = 0.0
 
     @property
     def name(self) -> str:
@@ -144,10 +143,7 @@ class Candidate:
 
     def is_confounded(self, other: Candidate) -> bool:
         """Whether another is nearly as good a fit, and as likely beside processes."""
-        explains = other.gain > CONFOUNDED_GAIN * self.gain
-        if self.evidence is not None and other.evidence is not None:
-            return explains and abs(self.evidence - other.evidence) < SPECIFIC
-        return abs(self.gain - other.gain) < CONFOUNDED_NEAR or (explains and self.predicts_as(other))
+        return other.gain > CONFOUNDED_GAIN * self.gain and abs(self.evidence - other.evidence) < SPECIFIC
 
 
 def bounded(problem: Problem, fit: HypothesisFit) -> HypothesisFit:
@@ -180,11 +176,12 @@ def best_first(
 ) -> Callable[[Candidate], tuple[float, float]]:
     """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
 
-    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`.
+    Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`. A
+    description in generic terms has to beat a name by that.
     """
-    most = max((evidences[each.name] for each in offered if each.name in evidences), default=-np.inf)
-    equal = {name for name, own in evidences.items() if own > most - SPECIFIC}
-    return lambda each: (-np.inf if each.name in equal else -evidences.get(each.name, -np.inf), -each.gain)
+    equal = max(evidences.values(), default=0.0) - SPECIFIC
+    leads = {each.name for each in offered if evidences[each.name] > equal and each.kind != "discovered"}
+    return lambda each: (-np.inf if each.name in leads else -evidences[each.name], -each.gain)
 
 
 def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
@@ -194,22 +191,8 @@ def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def ranked(candidates: Sequence[Candidate], scheduled: bool) -> tuple[Candidate, ...]:
-    """The candidates, the leader first; where the model is not `scheduled`, schedules that explain as much.
-
-    A description in generic terms has to beat a name clearly.
-    """
-    named = [each for each in candidates if each.kind != "discovered"]
-    evidences = {each.name: each.evidence for each in named if each.evidence is not None}
-    found = sorted(named, key=best_first(named, evidences))
-
-    def is_beaten(candidate: Candidate, by: Candidate) -> bool:
-        if candidate.evidence is not None and by.evidence is not None:
-            return by.evidence - candidate.evidence >= SPECIFIC
-        return by.gain - candidate.gain >= CONFOUNDED_NEAR
-
-    for described in (each for each in candidates if each.kind == "discovered"):
-        place = next((k for k, each in enumerate(found) if is_beaten(each, described)), len(found))
-        found.insert(place, described)
+    """The candidates, the leader first; where the model is not `scheduled`, schedules that explain as much."""
+    found = sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates}))
     first = () if scheduled else schedules_first(found)
     return (*first, *(candidate for candidate in found if candidate not in first))
 
@@ -357,11 +340,12 @@ def squares_elsewhere(fit: Fit, number: int) -> float:
 
 @dataclass(frozen=True)
 class Choice:
-    """The candidates, best first, and those that were tried on the held-out part, in order.
+    """The candidates beside a fit, best first, and those that were tried on the held-out part, in order.
 
     `named_in`: the share of the repetitions that name the last of these, where the held-out part agrees with it.
     """
 
+    fit: Fit
     ranked: tuple[Candidate, ...]
     tried: tuple[Tried, ...] = ()
     named_in: float | None = None
@@ -372,17 +356,17 @@ class Choice:
         known = {each.name: each.p_value for each in self.ranked}
         return dict(zip(known, multipletests([*known.values()], method="holm")[1].tolist(), strict=True))
 
-    def significant(self, fit: Fit) -> list[Candidate]:
-        """Those that count beside a fit.
+    @cached_property
+    def significant(self) -> list[Candidate]:
+        """Those that count.
 
-        Where its residual is white, what is not beyond doubt does not: but an effect may still exceed the tolerance
+        Where the residual is white, what is not beyond doubt does not: but an effect may still exceed the tolerance
         that every fit allows it.
         """
-        found = []
+        level, white, found = self.fit.data.source.config.significance, self.fit.residual.white, []
         for each in (each for each in self.ranked if each.gain > 0.0 and each.fall >= LOOP_DETECTED):
-            doubted = fit.residual.white and not has_tolerance(fit.problem, each.name)
-            beyond = LOOP_BEYOND_DOUBT if doubted else 1.0
-            if self.chances[each.name] <= beyond * fit.data.source.config.significance:
+            doubted = white and not has_tolerance(self.fit.problem, each.name)
+            if self.chances[each.name] <= level * (LOOP_BEYOND_DOUBT if doubted else 1.0):
                 found.append(each)
         return found
 
@@ -419,7 +403,7 @@ def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
     if choice.accepted is None:
         return choice
     chosen, refused = choice.accepted.candidate, {each.candidate.name for each in choice.tried[:-1]}
-    offered = [each for each in choice.significant(fit) if each.name not in refused]
+    offered = [each for each in choice.significant if each.name not in refused]
     if chosen.follows is not None and not has_schedule(fit.model):
         offered = list(schedules_first(offered))
     leaders = likeliest_beside(beside, offered, chosen, fit)
@@ -447,8 +431,8 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
     Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
     less.
     """
-    choice, tried = Choice(ranked(candidates, has_schedule(fit.model))), list[Tried]()
-    for candidate in choice.significant(fit):
+    choice, tried = Choice(fit, ranked(candidates, has_schedule(fit.model))), list[Tried]()
+    for candidate in choice.significant:
         if any(candidate.predicts_as(other.candidate) for other in tried if not other.agrees):
             continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
@@ -479,15 +463,12 @@ def _try(fit: Fit, candidate: Candidate, beside: Beside) -> Tried:
 
 
 def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidate, fit: Fit) -> Iterator[Candidate]:
-    """Of each repetition what gains most beside all processes, a generic description far more than its rivals."""
-    rivals = [own, *[each for each in offered if each is not own and each.evidence is not None][:LOOP_RIVALS]]
+    """Of each repetition what gains most beside all processes."""
+    rivals = [own, *[each for each in offered if each is not own][:LOOP_RIVALS]]
     repetitions = [({each.name: each.fit for each in rivals}, rows) for rows in _repetitions(beside, fit)]
     for fits, rows in (*repetitions, *((known, beside.rows) for known in _with_other_knots(fit, rivals))):
         again = replace(beside, rows=rows)
-        gains = {each.name: again.gain_of(fits[each.name]) for each in rivals}
-        for each in rivals[1:]:
-            gains[each.name] -= SPECIFIC if each.kind == "discovered" else 0.0
-        yield min(rivals, key=best_first(rivals, gains))
+        yield min(rivals, key=best_first(rivals, {each.name: again.gain_of(fits[each.name]) for each in rivals}))
 
 
 def _with_other_knots(fit: Fit, rivals: Sequence[Candidate]) -> Iterator[dict[str, HypothesisFit]]:

@@ -7,7 +7,6 @@ turning, a Mach number) are laid on a grid and can be moved. Entrance: `discover
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,20 +20,16 @@ from brv_hypo.constants import (
     DESCRIBED_CLOSEST,
     DESCRIBED_FINER,
     DESCRIBED_GRADUAL,
-    DESCRIBED_NEIGHBOURS,
     DESCRIBED_SHARP,
     DESCRIBED_SLOW,
     DESCRIBED_STEPS,
-    DESCRIBED_STRETCHES,
-    DESCRIBED_TIMED,
     TURNING_RATES,
 )
-from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved
+from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import fastest_turning
 from brv_hypo.linearisation.linear import solve_normal
-from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
     Factor,
@@ -177,22 +172,20 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
 
 # ---- Its entries beside a model ----
 
-_Bases = tuple[TimeBasis, ...]
-_ALWAYS: _Bases = (TimeBasis("constant"),)
-
 
 def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | None:
     """The entry of the dictionary that describes best what the model does not explain; None if there is none."""
-    search = _Search(problem, name, entries(problem.frame.motions))
-    gains = search.gains(search.offered)
-    found = [search.fitted(search.best(gains), _ALWAYS, len(gains))] if gains and max(gains) > 0.0 else []
-    if len(problem.records) == 1:
-        found += [search.timed(entry) for entry in search.best_over_stretches()]
-    if not found:
+    offered = entries(problem.frame.motions)
+    gains = _gains(problem, offered)
+    if not gains or max(gains) <= 0.0:
         return None
-    fit = likeliest(found)
-    terms = as_terms(fit.selected, fit.values[fit.baseline_size :], fit.mechanisms[0])
-    return Candidate("discovered", null, fit, file=file_of(name, fit.mechanisms[0].title, terms))
+    entry = _best(problem, offered, gains)
+    mechanism = mechanism_of(file_of(name, entry.words, entry.terms))
+    reduced = Reduced(problem, problem.frame.with_mechanisms([mechanism]))
+    columns = (*problem.baseline, *_columns(name, entry))
+    fit = solved(reduced, name, (mechanism,), columns, len(offered))
+    terms = as_terms(fit.selected, fit.values[fit.baseline_size :], mechanism)
+    return Candidate("discovered", null, fit, file=file_of(name, entry.words, terms))
 
 
 def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
@@ -201,127 +194,55 @@ def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
     return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
 
 
-def as_terms(columns: Sequence[Regressor], values: FloatArray, mechanism: Mechanism) -> tuple[YamlTerm, ...]:
-    """Columns of a mechanism that a file defines, as one holds them: a term each, with its value and its jump."""
-    known = {term.name: term for term in mechanism.definition} if isinstance(mechanism, YamlMechanism) else {}
+def as_terms(columns: Sequence[Regressor], values: FloatArray, mechanism: YamlMechanism) -> list[YamlTerm]:
+    """Columns of a mechanism that a file defines, with their values."""
+    known = {term.name: term for term in mechanism.definition}
+    pairs = zip(columns, values.tolist(), strict=True)
+    return [known[column.term].model_copy(update={"value": value}) for column, value in pairs]
+
+
+def _gains(problem: Problem, chosen: Sequence[Entry]) -> list[float]:
+    """Fall of the residual sum of squares by each entry beside the model."""
+    mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
+    reduced = Reduced(problem, problem.frame.with_mechanisms([mechanism]))
+    groups = [_columns(mechanism.name, entry) for entry in chosen]
+    batch = reduced.batch([column for group in groups for column in group])
+    ends = np.cumsum([0, *(len(group) for group in groups)])
     found = []
-    for column, value in zip(columns, values, strict=True):
-        term, start = known[column.term], column.time_basis.start
-        changes: dict[str, object] = {"value": float(value)}
-        if column.time_basis.kind == "jump":
-            changes["name"] = f"{term.name}, from {start:.12g} s"
-            changes["factors"] = (*term.factors, Factor(of="time", function="step", at=start))
-        found.append(term.model_copy(update=changes))
-    return tuple(found)
+    for own in (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends)):
+        right = reduced.right(own)
+        found.append(float(right @ solve_normal(own.products(own), right, own.squares)))
+    return found
 
 
-class _Changing(YamlMechanism):
-    """An entry of the dictionary, constant or with jumps, its terms the components of one vector."""
-
-    name: str = "changing"  # type: ignore[misc]
-    time_variation = ("constant", "jump")
-    terms_enter_together = True
-
-
-@dataclass(frozen=True)
-class _Search:
-    """The dictionary beside a model."""
-
-    problem: Problem
-    name: str
-    offered: tuple[Entry, ...]
-
-    def gains(self, chosen: Sequence[Entry], bases: _Bases = _ALWAYS) -> list[float]:
-        """Fall of the residual sum of squares by each entry, changing in time like this."""
-        normal = self._normal(chosen, bases)
-        return [float(right @ solve_normal(products, right, squares)) for products, right, squares in normal]
-
-    def _normal(self, chosen: Sequence[Entry], bases: _Bases) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Normal equations of each entry, changing in time like this, beside the model, and its columns' squares."""
-        mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
-        reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
-        groups = [_columns(mechanism.name, entry, bases) for entry in chosen]
-        batch = reduced.batch([column for group in groups for column in group])
-        ends = np.cumsum([0, *(len(group) for group in groups)])
-        each = (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends))
-        return [(own.products(own), reduced.right(own), own.squares) for own in each]
-
-    def best(self, gains: Sequence[float]) -> Entry:
-        """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
-        first quantity.
-        """
-        leader = self.offered[int(np.argmax(gains))]
-        if leader.follows is None:
-            return self.moved(leader)
-        # Between the places of a grid a step of another width or quantity may look like more than the right one.
-        order = sorted(range(len(self.offered)), key=lambda k: -gains[k])
-        changing = [self.offered[k] for k in order if self.offered[k].follows is not None]
-        forms = {(entry.follows, entry.form): entry for entry in reversed(changing)}
-        moved = [self.moved(entry) for entry in forms.values()]
-        moved_gains, quantities = self.gains(moved), list(_QUANTITIES)
-        equal = [k for k, gain in enumerate(moved_gains) if gain > max(moved_gains) - CONFOUNDED_NEAR]
-        return moved[min(equal, key=lambda k: (quantities.index(moved[k].follows or "time"), -moved_gains[k]))]
-
-    def moved(self, entry: Entry, bases: _Bases = _ALWAYS) -> Entry:
-        """The entry, changing in time like this, at the place near it that explains most."""
-        spacing, shifts = entry.spacing, np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
-        while entry.at is not None and spacing > DESCRIBED_CLOSEST * entry.spacing:
-            places = [entry.at(entry.position + spacing * shift) for shift in shifts]
-            entry = places[int(np.argmax(self.gains(places, bases)))]
-            spacing /= DESCRIBED_FINER
-        return entry
-
-    def timed(self, entry: Entry) -> HypothesisFit:
-        """An entry with jumps in time where they explain most, and then at its own best place."""
-        mechanism = _Changing(definition=entry.terms)
-        fit = fit_hypothesis(self.problem, mechanism.name, (mechanism,))
-        bases = tuple(dict.fromkeys(column.time_basis for column in fit.selected))
-        sets = len(self.offered) * math.comb(fit.searched, len(bases))
-        searched = next(count for count in itertools.count(len(bases)) if math.comb(count, len(bases)) >= sets)
-        return self.fitted(self.moved(entry, bases), bases, searched)
-
-    def fitted(self, entry: Entry, bases: _Bases, searched: int) -> HypothesisFit:
-        """An entry, changing in time like this, as one of so many choices."""
-        times = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
-        words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
-        mechanism = mechanism_of(file_of(self.name, words, entry.terms))
-        reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
-        columns = (*self.problem.baseline, *_columns(self.name, entry, bases))
-        return solved(reduced, self.name, (mechanism,), columns, searched)
-
-    def best_over_stretches(self) -> list[Entry]:
-        """The entries that explain most over some stretch of time; of neighbours the best alone."""
-        time, offered = self.problem.frame.time, [entry for entry in self.offered if entry.follows is None]
-        edges = np.linspace(float(time.min()), float(time.max()), DESCRIBED_STRETCHES + 1)
-        stretches = tuple(TimeBasis("jump", float(a), float(b)) for a, b in itertools.pairwise(edges))
-        gains = [_most_of_a_stretch(*self._normal([entry], stretches)[0]) for entry in offered]
-        found: list[Entry] = []
-        for k in sorted(range(len(gains)), key=lambda k: -gains[k]):
-            if gains[k] > 0.0 and not any(_neighbours(offered[k], other) for other in found):
-                found.append(offered[k])
-        return found[:DESCRIBED_TIMED]
-
-
-def _most_of_a_stretch(normal: FloatArray, right: FloatArray, squares: FloatArray) -> float:
-    """The largest fall of the residual's squares by an entry over neighbouring parts of the record; normal equations of
-    its parts, and their squares.
+def _best(problem: Problem, offered: Sequence[Entry], gains: Sequence[float]) -> Entry:
+    """The entry of the largest gain, at its best place; of functions that this flight cannot tell apart, one of the
+    first quantity.
     """
-    count = DESCRIBED_STRETCHES
-    shape = (count, right.size // count)
-    normal, right = normal.reshape(*shape, *shape), right.reshape(shape)
-    ends = itertools.combinations(range(count + 1), 2)
-    joined = np.array([(np.arange(count) >= a) & (np.arange(count) < b) for a, b in ends])
-    of_each = np.einsum("wj,jakb,wk->wab", joined, normal, joined, optimize=True)
-    values = solve_normal(of_each, joined @ right, joined @ squares.reshape(shape))
-    return float(np.max(np.sum((joined @ right) * values, axis=1)))
+    leader = offered[int(np.argmax(gains))]
+    if leader.follows is None:
+        return _moved(problem, leader)
+    # Between the places of a grid a step of another width or quantity may look like more than the right one.
+    order = sorted(range(len(offered)), key=lambda k: -gains[k])
+    changing = [offered[k] for k in order if offered[k].follows is not None]
+    forms = {(entry.follows, entry.form): entry for entry in reversed(changing)}
+    moved, quantities = [_moved(problem, entry) for entry in forms.values()], list(_QUANTITIES)
+    known = _gains(problem, moved)
+    equal = [k for k, gain in enumerate(known) if gain > max(known) - CONFOUNDED_NEAR]
+    return moved[min(equal, key=lambda k: (quantities.index(moved[k].follows or "time"), -known[k]))]
 
 
-def _neighbours(one: Entry, other: Entry) -> bool:
-    """Whether two entries are the same at places next to each other."""
-    placed = one.at is not None and other.at is not None
-    return placed and abs(one.position - other.position) < DESCRIBED_NEIGHBOURS * max(one.spacing, other.spacing)
+def _moved(problem: Problem, entry: Entry) -> Entry:
+    """The entry at the place near it that explains most."""
+    spacing, shifts = entry.spacing, np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
+    while entry.at is not None and spacing > DESCRIBED_CLOSEST * entry.spacing:
+        places = [entry.at(entry.position + spacing * shift) for shift in shifts]
+        entry = places[int(np.argmax(_gains(problem, places)))]
+        spacing /= DESCRIBED_FINER
+    return entry
 
 
-def _columns(mechanism: str, entry: Entry, bases: _Bases) -> tuple[Regressor, ...]:
-    """Columns of an entry's terms; those of one time basis are chosen together."""
-    return tuple(Regressor(mechanism, t.name, (), basis, t.units, grouped=True) for basis in bases for t in entry.terms)
+def _columns(mechanism: str, entry: Entry) -> tuple[Regressor, ...]:
+    """Columns of an entry's terms, which are chosen together."""
+    always = TimeBasis("constant")
+    return tuple(Regressor(mechanism, term.name, (), always, term.units, grouped=True) for term in entry.terms)

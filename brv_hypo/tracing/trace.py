@@ -212,7 +212,7 @@ def _turn(
         if gone := unwanted(after, earlier):
             after = converged_from(fitted_about(after.data, after.model.without(gone)))
             step = step.model_copy(update={"removed": gone})
-    described = [] if after else [each.file for each in choice.significant(here) if each.file is not None]
+    described = [] if after else [each.file for each in choice.significant if each.file is not None]
     return Turn(step, here, after, described[0] if described else None)
 
 

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from brv_hypo.constants import CONFOUNDED_NEAR
 from brv_hypo.mechanisms import find
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
@@ -34,7 +33,7 @@ def candidate(
 ) -> Candidate:
     fit: Any = SimpleNamespace(name=name, mechanisms=mechanisms, selected=selected)
     kind: Any = "discovered" if name.startswith("discovered") else "mechanism"
-    one = Candidate(kind, fit, fit)
+    one = Candidate(kind, fit, fit, evidence=gain)
     return known(one, gain=gain, p_value=1e-9, contribution=contribution, fall=100.0)
 
 
@@ -127,8 +126,8 @@ def test_the_evidence_decides_which_is_tried_next(monkeypatch: pytest.MonkeyPatc
 def test_only_what_is_significant_rivals_a_name() -> None:
     """The evidence alone may prefer what explains nothing that the fitted part shows."""
     found = [candidate("lag", 90.0), known(candidate("trim", 80.0, ACROSS), p_value=0.5)]
-    choice = Choice(tuple(found))
-    assert [one.name for one in choice.significant(fit_beside_nothing())] == ["lag"]
+    choice = Choice(fit_beside_nothing(), tuple(found))
+    assert [one.name for one in choice.significant] == ["lag"]
 
 
 def test_a_few_are_tried_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +151,7 @@ def test_look_alikes_come_right_after_what_is_added(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(("ahead", "first"), [(0.9, "inplane"), (-0.9, "inplane"), (-1.1, "discovered_1")])
 def test_a_description_has_to_beat_a_name_clearly(ahead: float, first: str, monkeypatch: pytest.MonkeyPatch) -> None:
     named = candidate("inplane", 100.0)
-    described = candidate("discovered_1", 100.0 - ahead * CONFOUNDED_NEAR)
+    described = candidate("discovered_1", 100.0 - ahead * SPECIFIC)
     result = chosen([named, described], "none", monkeypatch)
     assert result.ranked[0].name == first
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms.conformance import sample_motion
 from brv_hypo.mechanisms.yaml_mechanism import Factor, Turn, YamlMechanism, YamlTerm, mechanism_of
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.tracing.acceptance import Candidate
 from brv_hypo.tracing.description import discover, entries
 from tests.chains import prepared
 
@@ -47,26 +45,9 @@ def with_moment(given: Problem, term: YamlTerm, time_basis: TimeBasis, size: flo
     return planted
 
 
-@cache
-def turning_for_a_while() -> tuple[Problem, Candidate | None]:
-    """A problem with a moment that turns from 2 to 4.5 s, and what is discovered."""
-    given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
-    return given, discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
-
-
-def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
-    _, found = turning_for_a_while()
-    assert found is not None
-    assert found.file is not None
-    rates = [term.turn.rate for term in found.file.terms if term.turn is not None]
-    times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
-    assert rates == pytest.approx([3.0] * len(rates), abs=0.2)
-    assert times == pytest.approx([2.0, 4.5], abs=0.1)
-    assert "that changes at" in found.file.title
-
-
 def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
-    given, found = turning_for_a_while()
+    given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
+    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
     assert found is not None
     assert found.file is not None
     fit, read = found.fit, mechanism_of(found.file)
@@ -76,6 +57,8 @@ def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
     fitted = fit.frame.moments(fit.selected) @ fit.values[fit.baseline_size :]
     turned = of_file * np.exp(-1j * motion.windward_meridian)
     assert turned[: fitted.size] == pytest.approx(fitted, abs=1e-9)
+    rates = [term.turn.rate for term in found.file.terms if term.turn is not None]
+    assert rates == pytest.approx([3.0] * 2, abs=0.2)
 
 
 @pytest.mark.thorough
@@ -100,18 +83,3 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
     assert found.file is not None
     places = [factor.at for term in found.file.terms for factor in term.factors if factor.of == "mach"]
     assert places == pytest.approx([float(np.interp(at, motion.time, motion.mach))], abs=0.01)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("rate", "start", "stop"), [(8.0, 1.0, 2.0), (-3.0, 3.0, 4.5)])
-def test_what_turns_over_a_part_of_the_record_is_found_by_that_part(rate: float, start: float, stop: float) -> None:
-    """As constants throughout, entries of other rates and harmonics explain more."""
-    term = TURNING.model_copy(update={"turn": Turn(of="time", rate=rate)})
-    given = with_moment(prepared(), term, TimeBasis("jump", start, stop), 600.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
-    assert found is not None
-    assert found.file is not None
-    rates = [term.turn.rate for term in found.file.terms if term.turn is not None and term.turn.of == "time"]
-    times = sorted({f.at for term in found.file.terms for f in term.factors if f.of == "time"})
-    assert rates == pytest.approx([rate] * 4, abs=0.05)
-    assert times == pytest.approx([start, stop], abs=0.05)
