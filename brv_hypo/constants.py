@@ -183,19 +183,12 @@ FAMILY_SPLINES = 12  # of each shape of a process of moments, at least, where fa
 RECORD_EFFECT_LARGEST = 30.0  # typical sizes that a record effect may have: the record would explain itself away
 RECORD_EFFECT_CLOSER = 3  # turns about the best variant of the turn before
 CONFOUNDED_NEAR = 10.0  # information that a look-alike may lack against the leader
-CONFOUNDED_COSINE = 0.95  # between the predicted rates: 10 % of the square is left to tell them apart by
 CONFOUNDED_GAIN = 0.8  # of the leader's gain, that such a one has to have
 
 # ---- Loop: description in generic terms ----
 
 DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
 DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
-# Entries at most that are tried as what begins, ends and jumps in time: the best over stretches that begin and end at
-# so many equal parts of the record. As constants, what acts a quarter of it keeps a quarter of what it explains, and
-# others come before it (tests.studies.independent.descriptions).
-DESCRIBED_TIMED = 3
-DESCRIBED_STRETCHES = 8
-DESCRIBED_NEIGHBOURS = 1.5  # spacings within which two entries are one
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
 # Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
 # would describe better.

@@ -20,7 +20,6 @@ from statsmodels.stats.multitest import multipletests
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.intervals import within_bounds
 from brv_hypo.constants import (
-    CONFOUNDED_COSINE,
     CONFOUNDED_GAIN,
     FINDING_REPEATED,
     FINDING_SIGMAS,
@@ -131,16 +130,6 @@ class Candidate:
         """Share of the weighed squares that it saves."""
         return 1.0 - self.fit.rss / self.null.rss
 
-    @cached_property
-    def contribution(self) -> FloatArray:
-        """What it adds to the prediction (rows,) beyond what the model could take over."""
-        return self.null.residual - self.fit.residual
-
-    def predicts_as(self, other: Candidate) -> bool:
-        """Whether both predict nearly the same."""
-        a, b = self.contribution, other.contribution
-        return float(a @ b) > CONFOUNDED_COSINE * float(np.linalg.norm(a) * np.linalg.norm(b))
-
     def is_confounded(self, other: Candidate) -> bool:
         """Whether another is nearly as good a fit, and as likely beside processes."""
         return other.gain > CONFOUNDED_GAIN * self.gain and abs(self.evidence - other.evidence) < SPECIFIC
@@ -238,8 +227,8 @@ class Tried:
     fit: Fit
     has_tolerance: bool
     """Whether every fit has it within its tolerance."""
-    gain: float | None = None
-    """Of the log evidence beside all processes or, up to none, in the place of its family's; None if not known."""
+    gain: float = 0.0
+    """Of the log evidence beside all processes or, up to none, in the place of its family's; where `agrees`."""
     may_be_named: bool = True
     """Whether the evidence clearly wants it, or no other family of processes explains most of the residual."""
 
@@ -278,10 +267,8 @@ class Tried:
 
         What the evidence does not want beside them is refused where another family explains most of the residual.
         """
-        if not self.agrees or self.gain is None:
-            return self.agrees
-        least = 0.0 if self.has_tolerance else -SPECIFIC
-        return self.gain > least and (self.may_be_named or self.candidate.kind == "discovered")
+        wanted = self.gain > (0.0 if self.has_tolerance else -SPECIFIC)
+        return self.agrees and wanted and (self.may_be_named or self.candidate.kind == "discovered")
 
     @property
     def agrees(self) -> bool:
@@ -302,7 +289,7 @@ class Tried:
     @property
     def is_established(self) -> bool:
         """Whether it has a name that the evidence clearly wants beside all processes."""
-        return self.candidate.kind != "discovered" and (self.gain or 0.0) >= SPECIFIC
+        return self.candidate.kind != "discovered" and self.gain >= SPECIFIC
 
     @cached_property
     def elsewhere(self) -> float | None:
@@ -316,7 +303,7 @@ class Tried:
     def status(self, named_in: float, choices: int) -> Status:
         """A finding or a hint, one of so many choices."""
         lowers = self.ratio + FINDING_SIGMAS * self.ratio_error < 1.0 and (self.elsewhere or 0.0) < 1.0
-        wanted = self.gain is None or self.gain - np.log(choices) >= SPECIFIC
+        wanted = self.gain - np.log(choices) >= SPECIFIC
         return "finding" if lowers and wanted and named_in >= FINDING_REPEATED else "hint"
 
 
@@ -428,13 +415,10 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
 def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> Choice:
     """Try the candidates that count on the held-out part, the best first, until one is accepted.
 
-    Those that predict what a refused one did are passed over: they cannot do better; nor can those that explain far
-    less.
+    What explains far less than the best does not stand in its place.
     """
     choice, tried = Choice(fit, ranked(candidates, has_schedule(fit.model))), list[Tried]()
     for candidate in choice.significant:
-        if any(candidate.predicts_as(other.candidate) for other in tried if not other.agrees):
-            continue
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             continue
         tried.append(_try(fit, candidate, beside))
