@@ -145,16 +145,12 @@ class Prediction(HasCharts, Result):
 
     def rows(self) -> Sequence[Row]:
         """One row for each region of time."""
-        return [
-            {
-                "start_s": region.start_s,
-                "stop_s": region.stop_s,
-                "mach_from": None if region.mach is None else region.mach[0],
-                "mach_to": None if region.mach is None else region.mach[1],
-                "ratio": region.ratio,
-            }
-            for region in self.regions
-        ]
+        rows = []
+        for region in self.regions:
+            low, high = region.mach or (None, None)
+            ends = {"start_s": region.start_s, "stop_s": region.stop_s, "mach_from": low, "mach_to": high}
+            rows.append({**ends, "ratio": region.ratio})
+        return rows
 
 
 _OWN_RECORD = (
@@ -163,10 +159,10 @@ _OWN_RECORD = (
 )
 _FIXED = " Record errors were fitted with the model and are fixed here: `--refit instruments` fits them again."
 _NARROW = " Its errors are larger here than on the flights that it was found on: this interval is too narrow."
-_WORSE_FITTED = (
-    " Fitted here it explains less of the moments, as it is fitted to rates and specific force by their noise"
+_NOWHERE = (
+    "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts nothing about "
+    "this flight."
 )
-_MAKES_UP = ", and its coefficients make up for errors of the record, which are fixed (`--refit {}` frees them)."
 
 
 def reason(found: Prediction, own: float, left: float, freed: float, remedy: str) -> str:
@@ -176,30 +172,23 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
     square: what the frozen model leaves (`left`), and what it would if record and vehicle erred within their tolerances
     (`freed`); `remedy` is what `--refit` would name as well for that.
     """
-    band, change, difference, noise = found.band, found.local_change, found.difference, found.error.noise
+    band, noise, helps = found.band, found.error.noise, ""
     much = left > PREDICTED_SMALL and freed < PREDICTED_GREATLY * left
-    fixed_too_much = ""
     if remedy and (much or left > 1.0 or found.explained < 0.0):
-        fixed_too_much = (
+        helps = (
             f" Over the whole record its error is {left:.3g} of the mean square. Errors of the record were assumed "
             "zero, and those of the vehicle as on the flights that the model was found on; "
             f"`--refit {remedy}` lets this flight have its own"
             + (f", for an error of about {freed:.2g}." if much else ".")
         )
     if found.flown == 0.0:
-        nowhere = (
-            "All samples lie at other Mach numbers or angles of attack than the model was found at: it predicts "
-            "nothing about this flight."
-        )
-        return nowhere + fixed_too_much
+        return _NOWHERE + helps
     said = _OWN_RECORD if found.own_record else ""
     said += (
         f"The frozen model {_explains(found.explained)} the moments' mean square, noise aside; "
         f"the same model fitted to this flight {_explains(own)} it. The frozen model's "
         f"{100.0 * band.level:.0f} % prediction interval holds {100.0 * band.inside:.1f} % of the samples."
     )
-    if own < found.explained and _explains(own) != _explains(found.explained):
-        said += _WORSE_FITTED + (_MAKES_UP.format(remedy) if remedy else ".")
     if band.inside < PREDICTED_HOLDS:
         said += _FIXED if found.own_record else _NARROW
     if band.model_error**2 >= PREDICTED_DISTINCT * noise:
@@ -213,31 +202,41 @@ def reason(found: Prediction, own: float, left: float, freed: float, remedy: str
             f" {100.0 * (1.0 - found.flown):.0f} % of the samples lie at other Mach numbers or angles of attack than "
             "the model was found at, and are not counted in these shares."
         )
-    if difference is not None and difference.p_value < REFUSED:
-        units = "" if difference.units == "1" else f" {difference.units}"
-        beside = ", processes fitted beside the model" if difference.beside_processes else ""
-        said += (
-            f" This flight contradicts the model (p {p_value(difference.p_value)}): {difference.term} is "
-            f"{difference.frozen:.4g}{units} there, and here {difference.frozen + difference.value:.4g}, a difference "
-            f"of {difference.value:+.2g} ± {difference.std_error:.2g}{beside}."
-        )
-    if change is not None:
-        where = f"{change.start_s:.2f} and {change.stop_s:.2f} s"
-        if change.mach is not None:
-            where += f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
-        units = "" if change.units == "1" else f" {change.units}"
-        said += (
-            f" This flight differs most from the model between {where}: {change.term} differs there by "
-            f"{change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere (F {change.f_ratio:.0f})."
-        )
-    said += fixed_too_much
-    if left_out := found.left_out:
-        act, are, they = ("acts", "is", "it") if len(left_out) == 1 else ("act", "are", "they")
-        said += (
-            f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left "
-            f"out here; the moment that {they} explained there is included in the prediction interval."
-        )
-    return said
+    return said + _contradicted(found.difference) + _changed(found.local_change) + helps + _without(found.left_out)
+
+
+def _contradicted(difference: Difference | None) -> str:
+    if difference is None or difference.p_value >= REFUSED:
+        return ""
+    units = "" if difference.units == "1" else f" {difference.units}"
+    beside = ", processes fitted beside the model" if difference.beside_processes else ""
+    return (
+        f" This flight contradicts the model (p {p_value(difference.p_value)}): {difference.term} is "
+        f"{difference.frozen:.4g}{units} there, and here {difference.frozen + difference.value:.4g}, a difference "
+        f"of {difference.value:+.2g} ± {difference.std_error:.2g}{beside}."
+    )
+
+
+def _changed(change: LocalChange | None) -> str:
+    if change is None:
+        return ""
+    mach = "" if change.mach is None else f", Mach {change.mach[1]:.4g} to {change.mach[0]:.4g}"
+    units = "" if change.units == "1" else f" {change.units}"
+    return (
+        f" This flight differs most from the model between {change.start_s:.2f} and {change.stop_s:.2f} s{mach}: "
+        f"{change.term} differs there by {change.value:+.3g} ± {change.std_error:.2g}{units} from elsewhere "
+        f"(F {change.f_ratio:.0f})."
+    )
+
+
+def _without(left_out: Sequence[str]) -> str:
+    if not left_out:
+        return ""
+    act, are, they = ("acts", "is", "it") if len(left_out) == 1 else ("act", "are", "they")
+    return (
+        f" {', '.join(left_out)} of the model {act} at times of the flight that it was found on, and {are} left out "
+        f"here; the moment that {they} explained there is included in the prediction interval."
+    )
 
 
 def _explains(share: float) -> str:

@@ -15,7 +15,6 @@ from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import Flight
 from brv_hypo.model.model import SavedModel
 from brv_hypo.prediction import Prediction, predict
-from brv_hypo.prediction.result import reason
 from brv_hypo.report.document import Table, Texts
 from brv_hypo.report.html import page, provenance
 from brv_hypo.report.motion_charts import BODY
@@ -126,21 +125,6 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
     assert found.error.frozen < 1.1 * found.error.noise
     assert found.band.inside == pytest.approx(found.band.level, abs=0.02)
     assert found.flown == 1.0
-
-
-def test_a_fit_that_explains_less_than_the_frozen_model_is_explained(predicted: Prediction) -> None:
-    """It is fitted to rates and specific force; with errors of the record that are fixed."""
-    said = [reason(predicted, own, 0.0, 0.0, "instruments") for own in (0.5 * predicted.explained, predicted.explained)]
-    assert "Fitted here it explains less of the moments, as it is fitted to rates and specific force" in said[0]
-    assert "(`--refit instruments` frees them)" in said[0]
-    assert "explains less" not in said[1]
-
-
-def test_a_cubic_moment_is_refitted_in_place_of_the_frozen_bend(traced: Trace, sister: Flight) -> None:
-    """Beside it, its coefficient and the bend's would each be any half of their sum."""
-    found = predict(sister, traced.model.definition, ("trim", "cubic_stiffness"))
-    assert {term.name for term in found.refitted} == {"C_m0", "C_n0", "C_malpha3"}
-    assert "C_malpha3" not in {term.name for term in found.frozen}
 
 
 def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
