@@ -52,7 +52,7 @@ from brv_hypo.model.term import Regressor, default_knots
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule, scheduled
 from brv_hypo.tracing.families import Beside, beside_processes
-from brv_hypo.tracing.fit import Fit, MomentErrors, converged_from, correct, fitted_about, has_tolerance
+from brv_hypo.tracing.fit import Fit, converged_from, correct, fitted_about, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
 
 # ---- One effect as fitted ----
@@ -235,12 +235,12 @@ class Tried:
     @cached_property
     def ratio(self) -> float:
         """Of the moments' mean squared errors on the held-out part, with it and before."""
-        return self.fit.held_out.mean_square / self.before.held_out.mean_square
+        return self.fit.held_out / self.before.held_out
 
     @cached_property
     def ratio_error(self) -> float:
         """The standard error of the ratio, over held-out stretches."""
-        return jackknife_error(self.fit.held_out.left_out / self.before.held_out.left_out)
+        return jackknife_error(self.fit.left_out / self.before.left_out)
 
     @cached_property
     def score(self) -> float:
@@ -280,7 +280,7 @@ class Tried:
         is judged by the fitted part alone. Worse by less than noise scatters such an error is not worse: the record is
         read anew with the effect taken out, which the stretches' own scatter does not know of.
         """
-        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out.scatter)
+        no_worse = self.ratio < 1.0 + max(HELD_OUT_WORSE * self.ratio_error, self.before.held_out_scatter)
         if self.has_tolerance:
             return no_worse
         falls = self.ratio < 1.0 or (self.candidate.effect is not None and no_worse)
@@ -297,7 +297,7 @@ class Tried:
         flights, columns = range(len(self.fit.data.records)), self.candidate.fit.selected
         if len(flights) == 1 or self.candidate.effect is not None or all(c.flight is not None for c in columns):
             return None
-        before, after = (sum(squares_elsewhere(fit, k) for k in flights) for fit in (self.before, self.fit))
+        before, after = (sum(error_elsewhere(fit, k) for k in flights) for fit in (self.before, self.fit))
         return after / before
 
     def status(self, named_in: float, choices: int) -> Status:
@@ -307,8 +307,8 @@ class Tried:
         return "finding" if lowers and wanted and named_in >= FINDING_REPEATED else "hint"
 
 
-def squares_elsewhere(fit: Fit, number: int) -> float:
-    """Sum of squared moment errors on one flight of the shared coefficients that the others have.
+def error_elsewhere(fit: Fit, number: int) -> float:
+    """Mean square of the moment errors on one flight of the shared coefficients that the others have.
 
     What is of this flight alone is fitted to it.
     """
@@ -318,8 +318,7 @@ def squares_elsewhere(fit: Fit, number: int) -> float:
     own, shared, part = flights == number, flights == -1, data.part_where(inside)
     others = replace(fit, problem=fit.problem.on(data.part_where(~inside)), known=np.where(own, 0.0, np.nan))
     known = np.where(shared, np.concatenate(others.solution), np.where(own, np.nan, 0.0))
-    left = replace(fit, problem=fit.problem.on(part), known=known).left
-    return float(MomentErrors.of(part, left).squares.sum())
+    return replace(fit, problem=fit.problem.on(part), known=known).left.mean_square(part.rows)
 
 
 # ---- Which is added ----

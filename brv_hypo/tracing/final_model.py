@@ -5,8 +5,8 @@ Entrance: `gathered`, the result of a trace.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -40,7 +40,7 @@ from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.tracing.additions import GENERIC
 from brv_hypo.tracing.description import as_terms, file_of
 from brv_hypo.tracing.families import beside_processes
-from brv_hypo.tracing.fit import Coefficients, Corrected, Fit, converged
+from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
 
 
@@ -56,7 +56,7 @@ def gathered(
     data, flights, final = fit.data, fit.data.source.records, fit.residual
     whole = fit.on_whole_record().at_best_knots(FINAL).on_whole_record()
     found, beside = whole.coefficients, beside_processes(fit, fit.model).null
-    definition, slopes = _definition(fit, whole.model, found), static_slopes(data, found)
+    definition, slopes = _definition(fit, whole, found), static_slopes(data, found)
     damped = along_flights(beside, beside.rows.problem.baseline, beside.rows.frame, damping)
     findings, every = names_added(steps, "finding"), zip(flights, data.reconstructions, slopes, strict=True)
     return Trace(
@@ -219,10 +219,10 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
     return tuple(found)
 
 
-def _definition(fit: Fit, model: Model, found: Coefficients) -> SavedModel:
+def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
     """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
-    flights, (elsewhere, left) = fit.data.source.records, _elsewhere(fit, model, found)
-    known = model.but(columns=found.columns).saved()
+    flights, (elsewhere, left) = fit.data.source.records, _elsewhere(fit, whole)
+    known = whole.model.but(columns=found.columns).saved()
     return known.with_coefficients(found.values, found.covariance, elsewhere.values, elsewhere.covariance).model_copy(
         update={
             "error": model_error(fit.data, fit.left, left),
@@ -246,24 +246,20 @@ def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
     return found | ({"mach": (float(mach.min()), float(mach.max()))} if np.all(np.isfinite(mach)) else {})
 
 
-def _elsewhere(fit: Fit, model: Model, own: Coefficients) -> tuple[Coefficients, ResidualMoments]:
-    """The coefficients of the whole model's columns without what belongs to its own flights alone, NaN for what is left
-    out (covariance 0), and the residual without it. What stays is fitted anew: it takes over the mean of the rest.
+def _elsewhere(fit: Fit, whole: Fit) -> tuple[Coefficients, ResidualMoments]:
+    """The coefficients of the `whole` model's columns without what belongs to its own flights alone, NaN for what is
+    left out (covariance 0), and the residual without it. What stays is fitted anew: it takes over the mean of the rest.
     """
-    lasts = model.lasting
-    if np.all(lasts) and not model.applied:
-        return own, fit.left
-    columns = tuple(itertools.compress(model.columns, lasts))
-    fit = converged(fit.data.source, model.but(columns=columns, applied=()))
-    found = fit.on_whole_record().coefficients
-    # What was refined on the way is the same column still.
-    place = {column: k for k, column in (*enumerate(found.columns), *enumerate(columns))}
-    kept = [j for j, column in enumerate(own.columns) if column in place]
-    order = [place[own.columns[j]] for j in kept]
-    values, covariance = np.full(own.values.size, np.nan), np.zeros_like(own.covariance)
-    values[kept] = found.values[order]
-    covariance[np.ix_(kept, kept)] = found.covariance[np.ix_(order, order)]
-    return Coefficients(own.columns, values, covariance), fit.left
+    lasts = whole.model.lasting
+    if np.all(lasts) and not whole.model.applied:
+        return whole.coefficients, fit.left
+    applied = {(a.effect.name, a.component, a.flight): -a.value / a.size for a in whole.model.applied}
+    errors = [applied.get((i.name, i.component, i.flight or 0), np.nan) for i in fit.nuisances]
+    known = np.concatenate([np.where(lasts, np.nan, 0.0), errors])
+    found, left_out = replace(whole, known=known).coefficients, np.flatnonzero(~lasts)
+    values = found.values.copy()
+    values[left_out] = np.nan
+    return replace(found, values=values), replace(fit, known=known).left
 
 
 def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:

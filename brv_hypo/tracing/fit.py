@@ -194,38 +194,6 @@ def correct(source: Flights, model: Model, corrections: Sequence[Errors] | None 
 
 
 @dataclass(frozen=True)
-class MomentErrors:
-    """Squared moment errors on a part of the record: sum and number of samples of each of its stretches."""
-
-    squares: FloatArray
-    sizes: FloatArray
-
-    @classmethod
-    def of(cls, part: Part, left: ResidualMoments) -> MomentErrors:
-        """Errors of the moment coefficients on a part."""
-        square = np.where(left.usable, np.abs(left.body) ** 2 / 2.0, 0.0)[part.rows]
-        usable = left.usable[part.rows]
-        sums = [(float(square[a:b].sum()), float(usable[a:b].sum())) for a, b in part.pieces]
-        squares, sizes = np.array(sums).T
-        return cls(squares, sizes)
-
-    @property
-    def mean_square(self) -> float:
-        """Mean square of the moment coefficients, pitch and yaw together."""
-        return float(self.squares.sum() / max(self.sizes.sum(), 1.0))
-
-    @property
-    def scatter(self) -> float:
-        """Relative standard deviation of the mean square of so much white noise, two axes a sample."""
-        return float(1.0 / np.sqrt(max(self.sizes.sum(), 1.0)))
-
-    @property
-    def left_out(self) -> FloatArray:
-        """The mean square without each of the stretches."""
-        return np.asarray((self.squares.sum() - self.squares) / np.maximum(self.sizes.sum() - self.sizes, 1.0))
-
-
-@dataclass(frozen=True)
 class Coefficients:
     """Columns of moments with their coefficients (columns,) and these' covariance."""
 
@@ -332,15 +300,28 @@ class Fit:
         """The residual as moment coefficients."""
         return self.data.moments(self.rest.rates)
 
-    @cached_property
-    def errors(self) -> MomentErrors:
-        """On the fitted part."""
-        return MomentErrors.of(self.data.fitted, self.left)
+    @property
+    def error(self) -> float:
+        """Mean square of the moment coefficients' residual, pitch and yaw together, on the fitted part."""
+        return self.left.mean_square(self.data.fitted.rows)
 
-    @cached_property
-    def held_out(self) -> MomentErrors:
-        """On the blocks held out."""
-        return MomentErrors.of(self.data.held_out, self.left)
+    @property
+    def held_out(self) -> float:
+        """The same on the blocks held out."""
+        return self.left.mean_square(self.data.held_out.rows)
+
+    @property
+    def held_out_scatter(self) -> float:
+        """Relative standard deviation of that of so much white noise, two axes a sample."""
+        return float(np.sum(self.left.usable[self.data.held_out.rows])) ** -0.5
+
+    @property
+    def left_out(self) -> FloatArray:
+        """The mean square on the blocks held out without each of their stretches (stretches,)."""
+        part, usable = self.data.held_out, self.left.usable
+        square = np.where(usable, np.abs(self.left.body) ** 2 / 2.0, 0.0)[part.rows]
+        sums, sizes = (np.array([each[a:b].sum() for a, b in part.pieces]) for each in (square, usable[part.rows]))
+        return np.asarray((sums.sum() - sums) / np.maximum(sizes.sum() - sizes, 1.0), dtype=float)
 
     @cached_property
     def residual(self) -> Residual:
@@ -404,7 +385,7 @@ def _while_better(fit: Fit, step: Callable[[Fit], Fit], most: int) -> tuple[Fit,
     """The fit after some steps, while these improve it; and whether a further one would make it worse."""
     for _ in range(most):
         nearer = step(fit)
-        fall = fit.errors.mean_square / nearer.errors.mean_square
+        fall = fit.error / nearer.error
         if fall < 1.0 / MODEL_TRIFLE:
             return fit, True
         fit = nearer

@@ -158,10 +158,8 @@ def _account(turns: Sequence[Turn], last: Fit) -> tuple[Account, ...]:
     elif has_schedule(first.model):
         models, start = [(start, _start(first.data.source, "constant"))], "scheduled"
     models += zip((start, *added), [*(turn.before for turn in turns[: len(added)]), last], strict=True)
-    errors = [(name, fit.held_out) for name, fit in models]
     return tuple(
-        Account(model=name, held_out=each.mean_square, std_error=jackknife_error(each.left_out))
-        for name, each in errors
+        Account(model=name, held_out=fit.held_out, std_error=jackknife_error(fit.left_out)) for name, fit in models
     )
 
 
@@ -315,7 +313,7 @@ def _after(leading: Tried) -> dict[str, Any]:
 
 
 def _errors(fit: Fit) -> Errors:
-    return Errors(fit=fit.errors.mean_square, held_out=fit.held_out.mean_square)
+    return Errors(fit=fit.error, held_out=fit.held_out)
 
 
 def _described(candidate: Candidate, fit: Fit) -> str:

@@ -16,7 +16,6 @@ from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing import acceptance
 from brv_hypo.tracing.acceptance import Candidate, Choice, Tried, first_accepted
-from brv_hypo.tracing.fit import MomentErrors
 from brv_hypo.tracing.result import TraceConfig
 from brv_hypo.tracing.trace import rests_on_hints
 
@@ -50,8 +49,7 @@ def known(one: Found, **values: Any) -> Found:
 def judged(one: Any, score: float, ratio: float) -> Tried:
     """What was tried, its ratio known to 0.1, on samples whose noise scatters it by as much as `SCATTER`."""
     nothing: Any = None
-    error = MomentErrors(np.ones(4), np.full(4, 0.25 / SCATTER**2))
-    before: Any = SimpleNamespace(held_out=error)
+    before: Any = SimpleNamespace(held_out_scatter=SCATTER)
     tried = Tried(one, before, nothing, has_tolerance=False, gain=SPECIFIC)
     return known(tried, score=score, ratio=ratio, ratio_error=0.1)
 
