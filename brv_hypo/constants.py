@@ -189,6 +189,7 @@ CONFOUNDED_GAIN = 0.8  # of the leader's gain, that such a one has to have
 
 DESCRIBED_FINER = 5  # times by which each turn narrows the spacing of the places tried, as many to either side
 DESCRIBED_CLOSEST = 0.02  # of the dictionary's spacing, at which that ends
+DESCRIBED_EDGES = 17  # times, evenly over the record, between any two of which what is described may act
 DESCRIBED_STEPS = 14  # places of a step, evenly over the quantity
 # Widths of a step, of the way to the next place: where it is gradual, a sharp one leaves what several jumps in time
 # would describe better.

@@ -51,6 +51,7 @@ from brv_hypo.model.model import Applied, Model
 from brv_hypo.model.term import Regressor, default_knots
 from brv_hypo.thresholds import SPECIFIC
 from brv_hypo.tracing.baseline import has_schedule, scheduled
+from brv_hypo.tracing.description import Described, described_in_part, file_of
 from brv_hypo.tracing.families import Beside, beside_processes
 from brv_hypo.tracing.fit import Fit, converged_from, correct, fitted_about, has_tolerance
 from brv_hypo.tracing.result import Kind, Status
@@ -75,15 +76,14 @@ Variant = Mapping[str, History]
 class Candidate:
     """One effect as fitted, beside the fit without it (`null`).
 
-    `variant` are the histories of a record effect, `file` a description in generic terms. `evidence` is the log
-    evidence that it gains beside all processes, nats, once that is known.
+    `variant` are the histories of a record effect. `evidence` is the log evidence that it gains beside all processes,
+    nats, once that is known.
     """
 
     kind: Kind
     null: HypothesisFit
     fit: HypothesisFit
     variant: Variant = field(default_factory=dict)
-    file: MechanismFile | None = None
     evidence: float = 0.0
 
     @property
@@ -95,6 +95,12 @@ class Candidate:
     def effect(self) -> RecordEffect | None:
         """The record effect with its settings; None for moments."""
         return next((history.effect for history in self.variant.values()), None)
+
+    @property
+    def file(self) -> MechanismFile | None:
+        """A description in generic terms as a file; None for what has a name."""
+        found, first = [m for m in self.fit.mechanisms if isinstance(m, Described)], self.fit.baseline_size
+        return file_of([(found[0], self.fit.selected, self.fit.values[first:])]) if found else None
 
     @property
     def follows(self) -> str | None:
@@ -401,13 +407,16 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
     there.
     """
     found = []
-    for candidate in candidates:
-        if candidate.gain > 0.0:
-            own, (gain, columns) = candidate.fit, beside.likeliest(candidate.fit)
-            if set(columns) != set(own.selected):
-                own = bounded(fit.problem, solved_again(fit.problem, own, columns))
-            candidate = replace(candidate, fit=own, evidence=gain)
-        found.append(candidate)
+    for candidate in (each for each in candidates if each.gain > 0.0 or each.kind == "discovered"):
+        own, (gain, columns) = candidate.fit, beside.likeliest(candidate.fit)
+        if set(columns) != set(own.selected):
+            own = bounded(fit.problem, solved_again(fit.problem, own, columns))
+        if candidate.kind == "discovered" and len(fit.problem.records) == 1:
+            part = described_in_part(beside, own)
+            if part is not None and (more := part[1].level - beside.null.level) > gain:
+                own, gain = solved_again(fit.problem, part[0]), more
+        candidate = replace(candidate, fit=own, evidence=gain)
+        found += [candidate] if candidate.gain > 0.0 else []
     return found
 
 

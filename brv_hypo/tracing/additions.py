@@ -23,12 +23,10 @@ from brv_hypo.mechanisms.contract import Mechanism, RecordEffect
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor, Theta, candidates, default_knots, theta_grid
 from brv_hypo.tracing.acceptance import Candidate, History, Variant, bounded, solved_again
-from brv_hypo.tracing.description import discover
+from brv_hypo.tracing.description import GENERIC, described
 from brv_hypo.tracing.fit import Fit, with_efficiency
 
 _SPENT = 1e-12  # of a column's square that is left beside others, below which it says nothing
-# What is described in generic terms is called this, with the number of its step.
-GENERIC = "discovered"
 
 
 def analyse_step(
@@ -59,8 +57,9 @@ def analyse_step(
             if len(catalogue.get(candidate.name, ())) > 1:
                 fit, found[place] = _closer(fit, found[place])
     found.sort(key=attrgetter("fit.information"))
-    described = discover(fit.problem, fit.null, generic_name(model)) if describe else None
-    return fit, (*found, *([] if described is None else [described]))
+    if describe and (generic := described(fit.problem, generic_name(model))) is not None:
+        found.append(Candidate("discovered", fit.null, generic))
+    return fit, tuple(found)
 
 
 def generic_name(model: Model) -> str:

@@ -1,23 +1,28 @@
 """A sparse description of a residual in generic terms, for what no plugin describes, in words that an analyst uses.
 
 An entry of the dictionary is one vector or one scalar: terms that enter together. Entries with a position (a rate of
-turning, a Mach number) are laid on a grid and can be moved. Entrance: `discover`.
+turning, a Mach number) are laid on a grid and can be moved. Entrances: `described` throughout a record, and
+`described_in_part`.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.limits import even_edges
+from brv_hypo.comparison.with_processes import Pair, acting, level
 from brv_hypo.constants import (
     CONFOUNDED_NEAR,
     DESCRIBED_CLOSEST,
+    DESCRIBED_EDGES,
     DESCRIBED_FINER,
     DESCRIBED_GRADUAL,
     DESCRIBED_SHARP,
@@ -38,12 +43,15 @@ from brv_hypo.mechanisms.yaml_mechanism import (
     Turn,
     YamlMechanism,
     YamlTerm,
-    mechanism_of,
     values_of,
 )
 from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
-from brv_hypo.tracing.acceptance import Candidate
+from brv_hypo.tracing.families import Beside
+
+GENERIC = "discovered"
+"""What is described in generic terms is called this, with the number of its step."""
+_SOURCE = "found in the residual of a flight"
 
 # ---- The dictionary ----
 
@@ -173,42 +181,76 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
 # ---- Its entries beside a model ----
 
 
-def discover(problem: Problem, null: HypothesisFit, name: str) -> Candidate | None:
-    """The entry of the dictionary that describes best what the model does not explain; None if there is none."""
+class Described(YamlMechanism):
+    """An entry of the dictionary, its terms the components of one vector."""
+
+    terms_enter_together = True
+
+    @classmethod
+    def by(cls, name: str, entry: Entry) -> Described:
+        """The entry under a name."""
+        return cls(name=name, title=entry.words, claims=entry.words, source=_SOURCE, definition=entry.terms)
+
+
+def described(problem: Problem, name: str) -> HypothesisFit | None:
+    """The entry of the dictionary that explains most beside the model, throughout; None if none explains anything."""
     offered = entries(problem.frame.motions)
     gains = _gains(problem, offered)
     if not gains or max(gains) <= 0.0:
         return None
-    entry = _best(problem, offered, gains)
-    mechanism = mechanism_of(file_of(name, entry.words, entry.terms))
+    mechanism = Described.by(name, _best(problem, offered, gains))
     reduced = Reduced(problem, problem.frame.with_mechanisms([mechanism]))
-    columns = (*problem.baseline, *_columns(name, entry))
-    fit = solved(reduced, name, (mechanism,), columns, len(offered))
-    terms = as_terms(fit.selected, fit.values[fit.baseline_size :], mechanism)
-    return Candidate("discovered", null, fit, file=file_of(name, entry.words, terms))
+    return solved(reduced, name, (mechanism,), (*problem.baseline, *_columns(mechanism)), len(offered))
 
 
-def file_of(name: str, words: str, terms: Sequence[YamlTerm]) -> MechanismFile:
-    """A description as a file of mechanisms."""
-    source = "found in the residual of a flight"
-    return MechanismFile(name=name, title=words, claims=words, source=source, terms=tuple(terms))
+def described_in_part(beside: Beside, like: HypothesisFit) -> Pair | None:
+    """The entry that explains most beside processes between two times of one flight, at its best place.
+
+    What acts a quarter of a record keeps a quarter of what it explains throughout, and others come before it.
+    """
+    problem, null, name = beside.rows.problem, [beside.null], like.name
+    offered = {Described.by(name, e): e for e in entries(problem.frame.motions) if e.follows is None}
+    pairs = len(offered) * math.comb(DESCRIBED_EDGES, 2)
+    like = replace(like, searched=next(n for n in itertools.count(2) if math.comb(n, 2) >= pairs))
+    found = acting(problem, like, list(offered), null, even_edges(problem.frame, DESCRIBED_EDGES))
+    entry = next((e for m, e in offered.items() if found and m == found[0][0].mechanisms[0]), None)
+    if entry is None or entry.at is None:
+        return found[0] if found else None
+    time, starts = problem.frame.coefficient_time, sorted({c.time_basis.start for c in found[0][0].selected})
+    region = np.clip([*starts, np.inf][:2], time.min(), time.max())
+    shifts = entry.spacing * np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
+    nearer = [Described.by(name, entry.at(entry.position + shift)) for shift in shifts]
+    return max(*found, *acting(problem, like, nearer, null, region), key=level)
 
 
-def as_terms(columns: Sequence[Regressor], values: FloatArray, mechanism: YamlMechanism) -> list[YamlTerm]:
-    """Columns of a mechanism that a file defines, with their values."""
-    known = {term.name: term for term in mechanism.definition}
-    pairs = zip(columns, values.tolist(), strict=True)
-    return [known[column.term].model_copy(update={"value": value}) for column, value in pairs]
+def file_of(fits: Sequence[tuple[YamlMechanism, Sequence[Regressor], FloatArray]]) -> MechanismFile:
+    """Descriptions, each with its columns and their coefficients, as one file of mechanisms."""
+    terms, words = list[YamlTerm](), list[str]()
+    for mechanism, columns, values in fits:
+        known = {term.name: term for term in mechanism.definition}
+        label, times = f"{mechanism.name}: " if len(fits) > 1 else "", list[str]()
+        for column, value in zip(columns, values.tolist(), strict=True):
+            term, start, when = known[column.term], column.time_basis.start, ""
+            factors = term.factors
+            if column.time_basis.kind == "jump":
+                times, when = [*times, f"{start:.4g}"], f", from {start:.12g} s"
+                factors = (*factors, Factor(of="time", function="step", at=start))
+            named = {"name": f"{label}{term.name}{when}", "value": value, "factors": factors}
+            terms.append(term.model_copy(update=named))
+        changes = f", that changes at {', '.join(dict.fromkeys(times))} s" if times else ""
+        words.append(f"{mechanism.title}{changes}")
+    name, said = fits[0][0].name if len(fits) == 1 else GENERIC, " and ".join(words)
+    return MechanismFile(name=name, title=said, claims=said, source=_SOURCE, terms=tuple(terms))
 
 
 def _gains(problem: Problem, chosen: Sequence[Entry]) -> list[float]:
     """Fall of the residual sum of squares by each entry beside the model."""
-    mechanism = YamlMechanism(definition=tuple(term for entry in chosen for term in entry.terms))
-    reduced = Reduced(problem, problem.frame.with_mechanisms([mechanism]))
-    groups = [_columns(mechanism.name, entry) for entry in chosen]
+    found = []
+    mechanisms = [Described.by(f"entry_{k}", entry) for k, entry in enumerate(chosen)]
+    reduced = Reduced(problem, problem.frame.with_mechanisms(mechanisms))
+    groups = [_columns(mechanism) for mechanism in mechanisms]
     batch = reduced.batch([column for group in groups for column in group])
     ends = np.cumsum([0, *(len(group) for group in groups)])
-    found = []
     for own in (batch.of(slice(a, b)) for a, b in itertools.pairwise(ends)):
         right = reduced.right(own)
         found.append(float(right @ solve_normal(own.products(own), right, own.squares)))
@@ -242,7 +284,7 @@ def _moved(problem: Problem, entry: Entry) -> Entry:
     return entry
 
 
-def _columns(mechanism: str, entry: Entry) -> tuple[Regressor, ...]:
-    """Columns of an entry's terms, which are chosen together."""
+def _columns(mechanism: YamlMechanism) -> list[Regressor]:
+    """Columns of an entry's terms throughout."""
     always = TimeBasis("constant")
-    return tuple(Regressor(mechanism, term.name, (), always, term.units, grouped=True) for term in entry.terms)
+    return [Regressor(mechanism.name, t.name, (), always, t.units, grouped=True) for t in mechanism.definition]

@@ -37,8 +37,7 @@ from brv_hypo.mechanisms.yaml_mechanism import MechanismFile, YamlMechanism
 from brv_hypo.model.model import Model, ModelError, SavedModel, digest
 from brv_hypo.motion.motion import Motion
 from brv_hypo.motion.reconstruction import Reconstruction
-from brv_hypo.tracing.additions import GENERIC
-from brv_hypo.tracing.description import as_terms, file_of
+from brv_hypo.tracing.description import GENERIC, file_of
 from brv_hypo.tracing.families import beside_processes
 from brv_hypo.tracing.fit import Coefficients, Corrected, Fit
 from brv_hypo.tracing.result import Account, ModelSummary, Picture, Residual, Step, Stop, Trace, names_added
@@ -89,19 +88,12 @@ def gathered(
 
 def _described(model: Model, found: Coefficients, discovery: MechanismFile | None) -> MechanismFile | None:
     """All that was described in generic terms, with its values; where nothing was added, what could not be."""
-    names = dict.fromkeys(column.mechanism for column in model.columns if column.mechanism.startswith(GENERIC))
-    pieces = {name: piece for name in names if isinstance(piece := model.mechanisms[name], YamlMechanism)}
-    if not pieces:
-        return discovery
-    terms = []
-    for name, piece in pieces.items():
+    pieces = []
+    for name in dict.fromkeys(c.mechanism for c in found.columns if c.mechanism.startswith(GENERIC)):
         own = [k for k, column in enumerate(found.columns) if column.mechanism == name]
-        label = "" if len(pieces) == 1 else f"{name}: "
-        each = as_terms([found.columns[k] for k in own], found.values[own], piece)
-        terms += [term.model_copy(update={"name": f"{label}{term.name}"}) for term in each]
-    words = " and ".join(piece.title for piece in pieces.values())
-    name = next(iter(pieces)) if len(pieces) == 1 else GENERIC
-    return file_of(name, words, terms)
+        if isinstance(piece := model.mechanisms[name], YamlMechanism):
+            pieces.append((piece, [found.columns[k] for k in own], found.values[own]))
+    return file_of(pieces) if pieces else discovery
 
 
 def _picture(before: ResidualMoments, fit: Fit, number: int, own: Evidence) -> Picture:

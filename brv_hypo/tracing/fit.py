@@ -313,7 +313,7 @@ class Fit:
     @property
     def held_out_scatter(self) -> float:
         """Relative standard deviation of that of so much white noise, two axes a sample."""
-        return float(np.sum(self.left.usable[self.data.held_out.rows])) ** -0.5
+        return float(np.sum(self.left.usable[self.data.held_out.rows]) ** -0.5)
 
     @property
     def left_out(self) -> FloatArray:

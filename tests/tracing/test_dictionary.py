@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from brv_hypo.inference.fit import fit_hypothesis
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis
 from brv_hypo.inference.problem import Problem
+from brv_hypo.inference.rows import rows_of
 from brv_hypo.mechanisms.conformance import sample_motion
 from brv_hypo.mechanisms.yaml_mechanism import Factor, Turn, YamlMechanism, YamlTerm, mechanism_of
 from brv_hypo.model.term import Regressor, TimeBasis
-from brv_hypo.tracing.description import discover, entries
+from brv_hypo.tracing.acceptance import Candidate
+from brv_hypo.tracing.description import described, described_in_part, entries
+from brv_hypo.tracing.families import Beside
 from tests.chains import prepared
 
 
@@ -45,29 +49,54 @@ def with_moment(given: Problem, term: YamlTerm, time_basis: TimeBasis, size: flo
     return planted
 
 
-def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
-    given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
+def candidate(fit: HypothesisFit) -> Candidate:
+    """What is described, as a candidate."""
+    return Candidate("discovered", fit, fit)
+
+
+@cache
+def turning_for_a_while() -> tuple[Problem, HypothesisFit]:
+    """A problem with a moment that turns from 2 to 4.5 s, and what describes a part of it."""
+    given = with_moment(prepared(), TURNING, TimeBasis("jump", 2.0, 4.5), 600.0)
+    null = fit_hypothesis(given, "none", ())
+    rows = rows_of(given, null)
+    beside = Beside(null, rows, {}, {}, np.array([0.0, *(group.prior[0] for group in rows.groups)]))
+    found = described_in_part(beside, replace(null, name="discovered_1"))
     assert found is not None
-    assert found.file is not None
-    fit, read = found.fit, mechanism_of(found.file)
-    motion = given.frame.motions[0]
-    values = [term.value or 0.0 for term in found.file.terms]
+    return given, found[0]
+
+
+@pytest.mark.thorough
+def test_a_moment_that_turns_from_one_time_to_another_is_described_with_its_times() -> None:
+    file = candidate(turning_for_a_while()[1]).file
+    assert file is not None
+    rates = [term.turn.rate for term in file.terms if term.turn is not None]
+    times = sorted({f.at for term in file.terms for f in term.factors if f.of == "time"})
+    assert rates == pytest.approx([3.0] * 4, abs=0.2)
+    assert times == pytest.approx([2.0, 4.5], abs=0.1)
+    assert "that changes at" in file.title
+
+
+@pytest.mark.thorough
+def test_the_file_of_a_description_makes_the_moment_that_was_fitted() -> None:
+    given, fit = turning_for_a_while()
+    file = candidate(fit).file
+    assert file is not None
+    read, motion = mechanism_of(file), given.frame.motions[0]
+    values = [term.value or 0.0 for term in file.terms]
     of_file = sum(v * (t.in_plane + 1j * t.out_of_plane) for v, t in zip(values, read.terms(motion, {}), strict=True))
     fitted = fit.frame.moments(fit.selected) @ fit.values[fit.baseline_size :]
     turned = of_file * np.exp(-1j * motion.windward_meridian)
     assert turned[: fitted.size] == pytest.approx(fitted, abs=1e-9)
-    rates = [term.turn.rate for term in found.file.terms if term.turn is not None]
-    assert rates == pytest.approx([3.0] * 2, abs=0.2)
 
 
 @pytest.mark.thorough
 def test_what_is_constant_pays_for_one_choice_of_the_dictionary() -> None:
     given = with_moment(prepared(), TURNING, TimeBasis("constant"), 600.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
+    found = described(given, "discovered_1")
     assert found is not None
-    assert len({column.choice for column in found.fit.selected}) == 1
-    assert found.fit.searched == len(entries(given.frame.motions))
+    assert len({column.choice for column in found.selected}) == 1
+    assert found.searched == len(entries(given.frame.motions))
 
 
 @pytest.mark.thorough
@@ -78,8 +107,9 @@ def test_of_courses_that_tell_a_flight_alike_mach_number_comes_first(at: float) 
     step = Factor(of="time", function="step", at=at, width=0.1)
     term = YamlTerm(name="later", axis="in_plane", factors=(step, Factor(of="alpha")), units="1/rad")
     given = with_moment(given, term, TimeBasis("constant"), 1500.0)
-    found = discover(given, fit_hypothesis(given, "none", ()), "discovered_1")
+    found = described(given, "discovered_1")
     assert found is not None
-    assert found.file is not None
-    places = [factor.at for term in found.file.terms for factor in term.factors if factor.of == "mach"]
+    file = candidate(found).file
+    assert file is not None
+    places = [factor.at for term in file.terms for factor in term.factors if factor.of == "mach"]
     assert places == pytest.approx([float(np.interp(at, motion.time, motion.mach))], abs=0.01)

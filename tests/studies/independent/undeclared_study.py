@@ -19,7 +19,7 @@ import numpy as np
 from joblib import delayed
 
 from brv_hypo.tracing import TraceConfig, trace
-from brv_hypo.tracing.additions import GENERIC
+from brv_hypo.tracing.description import GENERIC
 from tests.studies.independent import grammar
 from tests.studies.independent.flights import Made, make_flight
 from tests.studies.independent.imperfect_study import count
