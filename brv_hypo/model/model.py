@@ -137,9 +137,7 @@ class SavedColumn(_Saved):
     """A column of the moment model; `start`, `stop` s, None where its course has no such end.
 
     `value` is its coefficient in `units`, `std_error` its 1-sigma error; None where the model is a structure alone.
-    `elsewhere` is the coefficient on other flights, where what belongs to the times and the instruments of the model's
-    own is left out; None where it is `value`. `flight`: the one of several flights that it belongs to, counted from 0;
-    None for all.
+    `flight`: the one of several flights that it belongs to, counted from 0; None for all.
     """
 
     mechanism: str
@@ -153,7 +151,7 @@ class SavedColumn(_Saved):
     part_of: str | None = None
     value: float | None = None
     std_error: float | None = None
-    elsewhere: float | None = None
+    elsewhere: float | None = Field(default=None, exclude=True)  # of earlier files: read, and not used
     flight: int | None = None
 
     _SHARED: ClassVar[tuple[str, ...]] = ("mechanism", "term", "units", "grouped", "part_of", "flight")
@@ -262,8 +260,7 @@ class SavedModel(_Saved):
     """Moment columns, errors of the record, and the files of mechanisms that no plugin holds.
 
     `covariance` is that of the columns' coefficients, in their order; empty where they have none.
-    `covariance_elsewhere` is that of the coefficients on other flights, 0 for what is left out there; empty where it is
-    the same. `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
+    `static` is the baseline's static moment with its schedule; None for constant coefficients; `table` the
     aerodynamic table in its place, `schedule` the prior of its slope's change with Mach number, `bend` that
     of its bend with the angle of attack. `found_on` names the flights, `times` (s) are their starts and stops,
     `digests` those of their gyros (`digest`); `error` is what it left there; `flown` the ends of what they ran through,
@@ -280,7 +277,7 @@ class SavedModel(_Saved):
     schedule: SlopeSchedule | None = None
     bend: StaticBend | None = None
     covariance: tuple[tuple[float, ...], ...] = ()
-    covariance_elsewhere: tuple[tuple[float, ...], ...] = ()
+    covariance_elsewhere: tuple[tuple[float, ...], ...] = Field(default=(), exclude=True)  # of earlier files, the same
     error: ModelError | None = None
     found_on: tuple[str, ...] = ()
     times: tuple[tuple[float, float], ...] = ()
@@ -289,48 +286,36 @@ class SavedModel(_Saved):
 
     @model_validator(mode="after")
     def _covariance_fits(self) -> SavedModel:
-        for name in ("covariance", "covariance_elsewhere"):
-            matrix = getattr(self, name)
-            if matrix and {len(matrix), *(len(row) for row in matrix)} != {len(self.columns)}:
-                raise ValueError(
-                    f"{name} has {len(matrix)} rows for {len(self.columns)} columns: change both together, or drop it, "
-                    "so that the columns' own std_error count"
-                )
+        matrix = self.covariance
+        if matrix and {len(matrix), *(len(row) for row in matrix)} != {len(self.columns)}:
+            raise ValueError(
+                f"covariance has {len(matrix)} rows for {len(self.columns)} columns: change both together, or drop it, "
+                "so that the columns' own std_error count"
+            )
         return self
 
-    def with_coefficients(
-        self, values: FloatArray, covariance: FloatArray, elsewhere: FloatArray, covariance_elsewhere: FloatArray
-    ) -> SavedModel:
-        """With coefficients (columns,), on other flights `elsewhere` (NaN for what belongs to its own), and both
-        covariances.
-        """
+    def with_coefficients(self, values: FloatArray, covariance: FloatArray) -> SavedModel:
+        """With coefficients (columns,) and their covariance."""
         errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-        moved = np.isfinite(elsewhere) & (elsewhere != values)
-        there = [value if own else None for value, own in zip(elsewhere.tolist(), moved.tolist(), strict=True)]
-        known = zip(self.columns, values.tolist(), errors, there, strict=True)
-        same = np.array_equal(covariance, covariance_elsewhere)
-        return self.model_copy(
-            update={
-                "columns": tuple(
-                    column.model_copy(update={"value": value, "std_error": error, "elsewhere": other})
-                    for column, value, error, other in known
-                ),
-                "covariance": tuple(map(tuple, covariance.tolist())),
-                "covariance_elsewhere": () if same else tuple(map(tuple, covariance_elsewhere.tolist())),
-            }
-        )
+        known = zip(self.columns, values.tolist(), errors, strict=True)
+        columns = tuple(each.model_copy(update={"value": value, "std_error": error}) for each, value, error in known)
+        return self.model_copy(update={"columns": columns, "covariance": tuple(map(tuple, covariance.tolist()))})
+
+    @property
+    def known_covariance(self) -> FloatArray:
+        """That of the columns' coefficients; by their errors alone where there is none."""
+        errors = np.array([column.std_error or 0.0 for column in self.columns])
+        return np.array(self.covariance) if self.covariance else np.diag(errors**2)
 
     def of_as_many(self, flights: int) -> SavedModel:
         """The model without what belongs to single flights, unless it was found on as many."""
         if max(len(self.found_on), 1) == flights:
             return self
         kept = [k for k, column in enumerate(self.columns) if column.flight is None]
-        chosen = {
-            name: tuple(tuple(matrix[j][k] for k in kept) for j in kept) if (matrix := getattr(self, name)) else ()
-            for name in ("covariance", "covariance_elsewhere")
-        }
+        covariance = tuple(tuple(self.covariance[j][k] for k in kept) for j in kept if self.covariance)
         record = () if len(self.found_on) > 1 or flights > 1 else self.record
-        return self.model_copy(update={"columns": tuple(self.columns[k] for k in kept), "record": record, **chosen})
+        columns = tuple(self.columns[k] for k in kept)
+        return self.model_copy(update={"columns": columns, "record": record, "covariance": covariance})
 
 
 def constant_moment(flights: Sequence[Flight]) -> StaticMoment:

@@ -140,7 +140,7 @@ def _predict(
     )
     fixed, covariance = fit.known[: len(columns)], fit.covariance[: len(columns), : len(columns)].copy()
     known = np.flatnonzero(np.isfinite(fixed))
-    known_by, change, difference = _covariance_of(content, places[known], not here), None, None
+    change, difference, known_by = None, None, content.known_covariance[np.ix_(places[known], places[known])]
     covariance[np.ix_(known, known)] = known_by
     flown, mach = _flown(content.flown, data), data.reconstructions[0].motion.mach[data.frame.samples(0)]
     beyond = np.zeros(mach.shape) if content.error is None else content.error.at(mach, elsewhere=not here)
@@ -204,9 +204,8 @@ def _frozen(
     left_out = tuple(dict.fromkeys(c.mechanism for c in columns if c not in model.columns))
     source = Flights((flight,), config)
     model, effects = _with_refitted(model, refit, source)
-    values = [each.value if here or each.elsewhere is None else each.elsewhere for each in content.columns]
-    known = place.keys() - to_refit
-    fixed = np.array([values[place[c]] if c in known else np.nan for c in model.columns], dtype=float)
+    known = {column: saved.value for column, saved in zip(columns, content.columns, strict=True)}
+    fixed = np.array([np.nan if c in to_refit else known.get(c, np.nan) for c in model.columns], dtype=float)
 
     def read_with(corrections: Errors) -> Fit:
         """The model where these are taken out of the record and `effects` are free within their tolerances."""
@@ -275,17 +274,6 @@ def _with_refitted(model: Model, refit: tuple[str, ...], source: Flights) -> tup
         elif name == INSTRUMENTS:
             effects += _tolerated(source.records[0])
     return model, tuple(effects)
-
-
-def _covariance_of(content: SavedModel, order: IntArray, elsewhere: bool) -> FloatArray:
-    """Covariance of some coefficients, as the model's file says; by their errors alone where it has none.
-
-    Not on its own flights, it is that of the coefficients that were fitted without what belongs to those alone.
-    """
-    stated = (content.covariance_elsewhere or content.covariance) if elsewhere else content.covariance
-    errors = np.array([column.std_error or 0.0 for column in content.columns])
-    whole = np.array(stated) if stated else np.diag(errors**2)
-    return np.asarray(whole[np.ix_(order, order)], dtype=float)
 
 
 # ---- The prediction interval: how far the measured moments may lie from the model's, noise included ----

@@ -213,9 +213,12 @@ def _record_terms(whole: Fit) -> tuple[TermEstimate, ...]:
 
 def _definition(fit: Fit, whole: Fit, found: Coefficients) -> SavedModel:
     """The model, fitted to the whole record, as its file, with what is known of it where it was found."""
-    flights, (elsewhere, left) = fit.data.source.records, _elsewhere(fit, whole)
-    known = whole.model.but(columns=found.columns).saved()
-    return known.with_coefficients(found.values, found.covariance, elsewhere.values, elsewhere.covariance).model_copy(
+    flights, lasts, left = fit.data.source.records, fit.model.lasting, fit.left
+    if not np.all(lasts):  # as it is on other flights
+        known = np.append(np.where(lasts, fit.values, 0.0), np.full(len(fit.nuisances), np.nan))
+        left = replace(fit, known=known).left
+    saved = whole.model.but(columns=found.columns).saved().with_coefficients(found.values, found.covariance)
+    return saved.model_copy(
         update={
             "error": model_error(fit.data, fit.left, left),
             "found_on": tuple(flight.path or flight.title for flight in flights),
@@ -236,22 +239,6 @@ def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
     )
     found = {"alpha": (0.0, float(alpha.max()))}
     return found | ({"mach": (float(mach.min()), float(mach.max()))} if np.all(np.isfinite(mach)) else {})
-
-
-def _elsewhere(fit: Fit, whole: Fit) -> tuple[Coefficients, ResidualMoments]:
-    """The coefficients of the `whole` model's columns without what belongs to its own flights alone, NaN for what is
-    left out (covariance 0), and the residual without it. What stays is fitted anew: it takes over the mean of the rest.
-    """
-    lasts = whole.model.lasting
-    if np.all(lasts) and not whole.model.applied:
-        return whole.coefficients, fit.left
-    applied = {(a.effect.name, a.component, a.flight): -a.value / a.size for a in whole.model.applied}
-    errors = [applied.get((i.name, i.component, i.flight or 0), np.nan) for i in fit.nuisances]
-    known = np.concatenate([np.where(lasts, np.nan, 0.0), errors])
-    found, left_out = replace(whole, known=known).coefficients, np.flatnonzero(~lasts)
-    values = found.values.copy()
-    values[left_out] = np.nan
-    return replace(found, values=values), replace(fit, known=known).left
 
 
 def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:

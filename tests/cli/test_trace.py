@@ -66,7 +66,6 @@ def test_json_follows_the_contract(traced):
         assert all(set(CANDIDATE_KEYS.split()) <= set(candidate) for candidate in step["candidates"])
         assert set(step["error_before"]) == {"fit", "held_out"}
     assert result["model"]["terms"]
-    assert result["ml"] is None
 
 
 def test_the_json_holds_a_model_that_another_trace_starts_from(traced, tmp_path):
