@@ -153,7 +153,7 @@ LIKELIHOOD_HYPOTHESES = 2  # the leader and its closest rival: a verdict compare
 
 # ---- Loop: model, noise, candidates ----
 # These and the next two sections were revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and
-# are held by its fresh ones; that a schedule comes first, by the measured entry (`tests.studies.loop.variants`).
+# are held by its fresh ones.
 
 TRACED_SMALLEST = 120  # samples from which a record is enough to hold any out
 TRACED_KNOTS = 7  # as of a comparison, if a user sets none
@@ -212,9 +212,6 @@ HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that s
 LOOP_BEYOND_DOUBT = 1e-3
 LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
 LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it
-# Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
-# all a function of Mach number, and jumps in time describe any smooth change.
-LOOP_SCHEDULE = 0.5
 LOOP_REPEATED_BLOCKS = (0.75, 1.25)  # of the configured number
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything
@@ -223,8 +220,7 @@ FINDING_REPEATED = 0.75  # share of the repetitions that name it: three in four
 HINT_REPEATED = 0.5  # below which another effect explains the record as well: no name then
 WHITE_LAGS = 20  # samples, of the test of whiteness (Ljung and Box, Biometrika 65:297, 1978)
 WHITE_CHANCE = 0.05  # p-value above which what is left is called white; convention
-REPORTED_REGIONS = 16  # stretches of time, of which the worst and its neighbours are told
-REPORTED_REGION_SHARE = 0.5  # of the worst, that its neighbours have
+REPORTED_REGIONS = 8  # parts of a record, of which the worst is told
 REPORTED_SLOPES = 32  # places along a flight at which the static slope is told
 STABLE_SIGMAS = 2.0  # standard errors by which a static slope must be stable to be told so; convention
 # Of the change that a bend (alpha^2) makes of a slope from alpha = 0 to the greatest angle flown, the share below the
@@ -240,7 +236,6 @@ BAND_SIGMAS = 1.96  # standard deviations on either side of the prediction
 BAND_LEVEL = 0.95  # share of a normal distribution between them
 BAND_LEAST_NOISE = 0.1  # share of the noise that a fit leaves at least
 BAND_FREQUENCIES = 2048  # up to half the sample rate, that the noise of moments is summed over
-MODEL_ERROR_WEIGHTS = (0.25, 0.5, 0.25)  # of a held-out stretch and its neighbours in Mach: one holds few cycles
 MODEL_ERROR_CHANCE = 0.05  # that noise alone leaves as much on any held-out stretch of a flight
 PREDICTED_BLOCKS = 8  # at least, of the record's: the fewest that a trace may be told to cut it into
 PREDICTED_LINEARISATIONS = 2  # where errors of the record are fitted

@@ -42,8 +42,16 @@ from brv_hypo.inference.derivatives import per_coefficient, slope
 from brv_hypo.linearisation.frame import ResidualMoments
 from brv_hypo.linearisation.linear import lengths
 from brv_hypo.linearisation.nuisance import Errors
+from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.mechanisms.contract import Mechanism, current_name
-from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms, record_processes
+from brv_hypo.mechanisms.registry import (
+    find_installed,
+    installed,
+    nuisance_effects,
+    nuisance_mechanisms,
+    record_processes,
+)
+from brv_hypo.model.baseline import StaticBend
 from brv_hypo.model.model import Model, SavedModel, digest, read_model, restored
 from brv_hypo.model.term import TimeBasis, term_column
 from brv_hypo.motion import try_record
@@ -54,6 +62,7 @@ from brv_hypo.prediction.result import Band, ErrorsOfPrediction, ModelSource, Pr
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import settings_of, takes_settings
 from brv_hypo.thresholds import REFUSED
+from brv_hypo.tracing.baseline import is_bend
 from brv_hypo.tracing.final_model import pair
 from brv_hypo.tracing.fit import Corrected, Fit, Flights, correct, fitted_about, next_corrections
 from brv_hypo.tracing.result import Trace, TraceConfig, TraceSettings
@@ -197,6 +206,7 @@ def _frozen(
     """
     model = restored(content, (flight,), frozen=True)
     columns, place = model.columns, {column: k for k, column in enumerate(model.columns)}
+    refit = tuple(_in_model(model, name) for name in refit)
     to_refit = {column for column in columns if {column.mechanism, column.term} & set(refit)}
     if not here:  # without what belongs to the times and to the instruments of its own flights
         kept = tuple(c for c, lasts in zip(columns, model.lasting, strict=True) if lasts or c in to_refit)
@@ -225,6 +235,17 @@ def _frozen(
         corrections = next_corrections(0, flight, model, own, corrections)
         found = read_with(corrections)
     return found, np.array([place.get(column, -1) for column in model.columns]), left_out
+
+
+def _in_model(model: Model, name: str) -> str:
+    """The name of the model's bend, where a mechanism of this name is the very same moment; else the name.
+
+    Fitted beside the frozen bend, neither coefficient would say anything by itself.
+    """
+    item = installed()[name].item if name in installed() else None
+    if StaticBend.name not in model.mechanisms or not isinstance(item, Mechanism):
+        return name
+    return StaticBend.name if is_bend(item, sample_motion(uniform_time())) else name
 
 
 def _is_found_on(content: SavedModel, flight: Flight) -> bool:

@@ -17,7 +17,7 @@ from brv_hypo.comparison.diagnostics import collinear, record_errors, whitened
 from brv_hypo.comparison.intervals import estimate
 from brv_hypo.comparison.result import TermEstimate
 from brv_hypo.comparison.summary import estimates, flight_summary, motion_histories, of_flight
-from brv_hypo.constants import MODEL_ERROR_CHANCE, MODEL_ERROR_WEIGHTS, REPORTED_DRAG, STABLE_SIGMAS
+from brv_hypo.constants import MODEL_ERROR_CHANCE, REPORTED_DRAG, STABLE_SIGMAS
 from brv_hypo.flight.record import Flight
 from brv_hypo.inference.derivatives import (
     Along,
@@ -244,36 +244,33 @@ def _flown(data: Corrected) -> dict[str, tuple[float, float]]:
 def model_error(data: Corrected, own: ResidualMoments, elsewhere: ResidualMoments) -> ModelError:
     """What the model leaves on the held-out part, and what it leaves there without what belongs to its own flights.
 
-    Nothing where that is no more than the noise may leave by chance.
+    By Mach number, each held-out stretch with its neighbours: one holds few cycles. Nothing where that is no more than
+    the noise may leave by chance.
     """
     pieces = [rows for a, b in data.held_out.pieces if np.any(own.usable[rows := data.held_out.rows[a:b]])]
     mach = np.concatenate([rec.motion.mach[data.frame.samples(k)] for k, rec in enumerate(data.reconstructions)])
-    places = np.array([float(np.mean(mach[rows])) for rows in pieces])
-    apart = bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size
-    order = np.argsort(places) if apart else np.arange(places.size)
-    pieces, count = [pieces[k] for k in order], len(pieces)
-    before, here, after = MODEL_ERROR_WEIGHTS  # of every stretch and its neighbours
-    near = here * np.eye(count) + before * np.eye(count, k=-1) + after * np.eye(count, k=1)
-    weights = near if apart else np.ones((1, count))
-    sigmas = [tuple(np.sqrt(_beyond(left, pieces, weights)).tolist()) for left in (own, elsewhere)]
-    return ModelError(mach=tuple(places[order].tolist()) if apart else (), own=sigmas[0], elsewhere=sigmas[1])
+    places, groups = np.array([float(np.mean(mach[rows])) for rows in pieces]), [np.concatenate(pieces)]
+    if apart := bool(np.all(np.isfinite(places))) and np.unique(places).size == places.size:
+        order = np.argsort(places)
+        places, pieces = places[order], [pieces[k] for k in order]
+        groups = [np.concatenate(pieces[max(k - 1, 0) : k + 2]) for k in range(len(pieces))]
+    sigmas = [tuple(np.sqrt(_beyond(left, pieces, groups)).tolist()) for left in (own, elsewhere)]
+    return ModelError(mach=tuple(places.tolist()) if apart else (), own=sigmas[0], elsewhere=sigmas[1])
 
 
-def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], weights: FloatArray) -> FloatArray:
-    """Mean square of either coefficient beyond that of the noise, by weighted means (means, pieces) of pieces."""
+def _beyond(left: ResidualMoments, pieces: Sequence[IntArray], groups: Sequence[IntArray]) -> FloatArray:
+    """Mean square of either coefficient beyond that of the noise, on each of some groups of pieces."""
     kept = [rows[left.usable[rows]] for rows in pieces]
-    weights = weights * [rows.size for rows in kept]
-    weights = weights / weights.sum(axis=1, keepdims=True)
-    squares, noises = np.array([(left.mean_square(rows), left.mean_square_of_noise(rows)) for rows in kept]).T
     parts = [part(left.body[rows] / left.noise[rows]) for part in (np.real, np.imag) for rows in kept]
-    share = effective_samples(parts) / sum(part.size for part in parts)
-    # Of a mean square with so many degrees of freedom, were it noise alone.
-    errors = noises * np.sqrt(2.0 / np.maximum([2.0 * share * rows.size for rows in kept], 1.0))
-    found, noise, error = weights @ squares, weights @ noises, np.sqrt(weights**2 @ errors**2)
-    # Weighted means are nearly such a mean square again (Satterthwaite, Biometrics 2:110, 1946); of all of them, the
-    # largest exceeds what chance gives one.
-    freedom = 2.0 * (noise / error) ** 2
-    most = noise * stats.chi2.isf(MODEL_ERROR_CHANCE / len(weights), freedom) / freedom
+    freedom = (
+        effective_samples(parts)
+        / sum(rows.size for rows in kept)
+        * np.array([np.sum(left.usable[rows]) for rows in groups])
+    )
+    found, noise = np.array([(left.mean_square(rows), left.mean_square_of_noise(rows)) for rows in groups]).T
+    # Of a mean square with so many degrees of freedom, were it noise alone; of all of them the largest exceeds what
+    # chance gives one.
+    most = noise * stats.chi2.isf(MODEL_ERROR_CHANCE / len(groups), freedom) / freedom
     return np.asarray(np.where(found > most, found - noise, 0.0), dtype=float)
 
 

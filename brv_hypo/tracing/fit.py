@@ -22,7 +22,6 @@ from brv_hypo.constants import (
     MODEL_OWN_POINTS,
     MODEL_PLAUSIBLE,
     MODEL_TRIFLE,
-    REPORTED_REGION_SHARE,
     REPORTED_REGIONS,
     WHITE_CHANCE,
     WHITE_LAGS,
@@ -478,16 +477,10 @@ def _whiteness(fit: Fit) -> float:
 
 
 def _worst_region(time: FloatArray, usable: FloatArray, squares: FloatArray) -> tuple[float, float]:
-    """Among equal parts of the record's time, those about the largest mean square, at usable times, that exceed a share
-    of it.
-    """
-    count = REPORTED_REGIONS
-    which = np.clip(((usable - time[0]) / (time[-1] - time[0]) * count).astype(int), 0, count - 1)
-    size = np.bincount(which, squares, count) / np.maximum(np.bincount(which, minlength=count), 1)
-    worst, edges = int(np.argmax(size)), np.linspace(time[0], time[-1], count + 1)
-    small = np.flatnonzero(size <= REPORTED_REGION_SHARE * size[worst])
-    first, last = np.max(small[small < worst], initial=-1) + 1, np.min(small[small > worst], initial=count)
-    return float(edges[first]), float(edges[last])
+    """The one of equal parts of the record's time in which squares (n,) at usable times (n,) have the largest mean."""
+    means, edges, _ = stats.binned_statistic(usable, squares, bins=REPORTED_REGIONS, range=(time[0], time[-1]))
+    worst = int(np.nanargmax(means))
+    return float(edges[worst]), float(edges[worst + 1])
 
 
 def _dominant(body: ComplexArray, step: float) -> float:

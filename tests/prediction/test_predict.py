@@ -127,6 +127,13 @@ def test_on_its_own_record_a_model_is_not_tested(traced: Trace) -> None:
     assert found.flown == 1.0
 
 
+def test_a_cubic_moment_is_refitted_in_place_of_the_frozen_bend(traced: Trace, sister: Flight) -> None:
+    """Beside it, its coefficient and the bend's would each be any half of their sum."""
+    found = predict(sister, traced.model.definition, ("trim", "cubic_stiffness"))
+    assert {term.name for term in found.refitted} == {"C_m0", "C_n0", "C_malpha3"}
+    assert "C_malpha3" not in {term.name for term in found.frozen}
+
+
 def test_what_is_not_refitted_stays_as_it_was(traced: Trace, predicted: Prediction, held: Prediction) -> None:
     assert held.refitted == ()
     values = {(term.mechanism, term.name): term for term in traced.model.terms}
