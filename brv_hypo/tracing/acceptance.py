@@ -36,7 +36,7 @@ from brv_hypo.constants import (
     LOOP_TRIES,
     REPEATED_ERRORS,
 )
-from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, solved, with_errors
+from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, solved, with_errors
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.noise import estimated_noise
 from brv_hypo.inference.problem import Problem
@@ -166,15 +166,16 @@ def confounded(leader: Candidate, others: Sequence[Candidate]) -> tuple[str, ...
 
 
 def best_first(
-    offered: Sequence[Candidate], evidences: Mapping[str, float]
+    offered: Sequence[Candidate], evidences: Mapping[str, float], chosen: Candidate | None = None
 ) -> Callable[[Candidate], tuple[float, float]]:
     """The order of candidates, the leader least: of those that the evidence cannot tell apart, what explains most.
 
     Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`. A
-    description in generic terms has to beat a name by that.
+    description in generic terms has to beat a name by that, unless it was `chosen`.
     """
     equal = max(evidences.values(), default=0.0) - SPECIFIC
-    leads = {each.name for each in offered if evidences[each.name] > equal and each.kind != "discovered"}
+    named = [each for each in offered if each.kind != "discovered" or each is chosen]
+    leads = {each.name for each in named if evidences[each.name] > equal}
     return lambda each: (-np.inf if each.name in leads else -evidences[each.name], -each.gain)
 
 
@@ -402,8 +403,8 @@ def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> 
             own = bounded(fit.problem, solved_again(fit.problem, own, columns))
         if candidate.kind == "discovered" and len(fit.problem.records) == 1:
             part = described_in_part(beside, own)
-            if part is not None and (more := part[1].level - beside.null.level) > gain:
-                own, gain = solved_again(fit.problem, part[0]), more
+            own = own if part is None else likeliest([own, solved_again(fit.problem, part)])
+            gain = beside.gain_of(own)
         candidate = replace(candidate, fit=own, evidence=gain)
         found += [candidate] if candidate.gain > 0.0 else []
     return found
@@ -449,7 +450,7 @@ def likeliest_beside(beside: Beside, offered: Sequence[Candidate], own: Candidat
     repetitions = [({each.name: each.fit for each in rivals}, rows) for rows in _repetitions(beside, fit)]
     for fits, rows in (*repetitions, *((known, beside.rows) for known in _with_other_knots(fit, rivals))):
         again = replace(beside, rows=rows)
-        yield min(rivals, key=best_first(rivals, {each.name: again.gain_of(fits[each.name]) for each in rivals}))
+        yield min(rivals, key=best_first(rivals, {each.name: again.gain_of(fits[each.name]) for each in rivals}, own))
 
 
 def _with_other_knots(fit: Fit, rivals: Sequence[Candidate]) -> Iterator[dict[str, HypothesisFit]]:

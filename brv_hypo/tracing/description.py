@@ -18,7 +18,7 @@ import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.limits import even_edges
-from brv_hypo.comparison.with_processes import Pair, acting, level
+from brv_hypo.comparison.with_processes import acting, level
 from brv_hypo.constants import (
     CONFOUNDED_NEAR,
     DESCRIBED_CLOSEST,
@@ -203,24 +203,24 @@ def described(problem: Problem, name: str) -> HypothesisFit | None:
     return solved(reduced, name, (mechanism,), (*problem.baseline, *_columns(mechanism)), len(offered))
 
 
-def described_in_part(beside: Beside, like: HypothesisFit) -> Pair | None:
-    """The entry that explains most beside processes between two times of one flight, at its best place.
+def described_in_part(beside: Beside, like: HypothesisFit) -> HypothesisFit | None:
+    """The entry that explains most between two times of one flight, at its best place, where there are no processes.
 
     What acts a quarter of a record keeps a quarter of what it explains throughout, and others come before it.
     """
-    problem, null, name = beside.rows.problem, [beside.null], like.name
+    problem, null, name = beside.rows.problem, [beside.evidence([], ())], like.name
     offered = {Described.by(name, e): e for e in entries(problem.frame.motions) if e.follows is None}
     pairs = len(offered) * math.comb(DESCRIBED_EDGES, 2)
     like = replace(like, searched=next(n for n in itertools.count(2) if math.comb(n, 2) >= pairs))
     found = acting(problem, like, list(offered), null, even_edges(problem.frame, DESCRIBED_EDGES))
     entry = next((e for m, e in offered.items() if found and m == found[0][0].mechanisms[0]), None)
-    if entry is None or entry.at is None:
-        return found[0] if found else None
-    time, starts = problem.frame.coefficient_time, sorted({c.time_basis.start for c in found[0][0].selected})
-    region = np.clip([*starts, np.inf][:2], time.min(), time.max())
-    shifts = entry.spacing * np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
-    nearer = [Described.by(name, entry.at(entry.position + shift)) for shift in shifts]
-    return max(*found, *acting(problem, like, nearer, null, region), key=level)
+    if entry is not None and entry.at is not None:
+        time, starts = problem.frame.coefficient_time, sorted({c.time_basis.start for c in found[0][0].selected})
+        region = np.clip([*starts, np.inf][:2], time.min(), time.max())
+        shifts = entry.spacing * np.linspace(-1.0, 1.0, 2 * DESCRIBED_FINER + 1)
+        nearer = [Described.by(name, entry.at(entry.position + shift)) for shift in shifts]
+        found += acting(problem, like, nearer, null, region)
+    return max(found, key=level)[0] if found else None
 
 
 def file_of(fits: Sequence[tuple[YamlMechanism, Sequence[Regressor], FloatArray]]) -> MechanismFile:
