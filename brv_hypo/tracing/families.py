@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import cast
 
 import numpy as np
@@ -60,9 +60,7 @@ class Beside:
 
     def evidence(self, names: Sequence[str], families: Sequence[str] | None = None) -> Evidence:
         """Of some of the effects, beside all processes or those of some families."""
-        terms = self.rows.terms(None)
-        for name in names:
-            terms = terms.beside(self.terms[name])
+        terms = reduce(Terms.beside, [self.terms[name] for name in names], self.rows.terms(None))
         rows = self.rows if families is None else self.rows.only(families)
         return maximised(rows, terms, *([self.start] if families is None else []))
 
@@ -75,8 +73,8 @@ class Beside:
     def rest_of_family(self, name: str) -> float:
         """What processes of an effect's family explain beside it, over what it explains itself."""
         names = list(self.terms)
-        residuals = [self._residual(some) for some in ([each for each in names if each != name], names)]
-        residuals.append(self.evidence(names, [self.families[name]]).residual)
+        without, own = self._residual([each for each in names if each != name]), self._residual(names)
+        residuals = without, own, self.evidence(names, [self.families[name]]).residual
         before, after, rest = (float(each @ each) for each in residuals)
         return (after - rest) / max(before - after, 1e-300)
 

@@ -234,12 +234,8 @@ def unwanted(fit: Fit, names: Sequence[str]) -> tuple[str, ...]:
     Schedules, which change what the baseline is, and what every fit has within its tolerance are left as they are.
     """
     model, flights = fit.model, fit.data.flights
-    known = {name: model.mechanisms[name] for name in names if name in model.mechanisms}
-    removable = [
-        name
-        for name, mechanism in known.items()
-        if mechanism.follows != "mach" and all(mechanism.tolerance(flight) is None for flight in flights)
-    ]
+    known = [model.mechanisms[name] for name in names if name in model.mechanisms]
+    removable = [m.name for m in known if m.follows != "mach" and all(m.tolerance(f) is None for f in flights)]
     if not removable:
         return ()
     first = min(k for k, column in enumerate(model.columns) if column.mechanism in removable)
