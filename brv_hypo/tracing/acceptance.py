@@ -83,7 +83,7 @@ class Candidate:
     null: HypothesisFit
     fit: HypothesisFit
     variant: Variant = field(default_factory=dict)
-    evidence: float = 0.0
+    evidence: float = -math.inf
 
     @property
     def name(self) -> str:
@@ -173,7 +173,7 @@ def best_first(
     Beside processes, which describe any smooth course, evidences of several may differ by less than `SPECIFIC`. A
     description in generic terms has to beat a name by that, unless it was `chosen`.
     """
-    equal = max(evidences.values(), default=0.0) - SPECIFIC
+    equal = max(evidences.values(), default=0.0) - SPECIFIC  # of what saves nothing there is no evidence
     named = [each for each in offered if each.kind != "discovered" or each is chosen]
     leads = {each.name for each in named if evidences[each.name] > equal}
     return lambda each: (-np.inf if each.name in leads else -evidences[each.name], -each.gain)
@@ -393,20 +393,21 @@ def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
 
 
 def with_evidence(fit: Fit, candidates: Sequence[Candidate], beside: Beside) -> list[Candidate]:
-    """The candidates that save anything, as they are likeliest beside all processes, with the evidence that they gain
-    there.
+    """The candidates as they are likeliest beside all processes, those that save anything with the evidence that they
+    gain there; a description in generic terms throughout the record or in a part of it.
     """
     found = []
-    for candidate in (each for each in candidates if each.gain > 0.0 or each.kind == "discovered"):
-        own, (gain, columns) = candidate.fit, beside.likeliest(candidate.fit)
-        if set(columns) != set(own.selected):
-            own = bounded(fit.problem, solved_again(fit.problem, own, columns))
+    for candidate in candidates:
         if candidate.kind == "discovered" and len(fit.problem.records) == 1:
-            part = described_in_part(beside, own)
-            own = own if part is None else likeliest([own, solved_again(fit.problem, part)])
-            gain = beside.gain_of(own)
-        candidate = replace(candidate, fit=own, evidence=gain)
-        found += [candidate] if candidate.gain > 0.0 else []
+            part = described_in_part(beside, candidate.fit)
+            offered = [candidate.fit, *([] if part is None else [solved_again(fit.problem, part)])]
+            candidate = replace(candidate, fit=likeliest(offered))
+        if candidate.gain > 0.0:
+            own, (gain, columns) = candidate.fit, beside.likeliest(candidate.fit)
+            if set(columns) != set(own.selected):
+                own = bounded(fit.problem, solved_again(fit.problem, own, columns))
+            candidate = replace(candidate, fit=own, evidence=gain)
+        found.append(candidate)
     return found
 
 
