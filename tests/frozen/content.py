@@ -17,17 +17,7 @@ LONGEST = 50
 LEFT_OUT = frozenset({"seconds", "version", "path", "found_on", "digests", "own_record", "planted"})
 """What no two runs share, digests of rounded histories among it; and processes again, spline by spline."""
 TEXTS = frozenset(
-    {
-        "caveats",
-        "description",
-        "dominant_frequency_is",
-        "message",
-        "notes",
-        "reason",
-        "static_stability",
-        "unexplained",
-        "warnings",
-    }
+    {"caveats", "description", "message", "notes", "reason", "static_stability", "unexplained", "warnings"}
 )
 """Keys whose strings are messages."""
 FEWEST_WORDS = 6
