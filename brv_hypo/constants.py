@@ -153,7 +153,7 @@ LIKELIHOOD_HYPOTHESES = 2  # the leader and its closest rival: a verdict compare
 
 # ---- Loop: model, noise, candidates ----
 # These and the next two sections were revised on seeds 171100 to 174044 of `tests.studies.independent.loop_study`, and
-# are held by its fresh ones.
+# are held by its fresh ones; that a schedule comes first, by the measured entry (`tests.studies.loop.variants`).
 
 TRACED_SMALLEST = 120  # samples from which a record is enough to hold any out
 TRACED_KNOTS = 7  # as of a comparison, if a user sets none
@@ -212,6 +212,9 @@ HELD_OUT_CLUSTER = 8  # rows that are summed before their squares are, so that s
 LOOP_BEYOND_DOUBT = 1e-3
 LOOP_TRIES = 3  # effects that may be tried on the held-out part in one step
 LOOP_IN_ITS_PLACE = 0.5  # of a refused one's gain in the fitted part: what explains far less does not replace it
+# Share of what the best explains from which a schedule comes before it: a slope that changes along an entry is first of
+# all a function of Mach number, and jumps in time describe any smooth change.
+LOOP_SCHEDULE = 0.5
 LOOP_REPEATED_BLOCKS = (0.75, 1.25)  # of the configured number
 LOOP_REPEATED_KNOTS = (-2, 2)  # added to it: a third of the usual seven, so that regions fall elsewhere
 LOOP_RIVALS = 5  # that are fitted again: the best few of those that save anything

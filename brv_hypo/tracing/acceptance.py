@@ -33,6 +33,7 @@ from brv_hypo.constants import (
     LOOP_REPEATED_BLOCKS,
     LOOP_REPEATED_KNOTS,
     LOOP_RIVALS,
+    LOOP_SCHEDULE,
     LOOP_TRIES,
     REPEATED_ERRORS,
 )
@@ -179,9 +180,17 @@ def best_first(
     return lambda each: (-np.inf if each.name in leads else -evidences[each.name], -each.gain)
 
 
-def ranked(candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """The candidates, the leader first."""
-    return tuple(sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates})))
+def schedules_first(ranked: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """The schedules that explain not much less than the best candidate, in their order."""
+    most = max((candidate.gain for candidate in ranked), default=0.0)
+    return tuple(c for c in ranked if c.follows is not None and c.gain >= LOOP_SCHEDULE * most)
+
+
+def ranked(candidates: Sequence[Candidate], scheduled: bool) -> tuple[Candidate, ...]:
+    """The candidates, the leader first; where the model is not `scheduled`, schedules that explain as much."""
+    found = sorted(candidates, key=best_first(candidates, {each.name: each.evidence for each in candidates}))
+    first = () if scheduled else schedules_first(found)
+    return (*first, *(candidate for candidate in found if candidate not in first))
 
 
 # ---- With it: the model, and the blocks held out ----
@@ -388,6 +397,8 @@ def choose(fit: Fit, candidates: Sequence[Candidate]) -> Choice:
         return choice
     chosen, refused = choice.accepted.candidate, {each.candidate.name for each in choice.tried[:-1]}
     offered = [each for each in choice.significant if each.name not in refused]
+    if chosen.follows is not None and not has_schedule(fit.model):
+        offered = list(schedules_first(offered))
     leaders = likeliest_beside(beside, offered, chosen, fit)
     return replace(choice, named_in=float(np.mean([each is chosen for each in leaders])))
 
@@ -416,7 +427,7 @@ def first_accepted(fit: Fit, candidates: Sequence[Candidate], beside: Beside) ->
 
     What explains far less than the best does not stand in its place.
     """
-    choice, tried = Choice(fit, ranked(candidates)), list[Tried]()
+    choice, tried = Choice(fit, ranked(candidates, has_schedule(fit.model))), list[Tried]()
     for candidate in choice.significant:
         if tried and candidate.gain < LOOP_IN_ITS_PLACE * tried[0].candidate.gain:
             continue

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
+from brv_hypo.mechanisms import find
+from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.model.model import Model
 from brv_hypo.model.term import Regressor
 from brv_hypo.thresholds import SPECIFIC
@@ -52,19 +54,20 @@ def judged(one: Any, score: float, ratio: float) -> Tried:
     return known(tried, score=score, ratio=ratio, ratio_error=0.1)
 
 
-def beside_nothing(*found: Candidate, white: bool = False) -> Choice:
-    """What is chosen beside a model without columns; whether its residual is white."""
+def beside_nothing(*found: Candidate, white: bool = False, scheduled: bool = True) -> Choice:
+    """What is chosen beside a model without columns; whether its residual is white, and its slope a schedule."""
     beside: Any = None
-    return first_accepted(fit_beside_nothing(white), found, beside)
+    return first_accepted(fit_beside_nothing(white, scheduled), found, beside)
 
 
-def fit_beside_nothing(white: bool = False) -> Any:
+def fit_beside_nothing(white: bool = False, scheduled: bool = True) -> Any:
     """A model without columns."""
     nuisances = SimpleNamespace(items=(), bounded=())
     problem = SimpleNamespace(rows=SimpleNamespace(nuisances=nuisances), baseline=())
+    model = Model().having(*([SlopeSchedule(low=5.0, high=10.0, size=0.1)] if scheduled else []))
     source = SimpleNamespace(config=TraceConfig(significance=0.01))
     data, residual = SimpleNamespace(source=source), SimpleNamespace(white=white)
-    return SimpleNamespace(problem=problem, model=Model(), data=data, residual=residual)
+    return SimpleNamespace(problem=problem, model=model, data=data, residual=residual)
 
 
 def chosen(found: list[Candidate], accepted: str, monkeypatch: pytest.MonkeyPatch, **beside: bool) -> Choice:
@@ -172,6 +175,16 @@ def test_where_the_residual_is_white_only_what_is_beyond_doubt_counts(
     one = known(candidate("lag", 90.0), p_value=p_value)
     found = chosen([one], "lag", monkeypatch, white=True)
     assert [each.candidate.name for each in found.tried] == tried
+
+
+@pytest.mark.parametrize(("scheduled", "first"), [(True, "inplane"), (False, "mach_stiffness")])
+def test_a_schedule_comes_before_jumps_where_the_model_has_none(
+    monkeypatch: pytest.MonkeyPatch, scheduled: bool, first: str
+) -> None:
+    jumps = candidate("inplane", 90.0, mechanisms=(find("inplane"),))
+    schedule = candidate("mach_stiffness", 60.0, ACROSS, mechanisms=(find("mach_stiffness"),))
+    found = chosen([jumps, schedule], first, monkeypatch, scheduled=scheduled)
+    assert found.ranked[0].name == first
 
 
 @pytest.mark.parametrize(("ratio", "expected"), [(1.0 + 0.9 * SCATTER, True), (1.0 + 1.1 * SCATTER, False)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from brv_hypo.mechanisms.conformance import sample_motion, uniform_time
 from brv_hypo.model.baseline import SlopeSchedule
 from brv_hypo.motion.smoother import BENT
 from brv_hypo.tracing import TraceConfig
+from brv_hypo.tracing.acceptance import schedules_first
 from brv_hypo.tracing.baseline import has_schedule, start_model, static_moment
 from brv_hypo.tracing.fit import Flights, next_corrections
 from tests.flights import nominal
@@ -93,6 +95,16 @@ def test_what_is_taken_out_of_a_record_is_plausible() -> None:
     found = next_corrections(0, flight, model, {("gyro_bias", "q"): 40.0 * size}, {})
     assert found["gyro_bias", "q"] == pytest.approx(3.0 * size)
     assert next_corrections(0, flight, model, {("gyro_bias", "q"): -size}, {})["gyro_bias", "q"] == -size
+
+
+@pytest.mark.parametrize(("gain", "expected"), [(100.0, True), (60.0, True), (40.0, False)])
+def test_a_schedule_that_explains_not_much_less_comes_first(gain: float, expected: bool) -> None:
+    schedule, best = (
+        SimpleNamespace(gain=size, follows=find(name).follows)
+        for size, name in ((gain, "mach_stiffness"), (100.0, "inplane"))
+    )
+    candidates: Any = (best, schedule)
+    assert (schedules_first(candidates) == (schedule,)) is expected
 
 
 @pytest.mark.parametrize(
