@@ -81,6 +81,8 @@ class FlightRows:
 
     def white_moments(self, rates: ComplexArray) -> FloatArray:
         """Rate histories of moments (rows of the flight, columns) as its rows of the rates."""
+        if not self.size:
+            return np.zeros((0, rates.shape[1]))
         return self.decorrelated(self.whitening.rates(rates[self.part.rows - self.span.start]))
 
     def decorrelated(self, rates: FloatArray) -> FloatArray:
