@@ -21,7 +21,7 @@ from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.model.common_time import at
+from brv_hypo.model.common_time import at, decimals
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import plane_from_body
@@ -103,6 +103,22 @@ def events_apart(judged: Judged) -> tuple[str, ...]:
         f"the change of {term} about {place} does not come at one {shared} on all flights ({apart[most]:.1g} s apart): "
         "for its time, compare each flight by itself",
     )
+
+
+def events_unreached(comparison: Comparison) -> tuple[str, ...]:
+    """At which Mach numbers the mechanism that leads begins or ends where not every flight comes by them."""
+    leader, said = comparison.ranking[0], list[str]()
+    ends = {end for each in leader.acting[:1] + leader.acting[-1:] for end in (each.start_s, each.stop_s)}
+    digits = decimals([knot.mach for knot in leader.knots])
+    for knot in leader.knots:
+        missing = [str(k) for k, own in enumerate(knot.flights_s, start=1) if own is None]
+        others = [str(k) for k, own in enumerate(knot.flights_s, start=1) if own is not None]
+        if missing and others and knot.time_s in ends:
+            said.append(
+                f"that {leader.mechanism} changes at Mach {knot.mach:.{digits}f} is known from flight "
+                f"{' and '.join(others)} alone: flight {' and '.join(missing)} does not reach that Mach number"
+            )
+    return tuple(said)
 
 
 def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:

@@ -14,10 +14,10 @@ from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimate
-from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
+from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -297,9 +297,13 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     places = list(range(len(known)))
     dots = Line(values, places, "first", "± 2 sigma", dots=True, large=True, spread=wide)
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
-    most = 1.1 * max([BEYOND_TOLERANCE, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
-    marks = [Mark(side * BEYOND_TOLERANCE) for side in (-1.0, 1.0)]
-    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; errors beyond are named above."
+    beyond = beyond_level(len(errors))
+    most = 1.1 * max([beyond, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
+    marks = [Mark(side * beyond) for side in (-1.0, 1.0)]
+    read = (
+        f"As fitted with the model. Dashed: {beyond:.1f} tolerances, which the largest of {len(errors)} errors seldom "
+        "exceeds; errors beyond are named above."
+    )
     title = "error over its tolerance"
     return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
 

@@ -145,10 +145,8 @@ def process_texts(comparison: Comparison) -> list[Texts]:
 
 
 def net_values(row: RankedHypothesis) -> list[TermEstimate]:
-    """Net values of a hypothesis in time order, in the plane of the jumps and ramps that they are sums of."""
-    planes = {re.sub(r"^(jump|ramp) in ", "", term.name): term.channel for term in row.terms}
-    values = (value for each in row.intervals for value in each.values)
-    return [value.model_copy(update={"channel": planes.get(value.name, value.channel)}) for value in values]
+    """Net values of a hypothesis in time order."""
+    return [value for each in row.intervals for value in each.values]
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
