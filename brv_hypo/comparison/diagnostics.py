@@ -107,18 +107,21 @@ def events_apart(judged: Judged) -> tuple[str, ...]:
 
 def events_unreached(comparison: Comparison) -> tuple[str, ...]:
     """At which Mach numbers the mechanism that leads begins or ends where not every flight comes by them."""
-    leader, said = comparison.ranking[0], list[str]()
+    leader, found = comparison.ranking[0], dict[tuple[str, str], list[str]]()
     ends = {end for each in leader.acting[:1] + leader.acting[-1:] for end in (each.start_s, each.stop_s)}
     digits = decimals([knot.mach for knot in leader.knots])
     for knot in leader.knots:
-        missing = [str(k) for k, own in enumerate(knot.flights_s, start=1) if own is None]
-        others = [str(k) for k, own in enumerate(knot.flights_s, start=1) if own is not None]
-        if missing and others and knot.time_s in ends:
-            said.append(
-                f"that {leader.mechanism} changes at Mach {knot.mach:.{digits}f} is known from flight "
-                f"{' and '.join(others)} alone: flight {' and '.join(missing)} does not reach that Mach number"
-            )
-    return tuple(said)
+        by_reach = [
+            " and ".join(str(k) for k, own in enumerate(knot.flights_s, start=1) if (own is None) == missed)
+            for missed in (False, True)
+        ]
+        if all(by_reach) and knot.time_s in ends:
+            found.setdefault((by_reach[0], by_reach[1]), []).append(f"{knot.mach:.{digits}f}")
+    return tuple(
+        f"that {leader.mechanism} changes at Mach {' and '.join(machs)} is known from flight {known} alone: flight "
+        f"{missing} does not come by there"
+        for (known, missing), machs in found.items()
+    )
 
 
 def collinear(columns: Sequence[Regressor], covariance: FloatArray) -> dict[str, Any]:

@@ -196,11 +196,7 @@ def estimates(
     sigmas, found = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), []
     for column, value, sigma in zip(columns, values.tolist(), sigmas, strict=True):
         mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
-        where = {
-            "channel": channel_of(column, frame),
-            "region_s": _region(frame, column),
-            "delay_s": column.delay,
-        }
+        where = {"channel": channel_of(column, frame), "region_s": _region(frame, column), "delay_s": column.delay}
         label = column.label + of_flight(frame, column.flight)
         found.append(estimate(label, mechanism, value, sigma, column.units, **where))
     return tuple(found)

@@ -134,12 +134,13 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     """What the columns of the processes mean, and which are left out of the table."""
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
-    what = "Of" if shown else f"Processes ({SLOW}) of"
-    others = (f"{what} at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
+    none = (f"No process ({SLOW}) makes more than {share(LEAST_PROCESS)} of the static moment.",)
+    others = (f"At most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
     simulated = "To simulate the largest: entries for a configuration of brv-hypo simulate (join those of one key)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
-        Texts(others, bullets=False, shown="verbose" if shown else "always"),
+        Texts(none if small and not shown else (), bullets=False),
+        Texts(others, bullets=False, shown="verbose"),
         Texts([each.as_planted for each in shown[:ROWS_AT_FIRST]], simulated, shown="page"),
     ]
 
@@ -325,11 +326,14 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
 # ---- Records, and what limits a result ----
 
 
-def flight_line(flight: FlightSummary) -> str:
-    """Title, samples, span, rate and instruments of a flight."""
-    span = interval((flight.start_s, flight.stop_s))
-    line = f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
-    return line + (f", instruments {flight.instruments}" if flight.instruments else "")
+def flight_lines(flights: Sequence[FlightSummary]) -> list[str]:
+    """Number, where there are several, title, samples, span, rate and instruments of each flight."""
+    lines = []
+    for k, flight in enumerate(flights, start=1):
+        span, number = interval((flight.start_s, flight.stop_s)), f"flight {k}: " if len(flights) > 1 else ""
+        line = f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
+        lines.append(number + line + (f", instruments {flight.instruments}" if flight.instruments else ""))
+    return lines
 
 
 def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
@@ -350,12 +354,11 @@ def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
 
 def flight_texts(comparison: Comparison) -> list[str]:
     """One line for each flight, and one for how well the motion is known."""
-    lines = [flight_line(flight) for flight in comparison.flights]
-    if any(row.knots for row in comparison.ranking):
-        reference = comparison.flights[(comparison.reference_flight or 1) - 1]
+    lines = flight_lines(comparison.flights)
+    if comparison.reference_flight is not None:
         lines.append(
-            "terms begin and end at the same Mach numbers on every flight; times are those of "
-            f"{reference.title or reference.path}"
+            f"times are those of flight {comparison.reference_flight}; terms begin and end at the same Mach numbers on "
+            "every flight"
         )
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is not None and known.phi_w_rms_sigma_rad is not None:

@@ -15,7 +15,7 @@ from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
-from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
@@ -165,7 +165,7 @@ def trace_document(result: Trace) -> Document:
     ]
     return Document(
         title=f"Residual traced: {name}",
-        subtitle=tuple(flight_line(flight) for flight in result.flights),
+        subtitle=flight_lines(result.flights),
         conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
         conclusion="\n".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
@@ -294,7 +294,7 @@ def prediction_document(result: Prediction) -> Document:
     ]  # fmt: skip
     return Document(
         title=f"Predicted: {flight.title or flight.path}",
-        subtitle=[flight_line(flight), *([f"model found on {found_on}"] if found_on else [])],
+        subtitle=[*flight_lines([flight]), *([f"model found on {found_on}"] if found_on else [])],
         conclusion_title="Prediction" if sound else IN_DOUBT,
         conclusion=result.reason if sound else f"{CONTRADICTED} {result.reason}",
         decided=result.ratio < HOLDS_BELOW and sound,
