@@ -14,13 +14,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from html import escape
 from importlib import import_module
-from importlib.metadata import entry_points
 from inspect import isclass, isroutine
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brv_hypo.errors import UsageError, missing_package
+from brv_hypo.errors import missing_package
 
 if TYPE_CHECKING:
     import pandas
@@ -137,10 +136,6 @@ class Histories(Tabular):
         return _html(self.headline(), lines)
 
 
-RENDERERS = "brv_hypo.renderers"
-"""Group of entry points of what draws results, as pandas finds its plotting back ends: results need not import it."""
-
-
 class HasCharts:
     """A result with charts: those of its page and of `--figures`."""
 
@@ -169,12 +164,7 @@ class HasCharts:
         >>> flown.flight.plot("rates").axes[-1].get_xlabel()
         'time, s'
         """
-        found = next(iter(entry_points(group=RENDERERS)), None)
-        if found is None:
-            raise UsageError(
-                f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo."
-            )
-        figure: Figure = found.load()(self, chart)
+        figure: Figure = import_module("brv_hypo.report.write").plot(self, chart)  # which stands above all results
         return figure
 
 

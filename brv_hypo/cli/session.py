@@ -219,23 +219,16 @@ def shown(title: str, *, quiet: bool) -> Iterator[Report]:
             bar.add_task(title, total=None)
             yield report_to(bar)
     else:
-        reached, finished = [title], threading.Event()
-        writer = threading.Thread(target=_write_lines, args=(reached, finished), daemon=True)  # a stage takes minutes
-        writer.start()
-        try:
-            yield lambda fraction, text: reached.append(text if fraction is None else f"{text}, {fraction:.0%} done")
-        finally:
-            finished.set()
-            writer.join()
+        begun = written = time.monotonic()
 
+        def add_line(fraction: float | None, text: str) -> None:
+            nonlocal written
+            now = time.monotonic()
+            if now - written >= max(LINE_SECONDS, (now - begun) / 30.0):
+                written, done = now, "" if fraction is None else f", {fraction:.0%} done"
+                print(f"{now - begun:.0f} s: {printable(text)}{done}", file=sys.stderr, flush=True)
 
-def _write_lines(reached: list[str], finished: threading.Event) -> None:
-    """Write the last of what was reached, where it is new."""
-    begun, written = time.monotonic(), ""
-    while not finished.wait(max(LINE_SECONDS, (time.monotonic() - begun) / 30.0)):
-        if reached[-1] != written:
-            written = reached[-1]
-            print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
+        yield add_line
 
 
 # ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----

@@ -324,17 +324,17 @@ class Seconds(NullIsNaN):
 
 
 class MotionHistories(NullIsNaN):
-    """Histories for pictures, of one flight: not part of the JSON. Empty where they are not known."""
+    """Histories for pictures, of one flight: not part of the JSON. `mach` is NaN where it is not known."""
 
     time_s: tuple[float, ...]
-    alpha_rad: tuple[float, ...] = ()
-    windward_meridian_rad: tuple[float, ...] = ()
-    alpha_sigma_rad: tuple[float, ...] = ()
-    windward_meridian_sigma_rad: tuple[float, ...] = ()
-    roll_rate_rad_s: tuple[float, ...] = ()
-    windward_meridian_rate_rad_s: tuple[float, ...] = ()
-    mach: tuple[float, ...] = ()
-    dynamic_pressure_pa: tuple[float, ...] = ()
+    alpha_rad: tuple[float, ...]
+    windward_meridian_rad: tuple[float, ...]
+    alpha_sigma_rad: tuple[float, ...]
+    windward_meridian_sigma_rad: tuple[float, ...]
+    roll_rate_rad_s: tuple[float, ...]
+    windward_meridian_rate_rad_s: tuple[float, ...]
+    mach: tuple[float, ...]
+    dynamic_pressure_pa: tuple[float, ...]
     whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
     """Of model and processes, by channel: the residual at unit noise, in axes that do not roll."""
 

@@ -131,8 +131,8 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     bare = Drawn("no processes", np.array(series.fitted[leader.mechanism]), "guide", hidden=True)
     left = replace(bare, moments=measured - bare.moments)
     moments = [
-        charts.moment_chart(setting, time, measured, sigma, [*models, bare], caption=JUDGED),
-        charts.residual_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
+        charts.moment_chart(setting, time, sigma, [*models, bare], measured, caption=JUDGED),
+        charts.moment_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
         charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
     overview = replace(moments[0], name=f"overview{setting.suffix}")
@@ -142,7 +142,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
         if best is leader and comparison.verdict.winner:  # else it and processes may cancel
             overview = replace(
-                charts.moment_chart(setting, time, beyond, sigma, drawn),
+                charts.moment_chart(setting, time, sigma, drawn, beyond),
                 name=overview.name,
                 heading=f"{heading}{setting.which}",
                 caption=ALONE,
@@ -160,8 +160,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
         text = "At the c.g., fitted errors of the record taken out; the model with its processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
-    rates = (series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
-    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates)
+    spectrum = charts.spectrum_chart(setting, series, [Drawn("measured", measured, "measured"), *residuals])
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
     named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
     return {

@@ -18,6 +18,7 @@ from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Se
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
+BEFORE_AFTER = "Residual moments, before and after"
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
 
 SCHEDULED = (
@@ -43,21 +44,18 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
         return {}
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
-    time, measured, before, after = kept.time_s, *map(np.array, (kept.measured, kept.before, kept.after))
+    measured, before, after = map(np.array, (kept.measured, kept.before, kept.after))
     residuals = [Drawn("before", before, "second"), Drawn("after", after, "first")]
     model = Drawn("model", measured - after, "first")
-    rates = (kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     return {
         "Air data and motion": charts.flight_charts(setting, kept),
         "Moments, measured and modelled": [
-            charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY, TRACED),
-            charts.residual_chart(
-                setting, time, kept.sigma, residuals, BODY, "Residual moments, before and after", TRACED
-            ),
+            charts.moment_chart(setting, kept.time_s, kept.sigma, [model], measured, BODY, caption=TRACED),
+            charts.moment_chart(setting, kept.time_s, kept.sigma, residuals, None, BODY, BEFORE_AFTER, TRACED),
         ],
         "Residual diagnostics": [
             *charts.whiteness_charts(setting, kept.whitened),
-            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates),
+            charts.spectrum_chart(setting, kept, [Drawn("measured", measured, "measured"), *residuals]),
         ],
         "Static slope and damping": [
             derivative_chart(each, len(some), *named, read)
