@@ -325,7 +325,7 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     groups = comparison.collinear_groups if row is comparison.ranking[0] else ()
     blocks: list[Block] = [
         _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
-        tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
+        tables.term_table(f"Net values of {name}", [v for each in row.intervals for v in each.values], "page"),
         tables.term_table(
             f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots, collinear=groups
         ),

@@ -15,7 +15,6 @@ from brv_hypo.comparison.result import (
     Knot,
     NetInterval,
     ProcessEstimate,
-    RankedHypothesis,
     RecordError,
     RecordSummary,
     TermEstimate,
@@ -145,16 +144,11 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     ]
 
 
-def net_values(row: RankedHypothesis) -> list[TermEstimate]:
-    """Net values of a hypothesis in time order."""
-    return [value for each in row.intervals for value in each.values]
-
-
 def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, first what exceeds two standard errors; its knots and delays."""
     leader = comparison.ranking[:1]
     idle = {(each.start_s, each.stop_s) for row in leader for each in row.intervals if not each.acts}
-    every = [value for row in leader for value in net_values(row)]
+    every = [value for row in leader for each in row.intervals for value in each.values]
     net = [value for value in every if value.region_s not in idle and abs(value.value) > 2.0 * value.std_error]
     most = min(len(net), ROWS_AT_FIRST) or ROWS_AT_FIRST
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")

@@ -143,7 +143,7 @@ def pages() -> dict[str, str]:
     drawn = {name: page(document_of(result)) for name, result in results.items()}
     outcomes = [outcome("lag", "lag", winner="lag", repeat=i, effect=0.1 + 0.02 * i) for i in range(6)]
     studied = summarise(StudyConfig(title="made up", vehicles=("cone",), planted=("none", "lag"), flights=6), outcomes)
-    return {**drawn, "study": page(study_document(studied, outcomes))}
+    return {**drawn, "study": page(study_document(studied))}
 
 
 @pytest.mark.parametrize("name", ["compare", "trace", "predict", "reconstruct", "study"])
