@@ -245,9 +245,7 @@ def _completion(module: str, names: str, *arguments: str) -> Callable[[str], lis
 
 
 complete_topics = _completion("docs", "topics")
-complete_configurations = _completion(
-    "simulation.config", "config_names"
-)  # a shell completes files where none begins so
+complete_configurations = _completion("simulation.config", "config_names")  # and files, where none begins so
 complete_studies = _completion("simulation.config", "config_names", "studies")
 complete_grades = _completion("flight.tolerances", "GRADES")
 complete_installed = _completion("mechanisms.registry", "installed")

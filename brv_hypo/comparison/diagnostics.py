@@ -108,7 +108,8 @@ def events_apart(judged: Judged) -> tuple[str, ...]:
 def events_unreached(comparison: Comparison) -> tuple[str, ...]:
     """At which Mach numbers the mechanism that leads begins or ends where not every flight comes by them."""
     leader, found = comparison.ranking[0], dict[tuple[str, str], list[str]]()
-    ends = {end for each in leader.acting[:1] + leader.acting[-1:] for end in (each.start_s, each.stop_s)}
+    inner = {each.start_s for each in leader.intervals[1:]}  # the others are those of the record
+    ends = inner.intersection(end for each in leader.acting for end in (each.start_s, each.stop_s))
     digits = decimals([knot.mach for knot in leader.knots])
     for knot in leader.knots:
         by_reach = [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from typing import Literal
 
 import numpy as np
@@ -199,8 +198,8 @@ class Explained(NullIsNaN):
     share: float
     unexplained: float
     interval_95: Interval
-    processes: float = float("nan")
-    noise: float = float("nan")
+    processes: float
+    noise: float
 
 
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
@@ -423,14 +422,11 @@ class Comparison(HasCharts, Result):
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
         lines, found = [" ".join(filter(None, (self.verdict.reason, self._when())))], self.verdict.explained
-        if found is not None and (found.share or isfinite(found.processes)):
+        if found is not None:
             share, low, high = map(percent, (found.share, *found.interval_95))
-            leader = [f"{self.ranking[0].mechanism} {share} % ({low} to {high} %)"] if found.share else []
-            parts = {"processes and noise": found.unexplained}  # of an earlier version
-            if isfinite(found.processes):
-                parts = {"processes": found.processes, "noise": found.noise}
-            rest = [f"{name} {percent(part)} %" for name, part in parts.items()]
-            lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
+            leader = f"{self.ranking[0].mechanism} {share} % ({low} to {high} %), " if found.share else ""
+            rest = f"processes {percent(found.processes)} %, noise {percent(found.noise)} %"
+            lines.append(f"Of the residual of the baseline: {leader}{rest}.")
         if (fits := self.verdict.adequacy) is not None:
             within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"
             stable = self.verdict.stability

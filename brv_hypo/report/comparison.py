@@ -113,7 +113,7 @@ def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Sett
         list(knots),
         charts.masked(comparison.record.faults, flight.stop_s - flight.start_s),
         f"-{index + 1}" if several else "",
-        f": {flight.title or flight.path}" if several else "",
+        f", flight {index + 1}" if several else "",
     )
 
 

@@ -39,12 +39,12 @@ from brv_hypo.report.terminal import terminal_view
 from tests.chains import compared_nominal
 
 NAN = float("nan")
-EXPLAINED = Explained(share=0.87, unexplained=0.13, interval_95=(0.81, 0.92))
+EXPLAINED = Explained(share=0.87, unexplained=0.13, interval_95=(0.81, 0.92), processes=0.09, noise=0.04)
 ADEQUACY_AND_STABILITY = (
     "The leader's residual is 0.9 times what noise and tolerances explain; "
     "100 % of the repetitions give the same answer."
 )
-SENTENCE = "Of the residual of the baseline: damping 87 % (81 to 92 %), processes and noise 13 %."
+SENTENCE = "Of the residual of the baseline: damping 87 % (81 to 92 %), processes 9 %, noise 4 %."
 MOMENT = 0.0412
 
 
@@ -225,14 +225,17 @@ class TestPython:
 
     @pytest.mark.parametrize(("share", "words"), [(0.9969, "99.69 %"), (0.0042, "0.42 %"), (0.5, "50 %")])
     def test_a_share_near_nothing_or_all_is_not_rounded_to_it(self, share, words) -> None:
-        explained = Explained(share=share, unexplained=1.0 - share, interval_95=(share, share))
+        rest = {"unexplained": 1.0 - share, "processes": 1.0 - share, "noise": 0.0}
+        explained = Explained(share=share, interval_95=(share, share), **rest)
         assert f"explains {words}" in graded(explained=explained).headline()
 
     def test_baseline_only_explains_nothing_of_its_own_residual(self) -> None:
-        named = graded("none", Explained(share=0.0, unexplained=1.0, interval_95=(0.0, 0.0)))
+        rest = {"unexplained": 1.0, "processes": 0.02, "noise": 0.98}
+        named = graded("none", Explained(share=0.0, interval_95=(0.0, 0.0), **rest))
         empty = named.model_copy(update={"ranking": named.ranking[::-1]})
         assert empty.headline().endswith("named baseline only")
-        assert empty.conclusion() == f"One sentence.\n{ADEQUACY_AND_STABILITY}"
+        said = "Of the residual of the baseline: processes 2 %, noise 98 %."
+        assert empty.conclusion() == f"One sentence.\n{said}\n{ADEQUACY_AND_STABILITY}"
 
     def test_a_leader_that_is_not_named_explains_its_share_all_the_same(self) -> None:
         assert "explains" not in graded(None).headline()
@@ -312,11 +315,12 @@ def test_an_error_is_beyond_its_tolerance_by_how_many_there_are() -> None:
 def test_a_flight_that_does_not_reach_an_event_is_said() -> None:
     comparison = graded()
     term = comparison.ranking[0].terms[0].model_copy(update={"value": 1.0, "std_error": 0.1, "units": "1"})
-    interval = NetInterval(start_s=1.0, stop_s=2.0, values=(term,))
-    knots = tuple(Knot(time_s=at, mach=24.0 - at, flights_s=(at, None)) for at in (1.0, 2.0))
-    both = (knots[0], knots[1].model_copy(update={"flights_s": (2.0, 1.5)}))
+    idle = term.model_copy(update={"value": 0.0})
+    intervals = [NetInterval(start_s=a, stop_s=a + 1.0, values=(each,)) for a, each in enumerate((idle, term, idle))]
+    knots = tuple(Knot(time_s=at, mach=24.0 - at, flights_s=(at, None)) for at in (0.0, 1.0, 2.0, 3.0))
+    both = (*knots[:2], knots[2].model_copy(update={"flights_s": (2.0, 1.5)}))
     for some, said in ((knots, "Mach 23.00 and 22.00"), (both, "Mach 23.00"), ((), "")):
-        row = comparison.ranking[0].model_copy(update={"intervals": (interval,), "knots": some})
+        row = comparison.ranking[0].model_copy(update={"intervals": intervals, "knots": some})
         found = events_unreached(comparison.model_copy(update={"ranking": (row,)}))
         assert [f"changes at {said} is known from flight 1 alone: flight 2 does not" in text for text in found] == (
             [True] if said else []
