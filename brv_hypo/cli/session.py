@@ -39,7 +39,7 @@ import typer
 from typer import Argument, Option
 
 from brv_hypo.errors import BrvHypoError, UsageError
-from brv_hypo.io.files import check_hdf5, check_target, remove_open_temporaries, write_whole
+from brv_hypo.io.files import check_hdf5, check_place, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
 from brv_hypo.progress import Report, report_to, silent
 
@@ -219,16 +219,23 @@ def shown(title: str, *, quiet: bool) -> Iterator[Report]:
             bar.add_task(title, total=None)
             yield report_to(bar)
     else:
-        begun = written = time.monotonic()
+        reached, finished = [title], threading.Event()
+        writer = threading.Thread(target=_write_lines, args=(reached, finished), daemon=True)  # a stage takes minutes
+        writer.start()
+        try:
+            yield lambda fraction, text: reached.append(text if fraction is None else f"{text}, {fraction:.0%} done")
+        finally:
+            finished.set()
+            writer.join()
 
-        def add_line(fraction: float | None, text: str) -> None:
-            nonlocal written
-            now = time.monotonic()
-            if now - written >= max(LINE_SECONDS, (now - begun) / 30.0):
-                written, done = now, "" if fraction is None else f", {fraction:.0%} done"
-                print(f"{now - begun:.0f} s: {printable(text)}{done}", file=sys.stderr, flush=True)
 
-        yield add_line
+def _write_lines(reached: list[str], finished: threading.Event) -> None:
+    """Write the last of what was reached, where it is new."""
+    begun, written = time.monotonic(), ""
+    while not finished.wait(max(LINE_SECONDS, (time.monotonic() - begun) / 30.0)):
+        if reached[-1] != written:
+            written = reached[-1]
+            print(f"{time.monotonic() - begun:.0f} s: {printable(written)}", file=sys.stderr, flush=True)
 
 
 # ---- Arguments and options that commands share, and what a shell completes; those of one command stand beside it ----
@@ -343,24 +350,14 @@ class Session:
             check_target(file, overwrite=self.force)
             if hdf5 and file in files:
                 check_hdf5(file)
-            place = Path(os.path.realpath(file)).parent
-            if not place.is_dir():
-                raise UsageError(f"{file} cannot be written: {place} does not exist. Create it, or choose another.")
-            if not os.access(place, os.W_OK):
-                raise UsageError(f"{file} cannot be written: no permission in {place}. Choose another place.")
-        if self.figures is None:
-            return
-        folder = self.figures
-        if folder.exists() and not folder.is_dir():
-            raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
-        existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
-        if not existing.is_dir() or not os.access(existing, os.W_OK):
-            raise UsageError(f"--figures {folder} cannot be made: no permission in {existing}. Choose another place.")
-        from brv_hypo.report.write import require_matplotlib
+            check_place(file, Path(os.path.realpath(file)).parent)
+        if (folder := self.figures) is not None:
+            from brv_hypo.report.write import require_matplotlib
 
-        require_matplotlib()
-        for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
-            check_target(picture, overwrite=self.force)
+            require_matplotlib()
+            check_place(folder, next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists()))
+            for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
+                check_target(picture, overwrite=self.force)
 
     def show(self, *parts: Any, conclusion: str = "") -> None:
         """Print documents, their blocks, or what rich renders; with -q the conclusion alone.
