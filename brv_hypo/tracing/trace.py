@@ -326,7 +326,7 @@ def _described(candidate: Candidate, fit: Fit) -> str:
             number, component, *_ = candidate.variant[column.term]
             name = component.name
         elif column.time_basis.kind != "constant":
-            when = f" at {times(max(column.time_basis.start, float(flights[number or 0].time[0])))}"
+            when = f" at {max(column.time_basis.start, float(flights[number or 0].time[0])):.2f} s"
         units = "" if effect is None else f" {column.units}"
         which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
         parts.append(f"{name} {value:.3g}{units}{when}{which}")
