@@ -37,7 +37,7 @@ ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of t
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 _OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
-SLOW = "drifts, gusts and other slow changes, in every hypothesis"
+SLOW = "drifts, gusts and the like, in every hypothesis"
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the coefficients of its "
     "splines in time, as the moment coefficient C_m that they make, or the instrument's or air's error; relative: over "
@@ -168,7 +168,7 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
         table,
         Texts((RISING,) if rises and table.rows else (), bullets=False),
         Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
-        Texts(derived, most=ROWS_AT_FIRST),
+        Texts(derived, most=ROWS_AT_FIRST, shown="verbose" if comparison.verdict.winner is None else "always"),
     ]
 
 
