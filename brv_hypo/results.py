@@ -14,12 +14,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from html import escape
 from importlib import import_module
+from importlib.metadata import entry_points
 from inspect import isclass, isroutine
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from brv_hypo.errors import missing_package
+from brv_hypo.errors import UsageError, missing_package
 
 if TYPE_CHECKING:
     import pandas
@@ -135,6 +136,10 @@ class Histories(Tabular):
         return _html(self.headline(), lines)
 
 
+RENDERERS = "brv_hypo.renderers"
+"""Group of entry points of what draws results, as pandas finds its plotting back ends: results need not import it."""
+
+
 class HasCharts:
     """A result with charts: those of its page and of `--figures`."""
 
@@ -163,7 +168,12 @@ class HasCharts:
         >>> flown.flight.plot("rates").axes[-1].get_xlabel()
         'time, s'
         """
-        figure: Figure = import_module("brv_hypo.report.write").plot(self, chart)  # which stands above all results
+        found = next(iter(entry_points(group=RENDERERS)), None)
+        if found is None:
+            raise UsageError(
+                f"plot() needs a renderer, and none is installed in the group {RENDERERS}: install brv-hypo."
+            )
+        figure: Figure = found.load()(self, chart)
         return figure
 
 

@@ -150,7 +150,6 @@ def moment_chart(
     models: Sequence[Drawn],
     measured: FloatArray | None = None,
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
-    heading: str = "",
     caption: str = "",
 ) -> Chart:
     """Models, the last one on top, over the measured moments within two standard deviations; or, where none are given,
@@ -159,7 +158,7 @@ def moment_chart(
     panels = _panels(titles, time, models, measured, sigma)
     cut = cut_text(panels)
     if measured is None:
-        return setting.chart("residuals", heading or "Residual moments", panels, caption, _GYROS, cut)
+        return setting.chart("residuals", "Residual moments", panels, caption, _GYROS, cut)
     heading = "Moments, measured and modelled" if models else "Moments"
     return setting.chart("moments", heading, panels, caption, "Shaded: masked." if setting.masked else "", cut)
 

@@ -18,7 +18,6 @@ from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Se
 from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
-BEFORE_AFTER = "Residual moments, before and after"
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
 
 SCHEDULED = (
@@ -50,8 +49,8 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
     return {
         "Air data and motion": charts.flight_charts(setting, kept),
         "Moments, measured and modelled": [
-            charts.moment_chart(setting, kept.time_s, kept.sigma, [model], measured, BODY, caption=TRACED),
-            charts.moment_chart(setting, kept.time_s, kept.sigma, residuals, None, BODY, BEFORE_AFTER, TRACED),
+            charts.moment_chart(setting, kept.time_s, kept.sigma, [model], measured, BODY, TRACED),
+            charts.moment_chart(setting, kept.time_s, kept.sigma, residuals, None, BODY, TRACED),
         ],
         "Residual diagnostics": [
             *charts.whiteness_charts(setting, kept.whitened),
