@@ -34,6 +34,7 @@ from brv_hypo.inference.fit import HypothesisFit, solved
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import fastest_turning
+from brv_hypo.io.text import times
 from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.yaml_mechanism import (
     Axis,
@@ -150,9 +151,9 @@ def _throughout() -> list[Entry]:
         terms = tuple(_term(f"{axis} {w.function} {harmonic} phi_w{_POWER[power]}", axis, power, (w,)) for w in waves)
         words = f"{_SIDES[axis]} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}"
         found.append(Entry(words, terms))
-    for times, power in itertools.product((-3, -2, -1, 2, 3, 4), (0, 1)):
-        turn, name = Turn(of="windward_meridian", rate=float(times)), f"turned by {times} phi_w{_POWER[power]}"
-        turns = f"turns {_TIMES[abs(times)]} {'against' if times < 0 else 'with'} the windward meridian"
+    for count, power in itertools.product((-3, -2, -1, 2, 3, 4), (0, 1)):
+        turn, name = Turn(of="windward_meridian", rate=float(count)), f"turned by {count} phi_w{_POWER[power]}"
+        turns = f"turns {_TIMES[abs(count)]} {'against' if count < 0 else 'with'} the windward meridian"
         terms = tuple(_term(f"{axis} {name}", axis, power, turn=turn) for axis in _PLANE)
         found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms))
     for axis, powers in _POWERS.items():
@@ -170,7 +171,8 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
         what = "a step of the stiffness" if axis == "in_plane" else "an out-of-plane moment with alpha that steps"
         step = Factor(of=quantity, function="step", at=value, width=share * spacing)
         term = _term(f"{axis} alpha, step{_WIDTHS[share]} at {quantity} {value:.12g}", axis, 1, (step,))
-        words = f"{what} at {_QUANTITIES[quantity]} {value:.5g}{_WIDTHS[share]}"
+        place = times(value) if quantity == "time" else f"{value:.5g}"
+        words = f"{what} at {_QUANTITIES[quantity]} {place}{_WIDTHS[share]}"
         at, form = partial(entry, axis, share), f"{what}{_WIDTHS[share]}"
         return Entry(words, (term,), value, spacing, at, follows=quantity, form=form)
 
@@ -228,19 +230,19 @@ def file_of(fits: Sequence[tuple[YamlMechanism, Sequence[Regressor], FloatArray]
     terms, words = list[YamlTerm](), list[str]()
     for mechanism, columns, values in fits:
         known = {term.name: term for term in mechanism.definition}
-        label, times = f"{mechanism.name}: " if len(fits) > 1 else "", list[str]()
+        label, changes = f"{mechanism.name}: " if len(fits) > 1 else "", list[float]()
         for column, value in zip(columns, values.tolist(), strict=True):
             term, start, when = known[column.term], column.time_basis.start, ""
             factors = term.factors
             if column.time_basis.kind == "jump":
-                times, when = [*times, f"{start:.4g}"], f", from {start:.12g} s"
+                changes, when = [*changes, start], f", from {start:.12g} s"
                 factors = (*factors, Factor(of="time", function="step", at=start))
             named = {"name": f"{label}{term.name}{when}", "value": value, "factors": factors}
             terms.append(term.model_copy(update=named))
-        changes = f", that changes at {', '.join(dict.fromkeys(times))} s" if times else ""
-        words.append(f"{mechanism.title}{changes}")
-    name, said = fits[0][0].name if len(fits) == 1 else GENERIC, " and ".join(words)
-    return MechanismFile(name=name, title=said, claims=said, source=_SOURCE, terms=tuple(terms))
+        said = ", ".join(map(times, dict.fromkeys(changes)))
+        words.append(mechanism.title + (f", that changes at {said}" if said else ""))
+    name, whole = fits[0][0].name if len(fits) == 1 else GENERIC, " and ".join(words)
+    return MechanismFile(name=name, title=whole, claims=whole, source=_SOURCE, terms=tuple(terms))
 
 
 def _gains(problem: Problem, chosen: Sequence[Entry]) -> list[float]:

@@ -20,6 +20,7 @@ from brv_hypo.flight import FlightSource, flights_of
 from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
+from brv_hypo.io.text import times
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -328,7 +329,7 @@ def _described(candidate: Candidate, fit: Fit) -> str:
         which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
         parts.append(f"{name} {value:.3g}{units}{when}{which}")
     time = getattr(effect, "time", None)
-    return ", ".join(parts) + ("" if time is None else f" at {time:.3f} s")
+    return ", ".join(parts) + ("" if time is None else f" at {times(time)}")
 
 
 def rests_on_hints(earlier: Sequence[Step]) -> bool:
