@@ -98,8 +98,7 @@ class AerodynamicsConfig(Section):
 class StartConfig(Section):
     """The first instant, relative to the air.
 
-    The transverse rates are given either as `q`, `r`, or by `alpha_rate` and `coning_rate`: a coning rate of the
-    natural frequency is a circle, zero a plane oscillation.
+    A coning rate of the natural frequency is a circle, zero a plane oscillation.
     """
 
     time: float = 0.0  # s
@@ -111,16 +110,6 @@ class StartConfig(Section):
     roll_rate: float = 0.0  # rad/s
     alpha_rate: float = 0.0  # rad/s
     coning_rate: float = 0.0  # how fast the plane of alpha turns about the velocity, rad/s
-    q: float | None = None  # pitch rate, rad/s
-    r: float | None = None  # yaw rate, rad/s
-
-    @model_validator(mode="after")
-    def _one_choice_of_rates(self) -> StartConfig:
-        if (self.q is None) != (self.r is None):
-            raise ValueError("q and r belong together: give both, or neither and coning_rate")
-        if self.q is not None and (self.coning_rate or self.alpha_rate):
-            raise ValueError("give either q and r, or coning_rate and alpha_rate, not both")
-        return self
 
 
 class EnvironmentConfig(Section):
@@ -151,14 +140,6 @@ class SensorConfig(Section):
     """Noise of an instrument (1 sigma, white). Its errors are record effects: `InstrumentsConfig.errors`."""
 
     noise: NotNegative = 0.0
-
-
-class GaugeConfig(SensorConfig):
-    """One scalar channel, with errors of its own: bias, scale error, and delay (s)."""
-
-    bias: float = 0.0
-    scale: float = 0.0
-    delay: float = 0.0
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
@@ -214,15 +195,13 @@ class InstrumentsConfig(TolerancesConfig):
 
     gyro: SensorConfig = SensorConfig()  # all three, rad/s
     accelerometer: SensorConfig = SensorConfig()  # all three, m/s^2
-    velocity: GaugeConfig = GaugeConfig()  # m/s
-    dynamic_pressure: GaugeConfig = GaugeConfig()  # Pa
-    altitude: GaugeConfig = GaugeConfig()  # m
-    roll_rate_mag: GaugeConfig | None = None  # roll rate by magnetometer, rad/s; None where none is carried
+    velocity: SensorConfig = SensorConfig()  # m/s
+    dynamic_pressure: SensorConfig = SensorConfig()  # Pa
+    altitude: SensorConfig = SensorConfig()  # m
     errors: dict[str, dict[str, float]] = Field(default_factory=dict)
     """By record effect and component, SI; planted in the order given."""
     draw: NotNegative = 0.0
     """Errors, and asymmetries of the vehicle, are drawn besides from so many times the tolerances stated."""
-    averaged: bool = False  # samples are means over the interval before them
     spikes: tuple[SpikesConfig, ...] = ()  # samples that are off
     gaps: tuple[GapConfig, ...] = ()  # samples that are missing
 

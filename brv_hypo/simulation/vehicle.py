@@ -341,11 +341,9 @@ def initial_state(equations: System) -> FloatArray:
     """State (13, 1) at the start; alpha lies in the vertical plane of the track."""
     start = equations.config.start
     path, meridian = np.array([start.flight_path_angle]), np.array([start.windward_meridian])
-    if start.q is not None and start.r is not None:
-        transverse = complex(start.q, start.r)
-    else:  # such that alpha and its plane turn as asked on a straight path
-        turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
-        transverse = complex(turned * np.exp(-1j * start.windward_meridian))
+    # such that alpha and its plane turn as asked on a straight path
+    turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
+    transverse = complex(turned * np.exp(-1j * start.windward_meridian))
     state = np.zeros((STATES, 1))
     state[2] = -start.altitude
     state[VELOCITY] = start.velocity * np.array([np.cos(path), np.zeros(1), -np.sin(path)])

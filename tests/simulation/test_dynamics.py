@@ -27,8 +27,8 @@ def body(*, density: float = 0.0, gravity: float = 0.0, **changes: object) -> Si
             "flight_path_angle": 0.0,
             "alpha": 0.05,
             "roll_rate": 8.0,
-            "q": 0.3,
-            "r": -0.2,
+            "alpha_rate": 0.3,
+            "coning_rate": -0.2 / np.tan(0.05),
         },
         "environment": {"constant_density": density, "gravity": gravity},
     }
@@ -103,8 +103,8 @@ def test_free_fall_conserves_energy_and_angular_momentum() -> None:
         "flight_path_angle": 0.5,
         "alpha": 1.2,
         "roll_rate": 5.0,
-        "q": 4.0,
-        "r": -3.0,
+        "alpha_rate": 4.0,
+        "coning_rate": -3.0 / np.tan(1.2),
     }
     config = body(gravity=9.8, vehicle={**BODY, "ixy": 1.5, "ixz": -0.8}, start=tumbling, duration=1.5)
     trajectory = fly(config)
