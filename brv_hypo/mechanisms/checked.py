@@ -148,8 +148,14 @@ def known_as(module: str, package: str) -> None:
 # ---- A mechanism or record effect whose answers are checked ----
 
 
-class Wrapped:
-    """Stands for a mechanism or record effect, an instance of its class, in all that a subclass does not replace."""
+_METHODS = {
+    *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
+    *("variants", "components", "plantable", "perturb", "shapes"),
+}
+
+
+class Checked:
+    """Stands for an item, an instance of its class, each of whose answers is checked."""
 
     def __init__(self, item: Any) -> None:
         self.item = item
@@ -162,30 +168,16 @@ class Wrapped:
     def __getattr__(self, name: str) -> Any:
         if name in ("item", "__copy__", "__deepcopy__"):
             raise AttributeError(name)
-        return getattr(self.item, name)
+        return partial(_answer_of, self.item, name) if name in _METHODS else getattr(self.item, name)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Wrapped) and vars(self) == vars(other)
+        return isinstance(other, Checked) and vars(self) == vars(other)
 
     def __hash__(self) -> int:
         return hash(self.item)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(vars(self).values())
-
-
-_METHODS = {
-    *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
-    *("variants", "components", "plantable", "perturb", "shapes"),
-}
-
-
-class Checked(Wrapped):
-    """The same item, each of whose answers is checked."""
-
-    def __getattr__(self, name: str) -> Any:
-        value = super().__getattr__(name)
-        return partial(_answer_of, self.item, name) if name in _METHODS else value
 
     def model_copy(self, **changes: Any) -> Any:
         """A copy of the item, its answers checked too."""
