@@ -106,9 +106,7 @@ def trace(
     ] = None,
     aero: Annotated[
         Path | None,
-        Option(
-            "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
-        ),
+        Option("--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv)."),
     ] = None,
     mechanism_file: Annotated[
         Path | None,

@@ -150,7 +150,7 @@ def known_as(module: str, package: str) -> None:
 
 _METHODS = {
     *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
-    *("variants", "components", "plantable", "perturb", "shapes"),
+    *("variants", "components", "perturb", "shapes"),
 }
 
 

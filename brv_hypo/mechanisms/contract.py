@@ -229,10 +229,6 @@ class RecordEffect(BaseModel, ABC):
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """Each value that the effect has, with its tolerance on this flight (`flight.instruments`)."""
 
-    def plantable(self, flight: Flight) -> tuple[str, ...]:
-        """Names of all that `perturb` knows: components, and what no record distinguishes from them."""
-        return tuple(component.name for component in self.components(flight))
-
     @abstractmethod
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with `value` (SI) of that component added."""

@@ -74,7 +74,7 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
         effect = find_installed(name)
         if not isinstance(effect, RecordEffect):
             raise UsageError(f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`.")
-        known = effect.plantable(flight)
+        known = [each.name for each in effect.components(flight)]
         for component, value in values.items():
             if component not in known:
                 hint = meant(component, known, f"it has {', '.join(known)}", cutoff=0.5)
