@@ -28,7 +28,7 @@ from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, IN
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
 from brv_hypo.importing.formats import clock_fault, read_all
-from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, stated_units
+from brv_hypo.importing.guess_rules import ForeignTable, MapEntry, stated_units
 from brv_hypo.importing.rocket_log import (
     ATTITUDE,
     DECIMATED_LEAST_GAIN,
@@ -80,7 +80,6 @@ def _examined(path: Path) -> ForeignTable:
         dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}.get(channel)
         table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
     _find_time(table)
-    _find_unnamed(table)
     _stand_upright(table)
     _units_of_gyros(table)
     _units_of_air(table)
@@ -135,29 +134,6 @@ def _no_clock(table: ForeignTable) -> str:
         f"no column rises strictly from sample to sample, as time does (there are {known}). Likely cause: a table "
         "without time. Remedy: add a column of sample times."
     )
-
-
-def _find_unnamed(table: ForeignTable) -> None:
-    """Triads whose names say nothing: one that reads gravity at rest, and its neighbours in the table."""
-    if "ax" in table.entries:
-        return
-    used = {entry.column for entry in table.entries.values()}
-    free = [name for name in table.read.columns if name not in used]
-    rest = rules.find_rest(table.in_si("time"), [table.read.columns[name] for name in free])
-    reads = {name: abs(float(np.mean(table.read.columns[name][:rest]))) for name in free} if rest else {}
-    up = next((name for name, size in reads.items() if rules.gravity_units(size)), None)
-    if up is None:
-        return
-    names = list(table.read.columns)
-    at = names.index(up)
-    before = names[max(at - 3, 0) : at]
-    gyros = at - 3 if len(before) == 3 and set(before) <= set(free) else at + 3
-    doubt = ("taken from the order of the columns: check it",)
-    for channels, first in ((ACCELEROMETERS, at), (GYROS, gyros)):
-        for channel, name in zip(channels, names[first : first + 3], strict=False):
-            if name in free and channel not in table.entries:
-                si = SI[CHANNEL_DIMENSIONS[channel]]
-                table.entries[channel] = MapEntry(name, si, f"beside {up}, which reads gravity at rest", doubt)
 
 
 def _stand_upright(table: ForeignTable) -> None:
@@ -237,23 +213,10 @@ def _axes_of_gyros(table: ForeignTable) -> bool:
 
 
 def _units_of_gyros(table: ForeignTable) -> None:
-    """Units and sign of the roll rate from the forces and a magnetometer, else units by range."""
-    if not set(GYROS) <= set(table.entries):
+    """Units of the gyros by the forces, else, where nothing states them, by range."""
+    if not set(GYROS) <= set(table.entries) or _axes_of_gyros(table):
         return
-    known_by_forces = _axes_of_gyros(table)
-    rate = table.entries["p"].scale * table.values("p")
-    if {"my", "mz"} <= set(table.entries):
-        field_across = (table.values("my"), table.values("mz"))
-        found = rules.turning_units(table.in_si("time"), rate, field_across)
-        if found is not None:
-            units, sign = found
-            for name in GYROS:
-                table.sure(name, units, f"the magnetometer turns as p does in {units}")
-            if sign < 0.0:
-                doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
-                table.change("p", "sign against the magnetometer", doubt)
-            return
-    if not known_by_forces and any(_NOT_STATED in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
+    if any(_NOT_STATED in doubt for doubt in table.entries["p"].unsure):
         most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
         units = "deg/s" if most > rules.FASTEST_RADIANS else "rad/s"
         for name in GYROS:
@@ -482,10 +445,9 @@ def _missing(channels: Collection[str]) -> list[str]:
 def _unused(tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
     """The file, name and range of each column that the map does not use; the main table is the first."""
     main, unused = tables[0], []
-    channels = [entry for name, entry in main.entries.items() if name not in MAGNETOMETER]
     for table in tables:
         recorder = None if table is main else table.recorder
-        used = {entry.column for entry in channels if entry.recorder == recorder}
+        used = {entry.column for entry in main.entries.values() if entry.recorder == recorder}
         if table is main.vehicle:
             used = {entry.column for entry in table.entries.values()}
         elif table is not main:
