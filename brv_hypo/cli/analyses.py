@@ -254,7 +254,7 @@ def study(
     write_whole(output / REPORT, page(document, session.provenance(settings)))
     if not summary.compared:
         first = summary.failures[0]
-        raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.key}: {first.reason}")
+        raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.draw.key}: {first.reason}")
     session.show(document, conclusion=document.conclusion)
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)

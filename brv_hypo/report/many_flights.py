@@ -111,12 +111,12 @@ def mistake_table(summary: StudySummary) -> Table:
     """One row for each flight with a visible effect that something else than the truth leads."""
     rows = [
         {
-            "flight": item.key,
-            "size": number(item.size),
+            "flight": item.draw.key,
+            "size": number(item.draw.size),
             "effect": percent(item.effect),
-            "ranked first": hypothesis(item.first),
+            "ranked first": hypothesis(item.first or ""),
             "verdict": hypothesis(item.winner or "undecided"),
-            "prob.": number(item.probability),
+            "prob.": number(item.probability.get(item.first or "")),
             "lead": number(item.lead),
         }
         for item in summary.mistakes
@@ -198,6 +198,6 @@ def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Docume
             Texts((_LIMITS,) if summary.detection else (), bullets=False, shown="page"),
             fault_table(summary),
             mistake_table(summary),
-            Texts([f"{f.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),
+            Texts([f"{f.draw.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),
         ],
     )

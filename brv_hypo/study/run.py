@@ -101,6 +101,12 @@ class Outcome(BaseModel):
         """True where the verdict names a mechanism that was not planted."""
         return self.winner not in (None, NONE, self.planted)
 
+    @property
+    def lead(self) -> float | None:
+        """By how much the first leads what was planted by -2 ln evidence; None where that was not compared."""
+        known = self.information
+        return known[self.planted] - known[self.first] if self.first in known and self.planted in known else None
+
 
 def effect_size(truth: Truth) -> tuple[float, float]:
     """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts.

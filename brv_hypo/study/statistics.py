@@ -245,28 +245,6 @@ def faulty(outcomes: Iterable[Outcome]) -> tuple[FaultRow, ...]:
 # ---- The statistics of a study, gathered ----
 
 
-class Failure(Statistic):
-    """A flight that could not be simulated or compared."""
-
-    key: str
-    status: str
-    reason: str
-
-
-class Mistake(Statistic):
-    """A flight whose planted mechanism did not rank first, though its effect is visible."""
-
-    key: str
-    seed: int
-    size: float
-    effect: float
-    first: str
-    winner: str | None
-    probability: float  # of the hypothesis that ranked first
-    lead: float | None
-    """By how much the first leads the planted one by -2 ln evidence; None where that was not compared."""
-
-
 class StudySummary(Statistic):
     """What a study found.
 
@@ -289,8 +267,8 @@ class StudySummary(Statistic):
     detection: tuple[DetectionLimit, ...]
     false_alarms: Share
     faults: tuple[FaultRow, ...]
-    mistakes: tuple[Mistake, ...]
-    failures: tuple[Failure, ...]  # a corrupted record that is refused is none
+    mistakes: tuple[Outcome, ...]  # visible effects that something else than the truth leads
+    failures: tuple[Outcome, ...]  # not simulated or compared; a corrupted record that is refused is none
     seconds_per_flight: float | None
 
 
@@ -315,25 +293,7 @@ def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
         detection=detection_limits(compared),
         false_alarms=false_alarms(compared),
         faults=faulty(outcomes),
-        mistakes=tuple(_mistake(outcome) for outcome in visible if not outcome.right),
-        failures=tuple(
-            Failure(key=o.draw.key, status=o.status, reason=o.reason)
-            for o in outcomes
-            if o.status != "compared" and not (o.draw.fault and o.status == "refused")
-        ),
+        mistakes=tuple(o for o in visible if not o.right),
+        failures=tuple(o for o in outcomes if o.status != "compared" and not (o.draw.fault and o.status == "refused")),
         seconds_per_flight=sum(o.seconds for o in compared) / len(compared) if compared else None,
-    )
-
-
-def _mistake(outcome: Outcome) -> Mistake:
-    first, known = outcome.first or "", outcome.information
-    return Mistake(
-        key=outcome.draw.key,
-        seed=outcome.draw.seed,
-        size=outcome.draw.size,
-        effect=outcome.effect,
-        first=first,
-        winner=outcome.winner,
-        probability=outcome.probability[first],
-        lead=known[outcome.planted] - known[first] if outcome.planted in known else None,
     )

@@ -167,5 +167,5 @@ def test_the_summary_sets_weak_effects_and_failures_apart():
     found = summarise(study, [outcome("none", "none", winner="none"), weak, lost, failed])
     assert (found.flights, found.compared) == (4, 3)
     assert (found.right_visible.count, found.right_visible.total) == (1, 2)
-    assert [(item.key, item.first, item.lead) for item in found.mistakes] == [("cone/lag/1", "none", 2.0)]
-    assert [(item.key, item.reason) for item in found.failures] == [("cone/lag/2", "it diverges")]
+    assert [(item.draw.key, item.first, item.lead) for item in found.mistakes] == [("cone/lag/1", "none", 2.0)]
+    assert [(item.draw.key, item.reason) for item in found.failures] == [("cone/lag/2", "it diverges")]
