@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypedDict, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Vehicle
@@ -14,7 +14,7 @@ from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tol
 from brv_hypo.io.files import kind_of
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import meant, nearest
-from brv_hypo.mechanisms.contract import TimeVariation, current_name
+from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.settings import problems_of
 from brv_hypo.thresholds import MINIMUM_SAMPLES
@@ -59,21 +59,6 @@ class VehicleConfig(Section):
         return Vehicle(**self.model_dump(exclude={"ixy", "ixz"}))
 
 
-def _with_current_names(data: Any) -> Any:
-    """A mapping from names of terms with the names of today; a name that is there twice is refused."""
-    if not isinstance(data, Mapping):
-        return data
-    names = [current_name(name) if isinstance(name, str) else name for name in data]
-    twice = sorted({name for name in names if names.count(name) > 1}, key=str)
-    if twice:
-        raise ValueError(f"{twice[0]} is given twice, once by its earlier name: keep one")
-    return dict(zip(names, data.values(), strict=True))
-
-
-Coefficients = Annotated[dict[str, float], BeforeValidator(_with_current_names)]
-"""By the names of terms."""
-
-
 class AerodynamicsConfig(Section):
     """Air-relative aerodynamics of CONVENTIONS; coefficients per rad, rates made dimensionless by d / 2V.
 
@@ -88,11 +73,6 @@ class AerodynamicsConfig(Section):
     C_mq: float = 0.0  # pitch damping
     C_l0: float = 0.0  # rolling moment
     C_lp: float = 0.0  # roll damping
-
-    @model_validator(mode="before")
-    @classmethod
-    def _earlier_names(cls, data: Any) -> Any:
-        return _with_current_names(data)
 
 
 class StartConfig(Section):
@@ -130,7 +110,7 @@ class PlantedConfig(Section):
     mechanism: str  # name of an installed mechanism
     options: dict[str, Any] = Field(default_factory=dict)  # its options
     theta: dict[str, float] = Field(default_factory=dict)  # its nonlinear parameters
-    terms: Coefficients = Field(min_length=1)
+    terms: dict[str, float] = Field(min_length=1)
     kind: TimeVariation = "jump"  # how the coefficients vary in time, as in Eq. 3.6
     start: float | None = None  # s; None: from the beginning
     stop: float | None = None  # s; None: to the end
