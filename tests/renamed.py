@@ -23,7 +23,7 @@ class Renamed(Checked):
     """A mechanism of whose parameters some have an alias."""
 
     def __init__(self, item: Mechanism, aliases: Mapping[str, Alias]) -> None:
-        super().__init__(item)
+        super().__init__(item, "")
         self.aliases = aliases
 
     def parameters(self) -> tuple[Parameter, ...]:
