@@ -29,13 +29,7 @@ from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
 from brv_hypo.importing.formats import clock_fault, read_all
 from brv_hypo.importing.guess_rules import ForeignTable, MapEntry, stated_units
-from brv_hypo.importing.rocket_log import (
-    ATTITUDE,
-    DECIMATED_LEAST_GAIN,
-    DECIMATED_PER_CYCLE,
-    PAD_FEWEST_SAMPLES,
-    clock_offset,
-)
+from brv_hypo.importing.rocket_log import ATTITUDE, PAD_FEWEST_SAMPLES, clock_offset
 from brv_hypo.io.text import one_line
 
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
@@ -390,6 +384,8 @@ def _written(table: ForeignTable) -> Guess:
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION] if unknown else []
     unsure = [f"{name}: {doubt}" for name, entry in channels.items() for doubt in entry.unsure]
 
+    rate = 1.0 / float(np.median(np.diff(table.in_si("time"))))
+
     def file_of(other: ForeignTable) -> str:
         """By its name where it lies beside the main table."""
         beside = other.path.resolve().parent == table.path.resolve().parent
@@ -410,10 +406,7 @@ def _written(table: ForeignTable) -> Guess:
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
         degrees=np.degrees,
         turned=bool(mounting_fault(table.in_si("time"), table.tilt)),
-        rate=1.0 / float(np.median(np.diff(table.in_si("time")))),
-        slowest_fast=SLOWEST_FAST,
-        per_cycle=DECIMATED_PER_CYCLE,
-        least_gain=DECIMATED_LEAST_GAIN,
+        rate=rate if rate > SLOWEST_FAST else None,
         unused=_unused(tables),
         flow=_flow,
         file_of=file_of,
