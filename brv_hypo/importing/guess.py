@@ -23,7 +23,7 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
-from brv_hypo.flight.plausibility import air_of, as_turned, gains, mounting_fault, nose_axis, relative_axes
+from brv_hypo.flight.plausibility import GRAVITY, air_of, as_turned, gains, mounting_fault, nose_axis, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
@@ -144,7 +144,7 @@ def _stand_upright(table: ForeignTable) -> None:
     else:
         reads = np.array([np.mean(table.values(name)[:rest]) for name in ACCELEROMETERS])
         norm = float(np.linalg.norm(reads))
-        units = rules.gravity_units(norm)
+        units = rules.units_of_factor(GRAVITY / max(norm, 1e-300), "acceleration")
         if units is None:
             doubt = f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known"
             table.unsure.append(doubt)

@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.plausibility import GRAVITY, Tilt
+from brv_hypo.flight.plausibility import Tilt
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
 from brv_hypo.io.binary import ColumnTable
@@ -190,11 +190,6 @@ def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
     first = int(np.argmax(moving)) if np.any(moving) else time.size
     stop = first - width
     return stop if stop >= width and np.any(moving) else None
-
-
-def gravity_units(norm: float) -> str | None:
-    """The units in which a reading at rest, `norm`, is gravity; None where in none."""
-    return units_of_factor(norm and GRAVITY / norm, "acceleration")
 
 
 def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[tuple[tuple[str, str], ...], bool]:
