@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from brv_hypo import compare
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.motion import try_record
@@ -81,6 +82,8 @@ def test_a_body_that_tumbles_breaks_no_relation_of_small_angles():
     """Drag grew 16-fold as it turned; "the sign of az", or feet, seemed to explain the rest."""
     tumbling = drawn_flight(906023, 23, "tactical", "one")[0].flight
     assert try_record(tumbling)[1].faults == ()
+    with pytest.raises(UnanswerableError, match=r"the vehicle tumbles.*--stop"):
+        compare(tumbling, mechanisms=["damping"], maximum_likelihood="none")
 
 
 def test_isolated_spikes_never_decide(flights):
