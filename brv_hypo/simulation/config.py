@@ -42,8 +42,6 @@ class VehicleConfig(Section):
     reference_length: Positive  # m
     reference_area: Positive  # m^2
     accelerometer_position: Vector = (0.0, 0.0, 0.0)  # from the c.g., body axes, m
-    ixy: float = 0.0  # product of inertia (of x y dm), kg m^2: imbalance
-    ixz: float = 0.0  # product of inertia (of x z dm), kg m^2: imbalance
 
     @model_validator(mode="after")
     def _inertia_of_a_real_body(self) -> VehicleConfig:
@@ -55,8 +53,8 @@ class VehicleConfig(Section):
         return self
 
     def declared(self) -> Vehicle:
-        """What a record without errors says of the vehicle: it knows nothing of products of inertia."""
-        return Vehicle(**self.model_dump(exclude={"ixy", "ixz"}))
+        """What a record without errors says of the vehicle."""
+        return Vehicle(**self.model_dump())
 
 
 class AerodynamicsConfig(Section):
