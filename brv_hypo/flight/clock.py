@@ -272,10 +272,10 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
     No force or moment does that: a rate cannot jump. All channels jump by what they change by in one time: forces that
     turn about in a step, as the wind passes the nose, do not.
     """
+    found_in = {name: _jumps(values) for name, values in channels.items()}
     gyros, accelerometers = (
-        [_jumps(channels[name]) for name in triad if name in channels] for triad in (GYROS, ACCELEROMETERS)
+        [each for name in triad if (each := found_in.get(name)) is not None] for triad in (GYROS, ACCELEROMETERS)
     )
-    gyros, accelerometers = ([each for each in some if each is not None] for some in (gyros, accelerometers))
     if not gyros or not accelerometers:
         return ()
     both = np.minimum(*(np.max([np.abs(jump) for jump, _ in some], axis=0) for some in (gyros, accelerometers)))
