@@ -66,8 +66,8 @@ def _logger(name: str, words: tuple[str, ...], described: str) -> TableFormat:
         channels = {each: channel for channel, each in own.items()}
         renamed = tuple(channels.get(each, each) for each in found.names)
         wanted = renamed if names is None else names
-        asked = names and tuple(own.get(each, each) for each in names)
-        table = read_text(path, asked, layout, found)
+        sources = names and tuple(own.get(each, each) for each in names)
+        table = read_text(path, sources, layout, found)
         values = {each: table.columns[at] for each in wanted if (at := own.get(each, each)) in table.columns}
         units = {each: columns[own.get(each, each)][1] for each in (*own, *channels)}
         return replace(table, columns=values, names=(*renamed, *channels) if names else renamed, units=units)
