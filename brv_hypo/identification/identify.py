@@ -31,7 +31,7 @@ from brv_hypo.identification.parameters import READ, Structure, Tolerated, input
 from brv_hypo.inference.fit import Regressed
 from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
 from brv_hypo.likelihood.segment import sampled
-from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.statistics import Whiteness, estimate_variance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
 from brv_hypo.model.term import Regressor
@@ -66,7 +66,7 @@ class Problem:
     block: int  # samples to a node
     max_iterations: int  # of one search
     states: tuple[FloatArray, ...] = ()  # states (4, nodes) by segment of an earlier fit, where there is one
-    first_noise: FloatArray | None = None  # noise covariance (4, 4) of that
+    first_noise: FloatArray | None = None  # noise variances (4,) of that
 
     @property
     def structure(self) -> Structure:
@@ -81,7 +81,7 @@ class Problem:
     def warm(self, found: FitResult) -> Problem:
         """The problem started from a solution."""
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
-        return replace(self, theta=theta, states=found.states, first_noise=found.noise_covariance)
+        return replace(self, theta=theta, states=found.states, first_noise=found.noise_variance)
 
     def refreshed(self, found: FitResult) -> Problem:
         """The problem started from a solution, with nodes and block means laid out by the motion that it has.
@@ -490,6 +490,4 @@ def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
 def _log_likelihood(innovations: Sequence[FloatArray]) -> float:
     """Minus the NLLF of Eq. 3.10 (E8), with B of Eq. 3.11, over every sample."""
     together = np.concatenate(innovations, axis=1)
-    valid = np.isfinite(together)
-    covariance = estimate_covariance(together, valid, "diagonal", np.eye(4), np.full(4, 1e-300))
-    return -negative_log_likelihood(together, valid, covariance)
+    return -negative_log_likelihood(together, estimate_variance(together, np.full(4, 1e-300)))

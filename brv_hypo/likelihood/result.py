@@ -19,7 +19,7 @@ from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.collocation import Method, Points, evaluate
 from brv_hypo.likelihood.elimination import Eliminated
-from brv_hypo.likelihood.filter_error import NoiseErrors, directions_of, kalman_innovations, noise_errors
+from brv_hypo.likelihood.filter_error import Directions, directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
 from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
 from brv_hypo.likelihood.segment import Grid
@@ -79,13 +79,13 @@ class FitResult(Tabular):
     """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
     left out, as in the report.
     """
-    noise_covariance: FloatArray
-    """Covariance of the measurement noise, (n_outputs, n_outputs); in output error B of Eq. 3.11."""
+    noise_variance: FloatArray
+    """Variances of the measurement noise, (n_outputs,); in output error the diagonal of B of Eq. 3.11."""
     process_noise: FloatArray
     """Standard deviation that drives each state, (n_states,), per root second; zeros in output error."""
     noise_std_error: FloatArray
-    """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_covariance`'s
-    diagonal, (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
+    """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_variance`,
+    (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
     """
     process_noise_std_error: FloatArray
     """The same of `process_noise`, (n_states,)."""
@@ -159,9 +159,7 @@ class FitResult(Tabular):
         gained = []
         for more in measured_more:
             observed = np.isfinite(more)
-            gained.append(
-                -np.einsum("nij,jn->ni", whitening(self.noise_covariance, observed), np.where(observed, more, 0.0))
-            )
+            gained.append(-whitening(self.noise_variance, observed) * np.where(observed, more, 0.0).T)
         return dict(zip(self.names, self.linear.change_by(gained).tolist(), strict=True))
 
     def report(self) -> str:
@@ -225,7 +223,7 @@ def _statistics(result: FitResult) -> list[str]:
 def _noise(result: FitResult) -> list[str]:
     found = []
     for i, (variance, error, test) in enumerate(
-        zip(np.diag(result.noise_covariance), result.noise_std_error, result.whiteness, strict=True)
+        zip(result.noise_variance, result.noise_std_error, result.whiteness, strict=True)
     ):
         spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
         colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
@@ -312,12 +310,11 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     if loose:
         white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
-    wanted = directions_of(problem, options.noise, options.estimate_process_noise)
+    wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
     shift = mesh_shift(problem, iterate, segments, white)
     if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
-        noise = NoiseErrors.unknown(problem, iterate, white)  # those on a finer mesh will count
-    else:
-        noise = noise_errors(problem, iterate, wanted, segments, white)
+        wanted = Directions((), ())  # errors on a finer mesh will count
+    noise = noise_errors(problem, iterate, wanted, segments, white)
     if np.any(problem.process_noise):
         white = coloured = noise.covariance
         shift = mesh_shift(problem, iterate, segments, white)
@@ -335,7 +332,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         covariance=white,
         covariance_coloured=coloured,
         log_likelihood=-nllf,
-        noise_covariance=iterate.covariance,
+        noise_variance=iterate.variance,
         process_noise=problem.process_noise,
         noise_std_error=noise.measurement,
         process_noise_std_error=noise.process,
@@ -371,13 +368,13 @@ def _covariances(
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     # The likelihood of states that noise drives makes up for it itself (`filter_error`).
-    white = raw * (samples / max(samples - unknowns, 1) if options.noise and rows else 1.0)
+    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
     block = np.ix_(known, known)
     corrected = coloured_covariance(np.nan_to_num(raw), 1.0 / parameters.prior_std**2, rows)[block]
-    if options.noise:
+    if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
@@ -424,7 +421,7 @@ def _never_measured(y: FloatArray) -> tuple[str, ...]:
     if not rows:
         return ()
     return (
-        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_covariance holds "
+        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_variance holds "
         "for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of y and of "
         "the outputs if that is meant",
     )
@@ -432,7 +429,7 @@ def _never_measured(y: FloatArray) -> tuple[str, ...]:
 
 def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
     """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
-    if options.noise is None:
+    if not options.estimate_noise:
         return ()
     left, size = (
         np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)
@@ -447,7 +444,7 @@ def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], op
     return (
         f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal, "
         "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
-        "nothing of these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
+        "nothing of these; likely cause: simulated data. Give `noise`, or add the instruments' noise",
     )
 
 
@@ -460,7 +457,7 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
         return kalman_innovations(problem, iterate)
     found = residuals(problem, iterate)
     together = np.concatenate(found, axis=1)
-    return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
+    return found, negative_log_likelihood(together, iterate.variance)
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:

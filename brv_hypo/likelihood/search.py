@@ -30,7 +30,7 @@ from brv_hypo.likelihood.gauss_newton import (
     objective,
     sensitivities,
 )
-from brv_hypo.likelihood.statistics import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.statistics import estimate_variance, negative_log_likelihood
 from brv_hypo.progress import Report, silent
 
 
@@ -136,7 +136,7 @@ class Options:
 
     max_iterations: int  # limit of Gauss-Newton steps
     tolerance: float  # step, as a fraction of the standard errors, at which the search ends
-    noise: Shape | None  # shape of the measurement noise's covariance, which is estimated; None where it is known
+    estimate_noise: bool  # whether the measurement noise is estimated
     estimate_process_noise: bool  # whether the process noise is, too
     report: Report = silent  # called after each iteration
     mesh_steps: int = 1  # steps of the dynamics between samples
@@ -240,7 +240,7 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
 def _nllf(problem: Problem, iterate: Iterate) -> float:
     """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
     difference = np.concatenate(residuals(problem, iterate), axis=1)
-    fit = negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance)
+    fit = negative_log_likelihood(difference, iterate.variance)
     if not np.any(problem.process_noise):
         return fit
     return fit + disturbance_cost(problem, iterate) + determinant(problem, iterate)
@@ -286,11 +286,11 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 
     Process noise alone at first: beside one that is far too large, measurement noise seems to be none.
     """
-    for shape in (None, options.noise):
+    for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
             linear = linearised(problem, iterate)
             try:
-                wanted = directions_of(problem, shape, options.estimate_process_noise)
+                wanted = directions_of(problem, estimate_noise, options.estimate_process_noise)
                 found, lengths, _ = scored(problem, iterate, wanted, _NEAR_NOISE, linear)
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
@@ -304,7 +304,7 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 
 
 class _Noise:
-    """Noise covariance by Eq. 3.11 or, with process noise, the variances of both."""
+    """Noise variances by Eq. 3.11 or, with process noise, those of both."""
 
     def __init__(self, options: Options) -> None:
         self._options = options
@@ -318,14 +318,12 @@ class _Noise:
         """Both with new variances, after a step of this length, and whether these have settled."""
         options = self._options
         if not np.any(problem.process_noise):
-            if options.noise is None:
+            if not options.estimate_noise:
                 return problem, iterate, True
-            difference = np.concatenate(residuals(problem, iterate), axis=1)
-            old = iterate.covariance
-            new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
-            change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
-            return problem, replace(iterate, covariance=new), change < _CONVERGED_CHANGE
-        wanted = directions_of(problem, options.noise, options.estimate_process_noise)
+            new = estimate_variance(np.concatenate(residuals(problem, iterate), axis=1), options.floor)
+            change = float(np.max(np.abs(new / iterate.variance - 1.0)))
+            return problem, replace(iterate, variance=new), change < _CONVERGED_CHANGE
+        wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
         if not wanted.count:
             return problem, iterate, True
         enough = max(_FEW, _FRACTION * length)

@@ -99,7 +99,7 @@ def states_from_outputs(
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
         measured = _without_gaps(grid)
         linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), ())
-        pseudo_inverse = np.linalg.pinv(linear.output_by_state.blocks[:, 0], rcond=1e-6)
+        pseudo_inverse = np.linalg.pinv(linear.output_by_state, rcond=1e-6)
         histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, measured - linear.output.T))
     return tuple(histories)
 
@@ -260,15 +260,15 @@ _WINDOW = 9  # samples of the running mean whose residual is the third guess of 
 
 
 def first_noises(y: FloatArray) -> dict[str, FloatArray]:
-    """Guesses of the noise covariance (n_outputs, n_outputs), by where they are from, of outputs (n_outputs, n), nan in
-    gaps; the smallest first, which is right for a right model.
+    """Guesses of the noise variances (n_outputs,), by where they are from, of outputs (n_outputs, n), nan in gaps; the
+    smallest first, which is right for a right model.
     """
     floor = least_variance(y)
     variances = np.array([np.var(row[np.isfinite(row)]) if np.isfinite(row).any() else 1.0 for row in y])
     return {
         "differences of the outputs": noise_from_differences(y),
-        "residual of smoothed outputs": np.diag(np.maximum(_unsmooth(y), floor)),
-        "variances of the outputs": np.diag(np.maximum(variances, floor)),
+        "residual of smoothed outputs": np.maximum(_unsmooth(y), floor),
+        "variances of the outputs": np.maximum(variances, floor),
     }
 
 
@@ -312,7 +312,7 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
 def _as_small_as_known(found: FitResult) -> bool:
     """Whether residuals are no larger than the noise that they are weighed by, or process noise explains them."""
     together = np.concatenate(found.innovations, axis=1)
-    squares = np.nanmean(together**2, axis=1) / np.diag(found.noise_covariance)
+    squares = np.nanmean(together**2, axis=1) / found.noise_variance
     return bool(np.any(found.process_noise)) or not np.mean(squares) > _POOR_LIKELIHOOD
 
 

@@ -46,7 +46,7 @@ def run(frequency: float, steps: int | None = None, **options: Any) -> tuple[Fit
 
 @pytest.mark.parametrize("frequency", [8.0, 20.0])
 def test_the_estimated_shift_is_what_a_fine_mesh_makes_of_the_estimate(frequency: float) -> None:
-    known = np.array([[SIGMA**2]])
+    known = np.array([SIGMA**2])
     coarse, _ = run(frequency, 1, noise=known)
     fine, _ = run(frequency, 8, noise=known)
     moved = max(abs(fine.theta[k] - coarse.theta[k]) / coarse.std_error[k] for k in coarse.names)
@@ -61,7 +61,7 @@ def test_process_noise_between_samples_is_no_error_of_the_mesh() -> None:
     def fitted(segment: Segment) -> FitResult:
         return fit(
             problem.dynamics, problem.outputs, [segment], problem.truth, problem.process_noise,
-            noise=np.diag(problem.noise**2),
+            noise=problem.noise**2,
         )  # fmt: skip
 
     coarse, fine = fitted(segment), fitted(finer(segment, 0, 2))

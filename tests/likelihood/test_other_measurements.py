@@ -40,7 +40,7 @@ def record(seed: int, x0_std: float = np.inf) -> Segment:
 
 def fitted(segments: list[Segment], **options: Any) -> FitResult:
     start = {"k": -3.5, "d": -0.4, "b": 1.8, "bias": 0.0}
-    return fit(dynamics, outputs, segments, start, noise=4e-4 * np.eye(2), **options)
+    return fit(dynamics, outputs, segments, start, noise=np.full(2, 4e-4), **options)
 
 
 @pytest.mark.parametrize("x0_std", [np.inf, *(pytest.param(std, marks=pytest.mark.thorough) for std in (0.05, 0.0))])

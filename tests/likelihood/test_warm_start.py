@@ -32,7 +32,7 @@ def again(segment: Segment, **options: Any) -> FitResult:
 
 def test_a_fit_that_begins_with_the_noise_of_the_last_has_nowhere_to_go() -> None:
     segment = replace(SEGMENT, x0=EXACT.states[0])
-    first = again(segment, tolerance=COARSE, first_noise=EXACT.noise_covariance)
+    first = again(segment, tolerance=COARSE, first_noise=EXACT.noise_variance)
     assert first.converged
     assert len(first.history) == 1
     assert first.history[0].step_length < 1e-3
