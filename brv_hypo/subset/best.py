@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.results import Row, Tabular
-from brv_hypo.subset.criteria import Criteria, Reference, contiguous_blocks, evaluate, least_squares
+from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
 from brv_hypo.subset.frame import Alias, Frame, Groups, Parents, Refusal, build_frame, dependencies
 from brv_hypo.subset.search import (
     CLOSED,
@@ -35,10 +35,6 @@ from brv_hypo.subset.search import (
 )
 
 # ---- What a search returns: fitted subsets, their certificate, what was set aside ----
-
-
-# Contiguous blocks of rows for the held-out error.
-HELD_OUT_BLOCKS = 5
 
 
 @dataclass(frozen=True)
@@ -82,8 +78,6 @@ class Certificate:
     """Wall-clock time."""
     kernel: str
     """``numpy`` or ``numba-schur``: the last that was used."""
-    condition: float
-    """Condition number of the scaled candidates."""
     status: str
     """How it ended, in words."""
 
@@ -136,17 +130,15 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
         rss_forced=least_squares(frame.X[:, list(frame.forced)], frame.y).rss,
         n_forced=len(frame.forced),
         complete=least_squares(frame.X[:, [*frame.forced, *independent]], frame.y, variances=False),
-        blocks=contiguous_blocks(frame.y.size, HELD_OUT_BLOCKS),
     )
 
     def fitted(columns: tuple[int, ...]) -> Subset:
         terms = frame.forced + columns
         fit = least_squares(frame.X[:, list(terms)], frame.y)
-        criteria, powers = evaluate(fit, reference), frame.powers[list(terms)]
-        std_errors = np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal)
+        criteria = evaluate(fit, reference)
         return Subset(
-            columns=columns, rss=fit.rss, terms=terms, coefficients=np.ldexp(fit.coefficients, powers),
-            std_errors=np.ldexp(std_errors, powers), criteria=criteria,
+            columns=columns, rss=fit.rss, terms=terms, coefficients=fit.coefficients,
+            std_errors=np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal), criteria=criteria,
         )  # fmt: skip
 
     return SubsetResult(
@@ -194,7 +186,6 @@ def search(board: Board, threads: int = 1, time_limit_s: float | None = None) ->
         gaps=gaps,
         seconds=time.perf_counter() - started,
         kernel=kernel,
-        condition=board.frame.condition,
         status="complete" if not left else f"stopped by the time limit of {time_limit_s} s",
     )
 
