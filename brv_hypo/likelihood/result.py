@@ -163,15 +163,31 @@ class FitResult(Tabular):
         return dict(zip(self.names, self.linear.change_by(gained).tolist(), strict=True))
 
     def report(self) -> str:
-        """The fit as text: status, noise, parameters with their errors, correlations, warnings."""
-        blocks = (
-            ["[[Fit]]", *_statistics(self)],
-            ["[[Noise]]", *_noise(self)],
-            ["[[Parameters]]", *_parameters(self)],
-            _correlations(self),
-            _warnings(self),
-        )
-        return "\n".join(line for block in blocks for line in block)
+        """The fit as text, in the manner of lmfit's report: status, noise, parameters with their errors, warnings."""
+        lines = [
+            "[[Fit]]",
+            f"    status          = {self.status}: {self.message}",
+            f"    iterations      = {self.iterations}, with {self.mesh_steps} steps per sample",
+            f"    measured values = {self.samples}",
+            f"    log-likelihood  = {self.log_likelihood:.6g} (without its constant)",
+            "[[Noise]]",
+        ]
+        for i, test in enumerate(self.whiteness):
+            colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
+            size = _with_error(np.sqrt(self.noise_variance[i]), self.noise_std_error[i])
+            lines.append(f"    output {i}: {size}, innovations {colour}")
+        for i in np.flatnonzero(self.process_noise).tolist():
+            size = _with_error(self.process_noise[i], self.process_noise_std_error[i])
+            lines.append(f"    state {i} is driven by {size} per root second")
+        lines.append("[[Parameters]]")
+        width = max(len(name) for name in self.theta)
+        for row in self.rows():
+            note = f" (white {row['std_error_white']:.3g})" if np.isfinite(row["std_error"]) else " (not determined)"
+            note = (note if row["free"] else " (held)") + (" (at its bound)" if row["at_bound"] else "")
+            lines.append(f"    {row['parameter']:<{width}}  {_with_error(row['value'], row['std_error'])}{note}")
+        near_null = [str(self.identifiability)] if self.identifiability.near_null else []
+        warnings = [f"    {text}" for text in (*self.remarks, *near_null)]
+        return "\n".join([*lines, *(["[[Beware]]", *warnings] if warnings else [])])
 
     def to_dataframe(self) -> DataFrame:
         """A table by parameter: value, std_error (the one to report), std_error_white, free, at_bound.
@@ -191,92 +207,14 @@ class FitResult(Tabular):
         return -self.log_likelihood
 
 
-# ---- A fit in words and numbers, in the manner of lmfit's report ----
-
-
-_CORRELATED = 0.5  # least correlation that is listed
-_MOST_CORRELATIONS = 10
-
-
-def correlations(result: FitResult) -> FloatArray:
-    """Correlation of the estimates (p, p), from the coloured covariance; nan where there is no error."""
-    error = np.sqrt(np.diag(result.covariance_coloured))
-    with np.errstate(all="ignore"):
-        return np.asarray(result.covariance_coloured / np.outer(error, error))
-
-
-def _statistics(result: FitResult) -> list[str]:
-    p = len(result.names)
-    aic = 2.0 * p + 2.0 * result.nllf
-    rows = [
-        ("status", f"{result.status}: {result.message}"),
-        ("iterations", f"{result.iterations}"),
-        ("measured values", f"{result.samples}"),
-        ("parameters", f"{p}"),
-        ("log-likelihood", f"{result.log_likelihood:.6g} (without its constant)"),
-        ("Akaike", f"{aic:.6g}"),
-        ("steps per sample", f"{result.mesh_steps}, mesh moves estimates by {result.mesh_shift:.2g} sigma at most"),
-    ]
-    return [f"    {name:<18}= {value}" for name, value in rows]
-
-
-def _noise(result: FitResult) -> list[str]:
-    found = []
-    for i, (variance, error, test) in enumerate(
-        zip(result.noise_variance, result.noise_std_error, result.whiteness, strict=True)
-    ):
-        spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
-        colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
-        found.append(f"    output {i}: {np.sqrt(variance):.4g}{spread}, innovations {colour}")
-    for i, (size, error) in enumerate(zip(result.process_noise, result.process_noise_std_error, strict=True)):
-        if size > 0.0:
-            spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
-            found.append(f"    state {i} is driven by {size:.4g}{spread} per root second")
-    return found
-
-
-def _parameters(result: FitResult) -> list[str]:
-    width = max(len(name) for name in result.theta)
-    found = []
-    for name, value in result.theta.items():
-        if name not in result.std_error:
-            found.append(f"    {name:<{width}}  {value: .6g} (held)")
-            continue
-        error, white = result.std_error_coloured[name], result.std_error[name]
-        note = f" +/- {error:.3g} (white {white:.3g})" if np.isfinite(error) else " (not determined)"
-        relative = f" ({abs(error / value):.2%})" if np.isfinite(error) and value != 0.0 else ""
-        kind = " (at its bound)" if name in result.at_bound else ""
-        found.append(f"    {name:<{width}}  {value: .6g}{note}{relative}{kind}")
-    return found
-
-
-def _correlations(result: FitResult) -> list[str]:
-    matrix = correlations(result)
-    i, j = np.triu_indices(len(result.names), 1)
-    size = np.abs(matrix[i, j])
-    order = [k for k in np.argsort(-np.nan_to_num(size), kind="stable") if size[k] >= _CORRELATED]
-    if not order:
-        return []
-    rows = [
-        f"    C({result.names[i[k]]}, {result.names[j[k]]}) = {matrix[i[k], j[k]]:+.3f}"
-        for k in order[:_MOST_CORRELATIONS]
-    ]
-    return [f"[[Correlations]] (of {_CORRELATED:g} and more)", *rows]
-
-
-def _warnings(result: FitResult) -> list[str]:
-    found = list(result.remarks)
-    if result.identifiability.near_null:
-        found.append(str(result.identifiability))
-    return ["[[Beware]]", *(f"    {text}" for text in found)] if found else []
+def _with_error(value: float, error: float) -> str:
+    return f"{value: .6g}" + (f" +/- {error:.3g}" if np.isfinite(error) else "")
 
 
 # ---- The result of a search: standard errors, likelihood, innovations, warnings ----
 
 
 _LAGS = 20  # lags of the whiteness test
-_LOOSER = 3.0  # how much more loosely an unseen initial state is tied, to see which errors depend on that
-_SAME_ERROR = 0.01  # relative change of a standard error at that which counts as none
 TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
 _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
@@ -303,13 +241,11 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    segments, loose = _sensitivities(outcome)
+    segments = _sensitivities(outcome)
     rows = () if np.any(problem.process_noise) else tuple(segment.whitened(sampled) for segment in segments)
     if segments:
         triangle = information_factor(segments, p)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
-    if loose:
-        white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
     wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
     shift = mesh_shift(problem, iterate, segments, white)
     if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
@@ -381,38 +317,12 @@ def _covariances(
     return white, coloured
 
 
-def _sensitivities(outcome: Outcome) -> tuple[Segments, Segments]:
-    """The sensitivities at the end; where no output sees a state, with its start tied loosely, and then more loosely.
-
-    The second is empty where nothing had to be tied.
-    """
-    problem, iterate = outcome.problem, outcome.iterate
+def _sensitivities(outcome: Outcome) -> Segments:
+    """The sensitivities at the end; none where the states are not determined."""
     try:
-        return outcome.segments or sensitivities(problem, iterate), ()
+        return outcome.segments or sensitivities(outcome.problem, outcome.iterate)
     except SingularStatesError:
-        pass
-    try:
-        return (
-            sensitivities(problem, iterate, anchored=True),
-            sensitivities(replace(problem, size=_LOOSER * problem.size), iterate, anchored=True),
-        )
-    except SingularStatesError:
-        return (), ()
-
-
-def _undisturbed(
-    problem: Problem, loose: Segments, estimated: IntArray, covariance: FloatArray, triangle: FloatArray
-) -> FloatArray:
-    """The covariance of the parameters that do not notice how loosely an unseen state is tied; nan for others."""
-    p = covariance.shape[0]
-    both = [
-        np.sqrt(np.diag(covariance_from_information(each, problem.parameters.prior_std, estimated)))
-        for each in (triangle, information_factor(loose, p)[:p, :p])
-    ]
-    lost = ~(np.abs(both[1] / both[0] - 1.0) < _SAME_ERROR)
-    found = covariance.copy()
-    found[lost] = found[:, lost] = np.nan
-    return found
+        return ()
 
 
 def _never_measured(y: FloatArray) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.likelihood import Segment, fit
-from brv_hypo.likelihood.result import correlations
 
 TIMES = np.linspace(0.0, 5.0, 101)
 
@@ -39,8 +38,6 @@ def test_the_report_says_what_a_reader_needs() -> None:
     text = held.report()
     for part in ("[[Fit]]", "status", "converged", "[[Noise]]", "output 0", "[[Parameters]]", "(held)"):
         assert part in text
-    assert "C(rate, gain) = +" in text
-    assert correlations(held)[0, 1] > 0.5
     assert max(map(len, repr(held).splitlines())) < 200
     assert "<table>" in held._repr_html_()
 
