@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.collocation import Method, Points, evaluate
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import Directions, directions_of, kalman_innovations, noise_errors
@@ -25,7 +24,6 @@ from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, resi
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.statistics import (
     Identifiability,
-    Linearised,
     Whitened,
     Whiteness,
     coloured_covariance,
@@ -34,7 +32,6 @@ from brv_hypo.likelihood.statistics import (
     inflation,
     negative_log_likelihood,
     whiteness,
-    whitening,
 )
 from brv_hypo.results import Row, Tabular
 
@@ -107,8 +104,6 @@ class FitResult(Tabular):
     """How the functions were differentiated."""
     samples: int
     """Number of measured values, all outputs and segments."""
-    linear: Linearised | None
-    """The linear model at the estimate, for `change_by`; None with process noise."""
     mesh_shift: float = float("nan")
     """How far the discretisation moves an estimate at most, in standard errors, by an estimate of the dynamics' errors
     between samples; nan where that is not known (delays, records of many thousand samples).
@@ -143,24 +138,6 @@ class FitResult(Tabular):
             }
             for name, value in self.theta.items()
         ]
-
-    def change_by(self, measured_more: Sequence[FloatArray]) -> dict[str, float]:
-        """Change of the free parameters by name where the outputs were measured so much higher, (n_outputs, n) a
-        segment, to first order; what is not finite counts as nothing.
-
-        Raises:
-            UsageError: with process noise, or where the states are not determined.
-        """
-        if self.linear is None:
-            raise UsageError(
-                f"a fit of status {self.status!r} with process noise {self.process_noise} cannot say what it would be "
-                "of other measurements: expected one without process noise, whose states are determined"
-            )
-        gained = []
-        for more in measured_more:
-            observed = np.isfinite(more)
-            gained.append(-whitening(self.noise_variance, observed) * np.where(observed, more, 0.0).T)
-        return dict(zip(self.names, self.linear.change_by(gained).tolist(), strict=True))
 
     def report(self) -> str:
         """The fit as text, in the manner of lmfit's report: status, noise, parameters with their errors, warnings."""
@@ -281,7 +258,6 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=Linearised(rows, triangle, 1.0 / parameters.prior_std**2, estimated) if rows else None,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
         mesh_steps=options.mesh_steps,
         remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),

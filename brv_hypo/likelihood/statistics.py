@@ -8,7 +8,7 @@ covariance of the estimate is the inverse of the information, with near-null dir
 
 with D the covariance for white residuals, S the outputs' sensitivities, R the residuals' autocorrelation by an
 autoregressive model, its order by Akaike's criterion; the double sum is done over frequencies and cannot turn
-negative. `Linearised` gives the estimate from other measurements by one Gauss-Newton step: exact for a linear model.
+negative.
 """
 
 from __future__ import annotations
@@ -293,26 +293,3 @@ def _gain(coefficients: FloatArray, length: int) -> FloatArray:
     response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
     power = np.concatenate([response**2, response[-2:0:-1] ** 2])
     return np.asarray(response / np.sqrt(power.mean()))
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """The fit's linear model at its solution, for `FitResult.change_by`."""
-
-    segments: tuple[Whitened, ...]
-    triangle: FloatArray  # factor of the information matrix, priors left out, (p, p)
-    precision: FloatArray  # inverse variance of the priors, (p,)
-    estimated: IntArray  # the parameters that are free and not at a bound
-
-    def change_by(self, gained: Sequence[FloatArray]) -> FloatArray:
-        """Change of the parameters (p,) where the whitened residual gains so much, (n, n_outputs) a segment."""
-        pull = np.zeros(self.precision.size)
-        for segment, gain in zip(self.segments, gained, strict=True):
-            pull[segment.own] += np.einsum("nap,na->p", segment.by_parameter, gain)
-        normal = self.triangle.T @ self.triangle + np.diag(self.precision)
-        size = np.sqrt(np.maximum(np.diag(normal)[self.estimated], 1e-300))
-        free = np.ix_(self.estimated, self.estimated)
-        scaled = np.linalg.pinv(normal[free] / np.outer(size, size), rcond=1e-12, hermitian=True)
-        change = np.zeros(self.precision.size)
-        change[self.estimated] = -(scaled @ (pull[self.estimated] / size)) / size
-        return change

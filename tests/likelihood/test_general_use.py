@@ -61,5 +61,3 @@ def test_a_table_by_parameter_and_a_pickle() -> None:
     assert again.theta == PLAIN.theta
     assert again.status == "converged"
     np.testing.assert_array_equal(again.states[0], PLAIN.states[0])
-    more = [np.ones((1, TIMES.size))]
-    assert again.change_by(more) == PLAIN.change_by(more)

@@ -86,18 +86,6 @@ def test_the_mesh_is_refined_until_the_estimate_is_right(frequency: float) -> No
     assert all(test.lags == 20 for test in result.whiteness)
 
 
-def test_other_measurements_are_counted_in_samples_on_a_fine_mesh_too() -> None:
-    result, truth = run(20.0)
-    more = 0.3 * SIGMA * np.sin(20.0 * TIMES)[None]
-    change = result.change_by([more])
-    segment, _ = oscillator(20.0)
-    segment = replace(segment, y=segment.y + more)
-    again = fit(dynamics, lambda x, u, theta, t: x[:1], [segment], truth)
-    for name in truth:
-        moved = again.theta[name] - result.theta[name]
-        assert change[name] == pytest.approx(moved, abs=0.1 * again.std_error[name])
-
-
 def test_a_mesh_that_stays_coarse_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(starts, "MOST_STEPS", 1)
     result, _ = run(20.0)
