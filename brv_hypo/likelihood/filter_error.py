@@ -223,43 +223,34 @@ def directions_of(problem: Problem, estimate_noise: bool, estimate_process_noise
 
 
 def scored(
-    problem: Problem,
-    iterate: Iterate,
-    directions: Directions,
-    enough: float,
-    linear: Sequence[Linearisation],
-    information: FloatArray | None = None,
-) -> tuple[Solved, list[float], FloatArray | None]:
+    problem: Problem, iterate: Iterate, directions: Directions, enough: float, linear: Sequence[Linearisation]
+) -> tuple[Solved, list[float]]:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
 
-    `information` is the Hessian from near by, kept up by the gradients (BFGS).
-
     Returns:
-        Where they led, the lengths of the steps in standard errors, 0 for none, and the Hessian that they ended with.
+        Where they led, and the lengths of the steps in standard errors, 0 for none.
 
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
     solved = Solved(problem, iterate, directions, linear)
     lengths = []
-    score: Score | None = None
-    move = np.zeros(directions.count)
-    for _ in range(_SCORINGS if directions.count else 0):
-        gradient = solved.gradient()
-        if information is None:
-            information = solved.information()
-        if score is not None:
-            information = _updated(information, gradient - score.gradient, move)
+    information = solved.information() if directions.count else np.zeros((0, 0))
+    gradient = move = np.zeros(0)
+    for number in range(_SCORINGS if directions.count else 0):
+        before, gradient = gradient, solved.gradient()
+        if number:
+            information = _updated(information, gradient - before, move)
         score = Score(gradient, information)
         solved, move = solved.along(score.step())
         lengths.append(score.length(move))
         if lengths[-1] < enough:
             break
-    return solved, lengths or [0.0], information
+    return solved, lengths or [0.0]
 
 
 def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
-    """The Hessian that agrees with the change of the gradient over a move, where it is positive-definite then."""
+    """The Hessian that agrees (BFGS) with the change of the gradient over a move, if it is positive-definite then."""
     along, pull = float(change @ move), information @ move
     if not along > _CURVED * float(pull @ move):
         return information

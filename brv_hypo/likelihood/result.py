@@ -20,7 +20,7 @@ from brv_hypo.likelihood.collocation import Method, Points, evaluate
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import Directions, directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
-from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
+from brv_hypo.likelihood.search import Iteration, Options, Outcome, Segments, Status, residuals
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.statistics import (
     Identifiability,
@@ -198,8 +198,6 @@ _NOISE_FREE = 1e-4
 _ROUNDING = 1e-12  # the same of rounding
 _MOST_JUDGED = 8192
 """Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
-
-Segments = tuple[Eliminated, ...]
 
 
 def assess(outcome: Outcome, options: Options) -> FitResult:
