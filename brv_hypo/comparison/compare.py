@@ -42,7 +42,7 @@ from brv_hypo.flight.derived import averaged
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification import Identification, identify
 from brv_hypo.inference.fit import HypothesisFit, Regressed, likeliest
-from brv_hypo.inference.held_out import held_out
+from brv_hypo.inference.held_out import block_of_whitened_row, held_out
 from brv_hypo.inference.problem import Problem
 from brv_hypo.io.text import hypothesis, meant
 from brv_hypo.linearisation.linear import lengths
@@ -130,7 +130,7 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     warnings = (*warnings, *sharing_warnings(reconstructions), *short_warnings(reconstructions))
     beside = judged(reconstructions, config, answered, say)
     problem, fits = beside.problem, beside.fits
-    criteria = criteria_of(problem, fits)
+    criteria = criteria_of(problem, fits, config.held_out_blocks)
     say("predicting held-out blocks")
     errors = held_out(problem, [(fit.frame, fit.columns) for fit in fits], config.held_out_blocks)
     verdict = _verdict(beside, answered, config.other_prior)
@@ -259,13 +259,19 @@ def _hypotheses(config: CompareConfig) -> Hypotheses:
 # ---- The report's criteria ----
 
 
-def criteria_of(problem: Problem, fits: Sequence[HypothesisFit]) -> tuple[Criteria, ...]:
+def criteria_of(problem: Problem, fits: Sequence[HypothesisFit], block_count: int) -> tuple[Criteria, ...]:
     """Criteria of each fit; the complete model of C_p holds the terms of all hypotheses together."""
     designs = [problem.design(fit.frame, fit.columns) for fit in fits]
     size = len(problem.baseline)
     complete = _independent(np.column_stack([designs[0][:, :size], *(design[:, size:] for design in designs)]))
     null = least_squares(_independent(designs[0][:, :size]), problem.response)
-    reference = Reference(null.rss, size, least_squares(complete, problem.response))
+    block = block_of_whitened_row(problem, block_count)
+    reference = Reference(
+        rss_forced=null.rss,
+        n_forced=size,
+        complete=least_squares(complete, problem.response),
+        blocks=np.where(block < 0, block.max(), block),  # rows of the priors belong to the last one
+    )
     return tuple(evaluate(least_squares(_independent(d), problem.response), reference) for d in designs)
 
 

@@ -94,6 +94,16 @@ def linearised(problem: Problem, iterate: Iterate) -> tuple[Linearisation, ...]:
     )
 
 
+def moved_to(problem: Problem, iterate: Iterate, near: Sequence[Linearisation]) -> tuple[Linearisation, ...]:
+    """Every segment with the derivatives of an iterate so near that they hold here too."""
+    theta = problem.parameters.as_mapping(iterate.theta)
+    found = []
+    for grid, x, each in zip(problem.grids, iterate.x, near, strict=True):
+        defect, output = evaluate_segment(problem.model, grid, x, theta)
+        found.append(replace(each, defect=defect, output=output))
+    return tuple(found)
+
+
 def sensitivities(
     problem: Problem, iterate: Iterate, linear: Sequence[Linearisation] | None = None, *, anchored: bool = False
 ) -> tuple[Eliminated, ...]:

@@ -5,6 +5,7 @@ A merit function weighs the fit against violated dynamics. `search` is the entra
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
@@ -12,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.collocation import evaluate_segment
+from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
@@ -24,6 +25,7 @@ from brv_hypo.likelihood.gauss_newton import (
     line_search,
     linearised,
     moved,
+    moved_to,
     objective,
     sensitivities,
 )
@@ -100,6 +102,10 @@ _CREEP = 0.1
 _CREEPING_STEPS = 3
 """Fraction of a step shorter than one standard error, and how many of them in a row, that count as no progress."""
 _NEAR = 0.3
+_KEPT = 2.5
+"""Way, in tolerances, over which derivatives are kept: with them the search ends where residuals are orthogonal to the
+derivatives of another place, off by less than that way. Beside process noise, whose states may follow anything, none.
+"""
 _FAR = 1e-3
 """Way, in standard errors, over which the gradient of what integrating the states out adds is kept: it turns with the
 logarithm of the information, so that the estimate is off by that way over the root of the samples.
@@ -163,7 +169,9 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     history: list[Iteration] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
     noisy = bool(np.any(problem.process_noise))
-    gradient, way = None, np.inf  # of the determinant, and how far the search has gone since
+    near: tuple[Linearisation, ...] = ()
+    gradient = None  # of the determinant; how far, in standard errors, the search has gone since it and `near`
+    since_gradient = since_near = np.inf
     extrapolation = Extrapolation(problem)
     known: Segments = ()  # the sensitivities where the search is, if the noise needed them
 
@@ -173,13 +181,15 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
 
     for iteration in range(1, options.max_iterations + 1):
         try:
-            segments, unseen = (known, None) if known else _sensitivities(problem, iterate)
+            if not (known or (since_near <= _KEPT * options.tolerance and not noisy)):
+                near, since_near = linearised(problem, iterate), 0.0
+            segments, unseen = (known, None) if known else _sensitivities(problem, iterate, near)
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
-        if noisy and not way <= _FAR:
-            gradient, way = determinant_gradient(problem, iterate, segments), 0.0
+        if noisy and not since_gradient <= _FAR:
+            gradient, since_gradient = determinant_gradient(problem, iterate, segments), 0.0
         step = gauss_newton_step(problem, iterate, segments, gradient)
-        way += step.length
+        since_gradient, since_near = since_gradient + step.length, since_near + step.length
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
@@ -239,9 +249,11 @@ def _nllf(problem: Problem, iterate: Iterate) -> float:
     return fit + disturbance_cost(problem, iterate) + determinant(problem, iterate)
 
 
-def _sensitivities(problem: Problem, iterate: Iterate) -> tuple[Segments, SingularStatesError | None]:
+def _sensitivities(
+    problem: Problem, iterate: Iterate, near: Sequence[Linearisation]
+) -> tuple[Segments, SingularStatesError | None]:
     """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
-    linear = linearised(problem, iterate)
+    linear = moved_to(problem, iterate, near)
     try:
         return sensitivities(problem, iterate, linear), None
     except SingularStatesError as error:

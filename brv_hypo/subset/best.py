@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.results import Row, Tabular
-from brv_hypo.subset.criteria import Criteria, Reference, evaluate, least_squares
+from brv_hypo.subset.criteria import Criteria, Reference, contiguous_blocks, evaluate, least_squares
 from brv_hypo.subset.frame import Alias, Frame, Groups, Parents, Refusal, build_frame, dependencies
 from brv_hypo.subset.search import (
     CLOSED,
@@ -35,6 +35,10 @@ from brv_hypo.subset.search import (
 )
 
 # ---- What a search returns: fitted subsets, their certificate, what was set aside ----
+
+
+# Contiguous blocks of rows for the held-out error.
+HELD_OUT_BLOCKS = 5
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,7 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
         rss_forced=least_squares(frame.X[:, list(frame.forced)], frame.y).rss,
         n_forced=len(frame.forced),
         complete=least_squares(frame.X[:, [*frame.forced, *independent]], frame.y, variances=False),
+        blocks=contiguous_blocks(frame.y.size, HELD_OUT_BLOCKS),
     )
 
     def fitted(columns: tuple[int, ...]) -> Subset:

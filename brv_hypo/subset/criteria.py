@@ -1,7 +1,7 @@
 """Least-squares fits of chosen subsets, and the selection criteria of Section 3.3.2 of the report.
 
 A fit is a QR factorisation with iterative refinement, residuals in extended precision. Criteria: those of the report
-with AIC and BIC. n rows, p coefficients (forced ones included), k of them chosen, RSS the residual
+with AIC, BIC and a held-out error. n rows, p coefficients (forced ones included), k of them chosen, RSS the residual
 sum of squares, RSS_0 that of the forced columns alone, s^2 the residual variance of the complete model, e the
 residuals, h the leverages. `least_squares` and `evaluate` are the entrances.
 """
@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from brv_hypo.arrays import FloatArray
+from brv_hypo.arrays import FloatArray, IntArray
 
 MOST_REFINEMENTS = 8
 # Correction, against the coefficients, that is below the last digit of extended precision by ten and more.
@@ -95,7 +95,7 @@ def _augmented(wide: Any, Q: FloatArray, inverse: FloatArray, f: Any, g: Any) ->
     return beta
 
 
-# ---- The selection criteria of Section 3.3.2 of the report, with AIC and BIC ----
+# ---- The selection criteria of Section 3.3.2 of the report, with AIC, BIC and a held-out error ----
 
 
 @dataclass(frozen=True)
@@ -133,18 +133,22 @@ class Criteria:
     """n log(RSS / n) + 2 p. Akaike, IEEE Trans. Automatic Control 19 (1974) 716."""
     bic: float
     """n log(RSS / n) + p log n. Schwarz, Ann. Stat. 6 (1978) 461."""
+    held_out: float
+    """Mean square error on blocks of rows, each predicted from the others."""
 
 
 @dataclass(frozen=True)
 class Reference:
     """What criteria compare with.
 
-    ``rss_forced`` and ``n_forced`` belong to the forced model, ``complete`` is the fit of all columns.
+    ``rss_forced`` and ``n_forced`` belong to the forced model, ``complete`` is the fit of all columns, ``blocks`` (n,)
+    labels the rows to be held out together 0, 1, ...
     """
 
     rss_forced: float
     n_forced: int
     complete: LeastSquares
+    blocks: IntArray
 
 
 def evaluate(fit: LeastSquares, reference: Reference) -> Criteria:
@@ -172,6 +176,7 @@ def evaluate(fit: LeastSquares, reference: Reference) -> Criteria:
         press=press(fit),
         aic=log_likelihood + 2 * p,
         bic=log_likelihood + p * float(np.log(n)),
+        held_out=held_out_error(fit, reference.blocks),
     )
 
 
@@ -181,6 +186,27 @@ def press(fit: LeastSquares) -> float:
     if left.min() <= 1e-12:
         return float("nan")
     return float(np.sum((fit.residuals / left) ** 2))
+
+
+def held_out_error(fit: LeastSquares, blocks: IntArray) -> float:
+    """Mean square error of rows predicted without their block, from one factorisation.
+
+    With Q_B the block's rows of the basis, its held-out residuals are
+    (I - Q_B Q_B')^-1 e_B = e_B + Q_B (I - Q_B'Q_B)^-1 Q_B'e_B.
+    """
+    k = fit.basis.shape[1]
+    rows = np.column_stack([fit.basis, fit.residuals])
+    within = np.array([fit.basis[blocks == b].T @ rows[blocks == b] for b in range(blocks.max() + 1)])
+    inner = np.eye(k) - within[:, :, :k]
+    if k and np.linalg.eigvalsh(inner)[:, 0].min() < 1e-10:
+        return float("nan")
+    shift = np.linalg.solve(inner, within[:, :, k:])[:, :, 0]
+    return float(np.mean((fit.residuals + np.einsum("ij,ij->i", fit.basis, shift[blocks])) ** 2))
+
+
+def contiguous_blocks(n: int, count: int) -> IntArray:
+    """Label n rows, in their order, with ``count`` blocks of nearly equal length."""
+    return np.minimum(np.arange(n) * count // max(n, 1), count - 1)
 
 
 def _ratio(a: float, b: float) -> float:
