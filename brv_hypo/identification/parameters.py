@@ -343,7 +343,6 @@ FORCE_SCALE_ERROR = "error of S / m"  # the last five are shares of the measured
 CROSSFLOW = ("change of v", "change of w")
 """m/s^2 in de-rolled axes that the crossflow gains beyond what record and computed attitude say."""
 MOMENTS = ("change of q", "change of r")  # rad/s^2 in body axes, of moments within their tolerance
-READ = (*GYROS, *ACCELEROMETERS)
 OTHERS = (
     *(*CROSSFLOW, *MOMENTS, ROLL_RATE_ERROR, PRESSURE_ERROR, SPEED_ERROR),
     *(RATIO_ERROR, MOMENT_SCALE_ERROR, FORCE_SCALE_ERROR),

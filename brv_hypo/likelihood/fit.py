@@ -15,7 +15,6 @@ from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
 from brv_hypo.likelihood.starts import (
-    MOST_STEPS,
     begin,
     best_of,
     bridged,
@@ -117,7 +116,6 @@ def fit(
         estimate_noise=noise is None,
         estimate_process_noise=estimate_process_noise,
         report=silent if progress is None else report_to(progress),
-        draft=not near_start,
     )
     task = _Task(
         dynamics=dynamics,
@@ -174,9 +172,9 @@ class _Task:
         part = self._solve(pieces, steps)
         if not part.converged:
             return found
-        times = [np.asarray(piece.t, dtype=float)[::steps] for piece in pieces]
         theta = {name: part.theta[name] for name in self.theta0}
-        whole = bridged(segments, between, times, part.states)
+        known = [(piece.t[::steps], states) for piece, states in zip(pieces, part.states, strict=True)]
+        whole = bridged(segments, between, known)
         again = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
         return chosen({"the whole record": found, "the stretches between gaps": again})
 
@@ -200,8 +198,7 @@ class _Task:
             reach=parameters.spread(self.reach, np.inf),
         )
         y = np.concatenate([g.y for g in grids], axis=1)
-        draft = self.options.draft and steps < MOST_STEPS
-        options = replace(self.options, floor=least_variance(y), mesh_steps=steps, draft=draft)
+        options = replace(self.options, floor=least_variance(y), mesh_steps=steps)
         known = None if self.noise is None else _variance(self.noise, len(y))
 
         def run(first: FloatArray) -> FitResult:

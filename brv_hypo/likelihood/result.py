@@ -18,7 +18,7 @@ import numpy as np
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.likelihood.collocation import Method, Points, evaluate
 from brv_hypo.likelihood.elimination import Eliminated
-from brv_hypo.likelihood.filter_error import Directions, directions_of, kalman_innovations, noise_errors
+from brv_hypo.likelihood.filter_error import directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
 from brv_hypo.likelihood.search import Iteration, Options, Outcome, Segments, Status, residuals
 from brv_hypo.likelihood.segment import Grid
@@ -222,13 +222,10 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         triangle = information_factor(segments, p)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
     wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
-    shift = mesh_shift(problem, iterate, segments, white)
-    if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
-        wanted = Directions((), ())  # errors on a finer mesh will count
     noise = noise_errors(problem, iterate, wanted, segments, white)
     if np.any(problem.process_noise):
         white = coloured = noise.covariance
-        shift = mesh_shift(problem, iterate, segments, white)
+    shift = mesh_shift(problem, iterate, segments, white)
     determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
     hidden = outcome.status == Status.STALLED and bool(determined.near_null)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))

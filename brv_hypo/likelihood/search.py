@@ -17,7 +17,6 @@ from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
-    Extrapolation,
     Iterate,
     Problem,
     SingularStatesError,
@@ -144,7 +143,6 @@ class Options:
     estimate_process_noise: bool  # whether the process noise is, too
     report: Report = silent  # called after each iteration
     mesh_steps: int = 1  # steps of the dynamics between samples
-    draft: bool = False  # whether the fit goes on on a finer mesh where this one is too coarse
     floor: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Least variance of each output's noise, (n_outputs,)."""
 
@@ -172,7 +170,6 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     near: tuple[Linearisation, ...] = ()
     gradient = None  # of the determinant; how far, in standard errors, the search has gone since it and `near`
     since_gradient = since_near = np.inf
-    extrapolation = Extrapolation(problem)
     known: Segments = ()  # the sensitivities where the search is, if the noise needed them
 
     def ended(status: Status, detail: str = "") -> Outcome:
@@ -194,9 +191,8 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
         term = partial(determinant, problem) if noisy else None
-        further = extrapolation.improved(iterate, step)
-        if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot tell
-            following, fraction = moved(problem, iterate, further, 1.0), 1.0
+        if noisy and step.length < _TOO_SHORT:  # the merit cannot tell
+            following, fraction = moved(problem, iterate, step, 1.0), 1.0
         else:
             following, fraction = line_search(problem, iterate, step, penalty, term)
         if fraction == 0.0:
