@@ -169,7 +169,7 @@ class Node:
 
     included: tuple[int, ...]  # candidates already in
     undecided: IntArray  # candidates to decide on (u,)
-    R: FloatArray  # what the included leave of the undecided columns (u, u), triangular; in a leaf as it is (m, u)
+    R: FloatArray  # what the included leave of the undecided columns (u, u), triangular
     z: FloatArray  # what they leave of the response, on the same rows
     bound: float  # residual sum of squares of nothing but what these rows do not hold: no subset has less
     dependency: tuple[int, ...] = ()  # undecided columns in a linear dependency, where there is one
@@ -247,21 +247,6 @@ def make_node(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...
     )
 
 
-def make_leaf(frame: Frame, part: OpenSubtree, room: int) -> Node | None:
-    """A node with `room` places left, only to be scored: its undecided columns may be dependent.
-
-    None where the included columns are dependent.
-    """
-    included = list(part.included)
-    basis, factor = np.linalg.qr(frame.R[:, included])
-    if dependency(factor, frame.noise[included]):
-        return None
-    undecided = np.array(part.undecided if room else (), dtype=np.int64)
-    columns, _ = project_out(basis, frame.R[:, undecided])
-    z = project_out(basis, frame.z[:, None])[0][:, 0]
-    return Node(included=part.included, undecided=undecided, R=columns, z=z, bound=frame.rss_full)
-
-
 def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtree]:
     """Cut the whole tree into nodes whose undecided columns are independent, and parts that are leaves.
 
@@ -323,7 +308,7 @@ class NumpyTree:
         """Score a part with at most two places left."""
         size = len(part.included)
         room = min(self._board.max_size - size, CLOSED_FORM)
-        leaf = make_leaf(self._board.frame, part, room)
+        leaf = make_node(self._board.frame, part.included, part.undecided if room else ())
         if leaf is None:
             return
         if leaf.rss <= self._board.limits[size]:
