@@ -529,20 +529,14 @@ def _of_moments(
     """Moments that have a tolerance, as they turn the vehicle on the fitted motion."""
     motion = frame.motions[number]
     acceleration = flight.dynamic_pressure * flight.vehicle.moment_scale
+    declared = frame.reconstructions[number].flight
     own = [mechanism for name, mechanism in frame.mechanisms.items() if name == StaticBend.name]
-    for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight, own):
-        if mechanism.name in modelled:
+    for mechanism in (*nuisance_mechanisms(declared), *own):
+        sizes = mechanism.tolerance(declared)
+        if sizes is None or mechanism.name in modelled:
             continue
         terms = checked(mechanism).terms(motion, dict(theta_grid(mechanism)[0]))
         for term, size in zip(terms, sizes, strict=True):
             moment = size * acceleration * motion.to_body(term.in_plane, term.out_of_plane)
             value = Tolerated(mechanism.name, term.name, term.units, size)
             yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))
-
-
-def tolerated_mechanisms(
-    flight: Flight, own: Sequence[Mechanism] = ()
-) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
-    """The mechanisms whose moments have a tolerance, with 1 sigma of each coefficient: the carried ones and `own`."""
-    found = ((item, item.tolerance(flight)) for item in (*nuisance_mechanisms(flight), *own))
-    return tuple((item, sizes) for item, sizes in found if sizes is not None)

@@ -8,7 +8,7 @@
     Status                search.py       how the search ended, with cause and remedy
 
 In the order of the data: segment (checked input), collocation (complex step or central differences; Hermite-Simpson
-defects), elimination (of the states), gauss_newton (step, line search), statistics (noise; standard
+defects), elimination (of the states), gauss_newton (step, line search, extrapolation), statistics (noise; standard
 errors), filter_error (process noise), search, result (and what cannot be trusted), starts (starting points, long gaps,
 finer meshes), fit.
 """

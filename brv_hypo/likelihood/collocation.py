@@ -113,18 +113,14 @@ def jacobian(
     kind: type = complex if method == "complex" else float
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
-    # The complex step has the value in its real part.
-    value = [] if method == "complex" else [np.asarray(_call(function, points.x, points, theta, points.delayed))]
+    value = np.asarray(_call(function, points.x, points, theta, points.delayed))
     affine = function.affine if isinstance(function, Differenced) else frozenset[str]()
 
     def derivative(move: Callable[[Any], Any], size: float, straight: bool = False) -> FloatArray:
         if method == "complex":
-            moved = np.asarray(move(1j * _COMPLEX_STEP))
-            if not value:
-                value.append(moved.real.copy())
-            return np.asarray(moved.imag.T / _COMPLEX_STEP)
+            return np.asarray(np.imag(move(1j * _COMPLEX_STEP)).T / _COMPLEX_STEP)
         if straight:
-            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
+            return np.asarray((np.asarray(move(size), dtype=float) - value).T / size)
         step = _CENTRAL_STEP * size
         return np.asarray((np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step))
 
@@ -170,7 +166,7 @@ def jacobian(
     by_delayed = {
         name: stacked[:, :, last + i * n_states : last + (i + 1) * n_states] for i, name in enumerate(delayed)
     }
-    return Jacobian(value[0], stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
+    return Jacobian(value, stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
 
 
 def choose_method(

@@ -26,7 +26,6 @@ from brv_hypo.likelihood.starts import (
     states_from_outputs,
     stretches,
 )
-from brv_hypo.likelihood.statistics import least_variance
 from brv_hypo.progress import Progress, report_to, silent
 
 
@@ -198,14 +197,13 @@ class _Task:
             reach=parameters.spread(self.reach, np.inf),
         )
         y = np.concatenate([g.y for g in grids], axis=1)
-        options = replace(self.options, floor=least_variance(y), mesh_steps=steps)
         known = None if self.noise is None else _variance(self.noise, len(y))
 
         def run(first: FloatArray) -> FitResult:
             begun, iterate = begin(problem, Iterate(histories, parameters.start, first), self.near_start)
             if known is not None:
                 iterate = replace(iterate, variance=known)
-            return assess(search(begun, iterate, options), options)
+            return assess(search(begun, iterate, self.options), self.options, steps)
 
         noises = first_noises(y)
         if known is not None:

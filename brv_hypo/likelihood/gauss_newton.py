@@ -2,13 +2,15 @@
 
 The states of each segment are eliminated first (`elimination`), which leaves a small bounded least-squares problem in
 theta with its priors; the states then follow. The line search weighs the objective against the violation of the
-dynamics. Entrances: `linearised`, `gauss_newton_step`, `line_search`.
+dynamics. Slow steps, which a model that is not quite right makes, are extrapolated from what the last steps did to
+each other (Anderson, J. ACM 12 (1965) 547). Entrances: `linearised`, `gauss_newton_step`, `line_search`,
+`Extrapolation`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,6 +66,7 @@ class Step:
 
     theta: FloatArray  # change of the parameters, (p,)
     x: tuple[FloatArray, ...]  # change of the states of each segment, (n_states, n)
+    triangle: FloatArray  # factor T of the information matrix T'T, priors left out, (p, p)
     length: float  # length of the step in standard errors (root mean square)
     multiplier: float  # largest scaled multiplier of the dynamics
     decrease: float  # promised change of the objective, <= 0
@@ -176,6 +179,7 @@ def gauss_newton_step(
     return Step(
         theta=change,
         x=tuple(x),
+        triangle=data[:p, :p],
         length=length,
         multiplier=multiplier,
         decrease=promised - cost,
@@ -315,3 +319,52 @@ def line_search(
             return trial, fraction
         fraction *= 0.5
     return iterate, 0.0
+
+
+# ---- Extrapolation of slow Gauss-Newton steps (Anderson, J. ACM 12 (1965) 547) ----
+
+
+_NEAR = 0.5  # length of a step, in standard errors, below which it is extrapolated: farther away nothing is linear
+_SLOW = 0.3  # ratio of successive lengths above which steps are slow
+_WORSE = 2.0  # ratio above which an extrapolation did harm, and the memory is cleared
+_MEMORY = 5  # steps remembered
+_INDEPENDENT = 1e-8  # singular value, against the largest, of differences of steps below which they tell nothing new
+
+
+@dataclass
+class Extrapolation:
+    """Remembers iterates and their steps; none where process noise has variances of its own to settle."""
+
+    problem: Problem
+    _past: list[tuple[Iterate, Step]] = field(default_factory=list)
+
+    def improved(self, iterate: Iterate, step: Step) -> Step:
+        """The step as it is, or the one that the last steps together promise to leave the least of."""
+        if np.any(self.problem.process_noise) or step.length > _NEAR:
+            self._past.clear()
+            return step
+        before = self._past[-1][1].length if self._past else np.inf
+        if step.length > _WORSE * before:
+            self._past.clear()
+        self._past = [*self._past[-_MEMORY:], (iterate, step)]
+        if len(self._past) < 2 or step.length < _SLOW * before:
+            return step
+        return self._combined()
+
+    def _combined(self) -> Step:
+        _, step = self._past[-1]
+        weigh = np.concatenate([step.triangle, np.diag(1.0 / self.problem.parameters.prior_std)])  # by information
+        moves = np.stack([each.theta for _, each in self._past], axis=1)
+        differences = weigh @ np.diff(moves, axis=1)
+        left, singular, rotation = np.linalg.svd(differences, full_matrices=False)
+        kept = singular > _INDEPENDENT * singular.max(initial=0.0)
+        share = rotation[kept].T @ ((left[:, kept].T @ (weigh @ step.theta)) / singular[kept])
+        theta = step.theta.copy()
+        x = [each.copy() for each in step.x]
+        for (old, old_step), (new, new_step), weight in zip(self._past, self._past[1:], share, strict=False):
+            theta -= weight * (new.theta - old.theta + new_step.theta - old_step.theta)
+            for s, into in enumerate(x):
+                into -= weight * (new.x[s] - old.x[s] + new_step.x[s] - old_step.x[s])
+        if not np.all(np.abs(theta) <= self.problem.reach):
+            return step
+        return replace(step, theta=theta, x=tuple(x))

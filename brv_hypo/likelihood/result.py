@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,9 +33,6 @@ from brv_hypo.likelihood.statistics import (
     whiteness,
 )
 from brv_hypo.results import Row, Tabular
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 
 @dataclass(frozen=True)
@@ -166,13 +162,6 @@ class FitResult(Tabular):
         warnings = [f"    {text}" for text in (*self.remarks, *near_null)]
         return "\n".join([*lines, *(["[[Beware]]", *warnings] if warnings else [])])
 
-    def to_dataframe(self) -> DataFrame:
-        """A table by parameter: value, std_error (the one to report), std_error_white, free, at_bound.
-
-        Needs pandas (extra "tables").
-        """
-        return super().to_dataframe().set_index("parameter")
-
     @property
     def converged(self) -> bool:
         """Whether the estimate may be used."""
@@ -200,11 +189,11 @@ _MOST_JUDGED = 8192
 """Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
 
 
-def assess(outcome: Outcome, options: Options) -> FitResult:
-    """The result of a search; errors are nan where they cannot be had."""
+def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
+    """The result of a search with so many steps between samples; errors are nan where they cannot be had."""
     problem, iterate = outcome.problem, outcome.iterate
     parameters = problem.parameters
-    sampled = slice(None, None, options.mesh_steps)
+    sampled = slice(None, None, steps)
     refined, nllf = _innovations(problem, iterate)
     innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
@@ -254,7 +243,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         derivatives=problem.model.method,
         samples=samples,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
-        mesh_steps=options.mesh_steps,
+        mesh_steps=steps,
         remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),
     )
 

@@ -6,7 +6,7 @@ A merit function weighs the fit against violated dynamics. `search` is the entra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 
@@ -17,6 +17,7 @@ from brv_hypo.likelihood.collocation import Linearisation, evaluate_segment
 from brv_hypo.likelihood.elimination import Eliminated
 from brv_hypo.likelihood.filter_error import determinant, determinant_gradient, directions_of, disturbance_cost, scored
 from brv_hypo.likelihood.gauss_newton import (
+    Extrapolation,
     Iterate,
     Problem,
     SingularStatesError,
@@ -28,7 +29,7 @@ from brv_hypo.likelihood.gauss_newton import (
     objective,
     sensitivities,
 )
-from brv_hypo.likelihood.statistics import estimate_variance, negative_log_likelihood
+from brv_hypo.likelihood.statistics import estimate_variance, least_variance, negative_log_likelihood
 from brv_hypo.progress import Report, silent
 
 
@@ -142,9 +143,6 @@ class Options:
     estimate_noise: bool  # whether the measurement noise is estimated
     estimate_process_noise: bool  # whether the process noise is, too
     report: Report = silent  # called after each iteration
-    mesh_steps: int = 1  # steps of the dynamics between samples
-    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Least variance of each output's noise, (n_outputs,)."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +168,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
     near: tuple[Linearisation, ...] = ()
     gradient = None  # of the determinant; how far, in standard errors, the search has gone since it and `near`
     since_gradient = since_near = np.inf
+    extrapolation = Extrapolation(problem)
     known: Segments = ()  # the sensitivities where the search is, if the noise needed them
 
     def ended(status: Status, detail: str = "") -> Outcome:
@@ -191,8 +190,9 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
         term = partial(determinant, problem) if noisy else None
-        if noisy and step.length < _TOO_SHORT:  # the merit cannot tell
-            following, fraction = moved(problem, iterate, step, 1.0), 1.0
+        further = extrapolation.improved(iterate, step)
+        if further is not step or (noisy and step.length < _TOO_SHORT):  # the merit cannot tell
+            following, fraction = moved(problem, iterate, further, 1.0), 1.0
         else:
             following, fraction = line_search(problem, iterate, step, penalty, term)
         if fraction == 0.0:
@@ -288,7 +288,8 @@ def _with_noise(
     if not np.any(problem.process_noise):
         if not options.estimate_noise:
             return problem, iterate, (), True
-        new = estimate_variance(np.concatenate(residuals(problem, iterate), axis=1), options.floor)
+        floor = least_variance(np.concatenate([grid.y for grid in problem.grids], axis=1))
+        new = estimate_variance(np.concatenate(residuals(problem, iterate), axis=1), floor)
         change = float(np.max(np.abs(new / iterate.variance - 1.0)))
         return problem, replace(iterate, variance=new), (), change < _CONVERGED_CHANGE
     wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)

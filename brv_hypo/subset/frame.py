@@ -63,14 +63,6 @@ class Constraints:
         """Whether there is any rule at all."""
         return bool(self.requires.any() or self.excludes.any() or not self.possible.all())
 
-    def allows(self, subset: IntArray | Sequence[int]) -> bool:
-        """Whether the subset (positions among the candidates) obeys every rule."""
-        members = np.zeros(self.possible.size, dtype=np.bool_)
-        members[list(subset)] = True
-        if not self.possible[members].all():
-            return False
-        return not (self.requires[members] & ~members).any() and not (self.excludes[members] & members).any()
-
     def propagated(
         self, included: Sequence[int], undecided: Sequence[int]
     ) -> tuple[tuple[int, ...], tuple[int, ...]] | None:

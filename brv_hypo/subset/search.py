@@ -77,7 +77,7 @@ class Board:
         if not 0 < size <= self.max_size or key in self._offered:
             return
         self._offered.add(key)
-        if self.frame.constraints.active and not self.frame.constraints.allows(key):
+        if self.frame.constraints.propagated(key, ()) is None:
             return
         rss = residual(self.frame, key)
         if rss is None or rss > self._ceiling:

@@ -53,7 +53,7 @@ def test_the_report_warns() -> None:
 
 
 def test_a_table_by_parameter_and_a_pickle() -> None:
-    table = PLAIN.to_dataframe()
+    table = PLAIN.to_dataframe().set_index("parameter")
     assert list(table.index) == ["rate", "gain"]
     assert table.loc["rate", "value"] == PLAIN.theta["rate"]
     assert table.loc["gain", "std_error"] == PLAIN.std_error_coloured["gain"]
