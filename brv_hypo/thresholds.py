@@ -58,6 +58,7 @@ CLOCK_FEWEST_MOVED = threshold(2, "channels", "channels that a clock step would 
 CLOCK_MOVED_SIGMAS = threshold(8.0, "noise sigmas", "a channel would have moved in the time of the interval", _FAULTS)
 CLOCK_SLOPE_SIGMAS = threshold(5.0, "sigmas", "the trend of a channel is known well enough for that", _FAULTS)
 JUMP_SIGMAS = threshold(12.0, "robust sigmas", "gyros and accelerometers jump together: decisive clock step", _FAULTS)
+JUMP_EXPLAINED = threshold(0.6, "1", "share of all channels' jumps that one step of the clock makes", _FAULTS)
 JUMP_TIMES_AROUND = threshold(3.0, "1", "such a jump stands above the misses of parabolas around it", _FAULTS)
 STUCK_FEWEST_SAMPLES = threshold(50, "samples", "a channel is long enough to be called stuck or clipped", _HELD)
 STUCK_REPEATS_SELDOM = threshold(0.02, "1", "a channel does not repeat itself by nature (repeated share)", _HELD)
@@ -158,6 +159,8 @@ MINIMUM_SAMPLES = threshold(16, "samples", "a record, or a segment of it, is too
 SLOWEST = threshold(0.1, "m/s", "a slower vehicle is at rest: its sample is refused", _FORMAT)
 SHORTEST_STEP = threshold(1e-7, "s", "time is in a larger unit than stated and the record is refused", _FORMAT)
 LARGEST_PROPERTY = threshold(1e9, "SI", "a property of the vehicle is a fill value (or its inverse)", _FORMAT)
+TUMBLING_ALPHA = threshold(60.0, "deg", "beyond this a moment is nowhere near linear in the angle", _USABLE)
+TUMBLING_SHARE = threshold(0.05, "1", "of squared dynamic pressure beyond it: the flight is refused", _USABLE)
 LEAST_SEGMENT_SAMPLES = threshold(16, "samples", "the longest segment is too short to be integrated", _USABLE)
 
 # ---- Priors of what a hypothesis may have beside it: centre and 1-sigma of the logarithm of an amplitude ----
