@@ -200,6 +200,7 @@ READ = {
     "vehicle": tuple(VEHICLE_DIMENSIONS),
     "instruments": tuple(INSTRUMENT_DIMENSIONS),
 }
+NOT_READ = ("truth", "raw")  # groups of what was planted, and of the tables that a record was made from
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
 
@@ -315,7 +316,8 @@ def read_record(path: str | Path) -> Record:
     tree = read_tree(path, only=READ)
     with naming(path):
         _check_format(tree.attributes)
-        check_present((*tree.datasets, *tree.unread))
+        unread = [name for name in tree.unread if name not in NOT_READ]
+        check_present((*tree.datasets, *unread))
         if "time" not in tree.datasets:
             raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
         arrays, history = _in_si(tree.datasets, CHANNEL_DIMENSIONS, ""), str(tree.attributes.get("history", ""))
@@ -327,7 +329,7 @@ def read_record(path: str | Path) -> Record:
             **{name: tree.attributes[name] for name in ("planet", "title", "source") if name in tree.attributes},
             "path": str(path),
             "recorded_units": {name: dataset.units or "" for name, dataset in tree.datasets.items()},
-            "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
+            "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(unread)),
         }
         return validated(Record, content)
 
@@ -413,14 +415,6 @@ def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension],
                 f"one, such as '{SI[dimension]}'",
                 "a writer that keeps units elsewhere",
                 f"set the attribute 'units' of '{name}'",
-            )
-        if dataset.values.dtype.kind not in "fiu":
-            raise refusal(
-                name,
-                f"values of type {dataset.values.dtype}",
-                "numbers",
-                "text, or a compound or complex type",
-                f"write '{name}' as floating-point numbers",
             )
         arrays[key] = to_si(dataset.values, dataset.units, dimension, name)
     return arrays
