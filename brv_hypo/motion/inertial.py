@@ -371,11 +371,11 @@ def cycles(record: InertialRecord) -> float:
     return max(path / (2.0 * np.pi * max(size, 1e-12)), LEAST_CYCLES)
 
 
-def start_from_nose(record: InertialRecord, gravity_size: float, *, forces: bool = True) -> WindStart:
+def start_from_nose(record: InertialRecord, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
 
     The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity
-    and forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves it out.
+    and forces turn is made least.
     """
     speed = record.flight.velocity
     nose = record.attitude[:, :, 0]
@@ -383,12 +383,9 @@ def start_from_nose(record: InertialRecord, gravity_size: float, *, forces: bool
         target, elapsed = nose * speed[:, None] - force_impulse(record), record.time
     else:
         target, elapsed = nose, running_integral(record.time, 1.0 / speed)
-    if gravity_size == 0.0:
-        direction = target.sum(axis=0)
-        return WindStart(direction / np.linalg.norm(direction), np.zeros(3))
     spread = float(np.mean(np.abs(target - target.mean(axis=0)) ** 2))
     per_sample = record.time.size / (2.0 * cycles(record))
     columns = np.column_stack([np.ones(record.time.size), elapsed])
-    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / gravity_size**2])
+    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / gravity_size(record.flight) ** 2])
     velocity, gravity = np.linalg.solve(normal, columns.T @ target)
     return WindStart(velocity / np.linalg.norm(velocity), gravity)

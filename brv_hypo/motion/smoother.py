@@ -48,8 +48,6 @@ _LEAST_STEP_VARIANCE = 1e-4
 class MeasurementModel:
     """One kind of observation of the crossflow xi: observed = scale * slope(t) * xi + nuisance + errors."""
 
-    name: str
-    """force or moment."""
     observed: ComplexArray
     """(n,)"""
     scale: ComplexArray
@@ -169,7 +167,6 @@ def slope_basis(time: FloatArray, count: int) -> FloatArray:
 def force_measurement(record: InertialRecord, responses: EffectResponses) -> MeasurementModel:
     """The normal force as the accelerometers measure it."""
     return MeasurementModel(
-        name="force",
         observed=record.transverse_force,
         scale=-record.force_scale.astype(complex),
         slope_basis=slope_basis(record.time, 1),
@@ -189,7 +186,6 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
     ones = np.ones(record.time.size, dtype=complex)
     noise = record.rate_noise / record.moment_scale
     return MeasurementModel(
-        name="moment",
         observed=record.moment,
         scale=np.full(record.time.size, -1j),
         slope_basis=slope_basis(record.time, 1),
