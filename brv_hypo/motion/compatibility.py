@@ -93,16 +93,12 @@ _UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
 class Correction:
     """What undoes a mistake: the factors from what a record reads to what it should read."""
 
-    channels: tuple[str, ...]
-    """Those at fault."""
-    fault: str
-    """Its kind: sign, axes or units."""
-    words: str
-    """How the channels read, in a sentence."""
+    channels: tuple[str, ...]  # those at fault
+    fault: str  # its kind: sign, axes or units
+    words: str  # how the channels read, in a sentence
+    # by instrument (3, 3), times its channels; an instrument that is left out reads as it should
     factors: Mapping[str, FloatArray]
-    """By instrument (3, 3), times its channels; an instrument that is left out reads as it should."""
-    changes: int = 1
-    """How many separate mistakes would have been made."""
+    changes: int = 1  # how many separate mistakes would have been made
 
 
 AS_IT_IS = Correction((), "", "", {}, changes=0)
@@ -160,26 +156,16 @@ def _scaled(instrument: str, chosen: Sequence[str], factor: float) -> dict[str, 
 class Readings:
     """What a record of n samples reads, in SI, and its white noise."""
 
-    time: FloatArray
-    """(n,), s."""
-    rates: FloatArray
-    """p, q, r (3, n)."""
-    change: FloatArray
-    """Their derivatives (3, n); zero where the accelerometers are at the c.g. and need none."""
-    forces: FloatArray
-    """ax, ay, az (3, n)."""
-    velocity: FloatArray
-    """(n,)"""
-    dynamic_pressure: FloatArray
-    """(n,)"""
-    altitude: FloatArray | None
-    """(n,), where the record has one."""
-    rate_sigma: FloatArray
-    """White noise (3,) of the gyros, rad/s."""
-    force_sigma: FloatArray
-    """White noise (3,) of the accelerometers, m/s^2."""
-    velocity_sigma: float
-    """White noise of the speed, m/s."""
+    time: FloatArray  # (n,), s
+    rates: FloatArray  # p, q, r (3, n)
+    change: FloatArray  # their derivatives (3, n); zero where the accelerometers are at the c.g. and need none
+    forces: FloatArray  # ax, ay, az (3, n)
+    velocity: FloatArray  # (n,)
+    dynamic_pressure: FloatArray  # (n,)
+    altitude: FloatArray | None  # (n,), where the record has one
+    rate_sigma: FloatArray  # white noise (3,) of the gyros, rad/s
+    force_sigma: FloatArray  # white noise (3,) of the accelerometers, m/s^2
+    velocity_sigma: float  # white noise of the speed, m/s
 
     @classmethod
     def of(cls, flight: Flight) -> Readings:
@@ -225,22 +211,14 @@ class Readings:
 class Compatibility:
     """How a record keeps to the three relations."""
 
-    left: FloatArray
-    """Share (3,) of each relation that is not explained; 1 where the slope has the wrong sign."""
-    noise: FloatArray
-    """Share (3,) that white noise alone makes of it."""
-    informative: BoolArray
-    """Whether the record can tell (3,)."""
-    normal_slope: float | None
-    """C_N per rad by relation 1."""
-    axial: float
-    """True over sensed deceleration."""
-    axial_sigma: float
-    """Its standard deviation; inf where the record cannot tell."""
-    pressure: float | None
-    """Recorded over expected dynamic pressure."""
-    cost: float
-    """-ln likelihood of all but the relations."""
+    left: FloatArray  # share (3,) of each relation that is not explained; 1 where the slope has the wrong sign
+    noise: FloatArray  # share (3,) that white noise alone makes of it
+    informative: BoolArray  # whether the record can tell (3,)
+    normal_slope: float | None  # C_N per rad by relation 1
+    axial: float  # true over sensed deceleration
+    axial_sigma: float  # its standard deviation; inf where the record cannot tell
+    pressure: float | None  # recorded over expected dynamic pressure
+    cost: float  # -ln likelihood of all but the relations
 
     def better_than(self, other: Compatibility) -> float:
         """By how much ln likelihood is higher, over the relations that can be judged under both."""

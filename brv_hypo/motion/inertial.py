@@ -35,32 +35,19 @@ LEAST_CYCLES = 0.5  # of the nose, that a record counts as
 class InertialRecord:
     """A flight of n samples, its gyros integrated; transverse pairs are y + i z."""
 
-    flight: Flight
-    """The record."""
-    roll: FloatArray
-    """Integral of p (n,), rad."""
-    attitude: FloatArray
-    """Turns body axes into those of the first sample (n, 3, 3)."""
-    transverse_rate: ComplexArray
-    """q + i r (n,) rad/s, smoothed."""
-    rate_change: ComplexArray
-    """Its derivative (n,), rad/s^2."""
-    spin_rate: Derivative
-    """The derivative of (q + i r) exp(i `spin_angle`), from which spin coupling drops out."""
-    spin_angle: FloatArray
-    """(1 - Ix/I) of the roll (n,), rad."""
-    force: FloatArray
-    """Specific force at the c.g. in body axes (n, 3), m/s^2."""
-    measured: BoolArray
-    """Where the instruments were read (n,), not bridged."""
-    gyro_sigma: float
-    """White noise of the transverse gyros, rad/s."""
-    gyro_walk: ColouredNoise
-    """The noise that the attitude is integrated with, rad/s."""
-    accel_sigma: float
-    """White noise of the transverse accelerometers, m/s^2."""
-    force_sigma: FloatArray
-    """Noise (n,) of the transverse force once moved to the c.g., m/s^2."""
+    flight: Flight  # the record
+    roll: FloatArray  # integral of p (n,), rad
+    attitude: FloatArray  # turns body axes into those of the first sample (n, 3, 3)
+    transverse_rate: ComplexArray  # q + i r (n,) rad/s, smoothed
+    rate_change: ComplexArray  # its derivative (n,), rad/s^2
+    spin_rate: Derivative  # the derivative of (q + i r) exp(i `spin_angle`), from which spin coupling drops out
+    spin_angle: FloatArray  # (1 - Ix/I) of the roll (n,), rad
+    force: FloatArray  # specific force at the c.g. in body axes (n, 3), m/s^2
+    measured: BoolArray  # where the instruments were read (n,), not bridged
+    gyro_sigma: float  # white noise of the transverse gyros, rad/s
+    gyro_walk: ColouredNoise  # the noise that the attitude is integrated with, rad/s
+    accel_sigma: float  # white noise of the transverse accelerometers, m/s^2
+    force_sigma: FloatArray  # noise (n,) of the transverse force once moved to the c.g., m/s^2
 
     @property
     def time(self) -> FloatArray:

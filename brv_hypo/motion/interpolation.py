@@ -144,12 +144,10 @@ def applied(operator: sparse.csr_array, values: Values) -> Values:
 class Quadrature:
     """The nodes of a flight, at which what is integrated is evaluated."""
 
-    time: FloatArray
-    """(m,) s."""
-    samples: IntArray
-    """Which of them the samples are (n,)."""
+    time: FloatArray  # (m,) s
+    samples: IntArray  # which of them the samples are (n,)
+    # what makes values at the nodes of those at the samples (m, n); None where the samples are all
     spread: sparse.csr_array | None = None
-    """What makes values at the nodes of those at the samples (m, n); None where the samples are all."""
 
     def of(self, values: Values) -> Values:
         """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""

@@ -31,26 +31,17 @@ UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an ang
 class WindHistory:
     """The wind relative to the vehicle over a record of n samples, and how well it is known."""
 
+    # what it was found in: the flight's inertial record, corrected by the errors that were estimated
     record: InertialRecord
-    """What it was found in: the flight's inertial record, corrected by the errors that were estimated."""
-    crossflow: ComplexArray
-    """(v + i w) / V (n,) in body axes."""
-    radial_sigma: FloatArray
-    """Standard deviation (n,) of the crossflow along itself."""
-    tangential_sigma: FloatArray
-    """Standard deviation (n,) across it."""
-    gravity: FloatArray
-    """(3,) m/s^2 in body axes at the first sample."""
-    normal_force_slope: FloatArray
-    """(n,) 1/rad at alpha = 0, NaN where the method does not estimate it."""
-    accel_sigma: float
-    """White noise of the accelerometers as estimated by the fit, m/s^2."""
-    effects: EffectFit
-    """The estimated errors of the record."""
-    warnings: tuple[str, ...] = ()
-    """What limits the result."""
-    normal_force_bend: float = 0.0
-    """What the slope gains with the square of alpha, 1/rad^3."""
+    crossflow: ComplexArray  # (v + i w) / V (n,) in body axes
+    radial_sigma: FloatArray  # standard deviation (n,) of the crossflow along itself
+    tangential_sigma: FloatArray  # standard deviation (n,) across it
+    gravity: FloatArray  # (3,) m/s^2 in body axes at the first sample
+    normal_force_slope: FloatArray  # (n,) 1/rad at alpha = 0, NaN where the method does not estimate it
+    accel_sigma: float  # white noise of the accelerometers as estimated by the fit, m/s^2
+    effects: EffectFit  # the estimated errors of the record
+    warnings: tuple[str, ...] = ()  # what limits the result
+    normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
 
     @property
     def alpha_sigma(self) -> FloatArray:

@@ -138,18 +138,14 @@ class EffectResponses:
     The truth lies below the record by that much, times the error.
     """
 
-    effects: tuple[Perturbation, ...]
-    """The k effects."""
-    rows: DecimatedGrid
-    """The samples that are kept."""
+    effects: tuple[Perturbation, ...]  # the k effects
+    rows: DecimatedGrid  # the samples that are kept
+    # velocity relative to the air in the axes of the first sample, as the body sees it (kept, 3, k), m/s
     drift: FloatArray
-    """Velocity relative to the air in the axes of the first sample, as the body sees it (kept, 3, k), m/s."""
-    force: ComplexArray
-    """Transverse force (kept, k), m/s^2."""
+    force: ComplexArray  # transverse force (kept, k), m/s^2
+    # dynamic pressure over itself (kept, k), which the normal force follows as it follows its slope
     pressure: FloatArray
-    """Dynamic pressure over itself (kept, k), which the normal force follows as it follows its slope."""
-    moment: ComplexArray
-    """C_m + i C_n (kept, k)."""
+    moment: ComplexArray  # C_m + i C_n (kept, k)
 
 
 @dataclass(frozen=True)

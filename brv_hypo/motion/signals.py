@@ -103,26 +103,16 @@ def _quantisation(channel: FloatArray) -> float:
 class Derivative:
     """First derivative of a sampled signal, and what the filter does to white noise."""
 
-    signal: ComplexArray
-    """As it was (n,)."""
-    value: ComplexArray
-    """Smoothed (n,)."""
-    rate: ComplexArray
-    """Its derivative (n,), per s."""
-    value_gain: FloatArray
-    """Standard deviation (n,) of the value per unit of white noise."""
-    rate_gain: FloatArray
-    """The same of the rate, 1/s; inf in segments too short for the filter."""
-    interior: BoolArray
-    """Where the filter is centred (n,), so that `noise_correlation` holds."""
-    order: int
-    """Degree of the local polynomials."""
-    half_width: int
-    """Samples on either side of the middle of the window."""
-    noise_correlation: FloatArray
-    """That of the rate's noise at lags of 0, 1, ... samples (2 half_width + 1,)."""
-    rate_bias: float
-    """Estimated rms bias of each part of the rate, per s."""
+    signal: ComplexArray  # as it was (n,)
+    value: ComplexArray  # smoothed (n,)
+    rate: ComplexArray  # its derivative (n,), per s
+    value_gain: FloatArray  # standard deviation (n,) of the value per unit of white noise
+    rate_gain: FloatArray  # the same of the rate, 1/s; inf in segments too short for the filter
+    interior: BoolArray  # where the filter is centred (n,), so that `noise_correlation` holds
+    order: int  # degree of the local polynomials
+    half_width: int  # samples on either side of the middle of the window
+    noise_correlation: FloatArray  # that of the rate's noise at lags of 0, 1, ... samples (2 half_width + 1,)
+    rate_bias: float  # estimated rms bias of each part of the rate, per s
 
 
 def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]) -> Derivative:
@@ -327,12 +317,9 @@ class Smooth:
 class InputError:
     """What smoothing leaves of an input's noise, as independent shapes in time of unit standard deviation."""
 
-    name: str
-    """Of the input: errors of the roll rate are in rad/s, those of the pressure a fraction of it."""
-    span: tuple[float, float]
-    """First and last time of the record, s."""
-    scale: FloatArray
-    """The shapes (coefficients, shapes) by the coefficients of a cubic spline over the span."""
+    name: str  # of the input: errors of the roll rate are in rad/s, those of the pressure a fraction of it
+    span: tuple[float, float]  # first and last time of the record, s
+    scale: FloatArray  # the shapes (coefficients, shapes) by the coefficients of a cubic spline over the span
 
     @property
     def count(self) -> int:

@@ -98,28 +98,19 @@ StartingPoint = tuple[WindStart, ComplexArray]
 class SmoothedMotion:
     """A converged fit."""
 
+    # what was fitted: the normal force, and the static moment where that is too little
     measurements: tuple[MeasurementModel, ...]
-    """What was fitted: the normal force, and the static moment where that is too little."""
-    start: WindStart
-    """Where the nominal motion starts."""
-    coefficients: tuple[FloatArray, ...]
-    """Those of each measurement (unknowns,)."""
-    crossflow: ComplexArray
-    """(n,)"""
-    residual: ComplexArray
-    """Of the last measurement (n,)."""
-    covariance: FloatArray
-    """Of the globals (k, k)."""
-    effects: EffectFit
-    """The estimated errors of the record."""
+    start: WindStart  # where the nominal motion starts
+    coefficients: tuple[FloatArray, ...]  # those of each measurement (unknowns,)
+    crossflow: ComplexArray  # (n,)
+    residual: ComplexArray  # of the last measurement (n,)
+    covariance: FloatArray  # of the globals (k, k)
+    effects: EffectFit  # the estimated errors of the record
+    # change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large
     response: Columns | None
-    """Change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large."""
-    walk_sigma: FloatArray
-    """Standard deviation (n,) of the crossflow given the globals."""
-    turn: ComplexArray
-    """Unit number (n,) from wind to body axes."""
-    score: float
-    """Bayesian information criterion."""
+    walk_sigma: FloatArray  # standard deviation (n,) of the crossflow given the globals
+    turn: ComplexArray  # unit number (n,) from wind to body axes
+    score: float  # Bayesian information criterion
 
     @property
     def near(self) -> StartingPoint:
