@@ -271,7 +271,7 @@ VEHICLE_DIMENSIONS: dict[str, Dimension] = {
     "accelerometer_position": "length",
 }
 
-NEVER_NEGATIVE = ("velocity", "dynamic_pressure", "density", "mach", "reynolds")
+LEAST = {"velocity": SLOWEST, **dict.fromkeys(("dynamic_pressure", "density", "mach", "reynolds"), 0.0)}  # SI
 # Sizes, SI, that no entry vehicle reaches: beyond them stand fill values, wrong units and damage. Double precision
 # does the arithmetic of squares and ratios inside them.
 LARGEST: dict[Dimension, float] = {
@@ -416,21 +416,14 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
             "the channel was not recorded, or its column was not read",
             "check the source of this channel",
         )
-    if name in NEVER_NEGATIVE and np.any(values < 0.0):
+    least = LEAST.get(name, -np.inf)
+    if np.any(values < least):
         raise refusal(
             name,
-            f"{_count(values < 0.0)} below zero, down to {np.nanmin(values):g}",
-            "values of zero or more",
-            "a component along an axis instead of a magnitude, or a fill value such as -999",
+            f"{_count(values < least)} below {least:g}, down to {np.nanmin(values):.6g}",
+            f"values of {least:g} or more, of a vehicle in flight",
+            "a component along an axis instead of a magnitude, a fill value, or samples before or after the flight",
             "give the magnitude, and NaN where a sample is missing",
-        )
-    if name == "velocity" and np.any(values < SLOWEST):
-        raise refusal(
-            name,
-            f"{_count(values < SLOWEST)} below {SLOWEST} m/s",
-            "a vehicle that moves through the air",
-            "samples from before release or after landing, or a fill value of zero",
-            "leave such samples out, or write NaN",
         )
 
 
