@@ -334,22 +334,15 @@ def read_record(path: str | Path) -> Record:
 
 
 def _check_format(attributes: Mapping[str, Any]) -> None:
-    if attributes.get("format") != FORMAT:
-        raise refusal(
-            "/ (root attribute 'format')",
-            repr(attributes.get("format", "nothing")),
-            f"'{FORMAT}'",
-            "another kind of HDF5 file",
-            "bring it in with `brv-hypo import`, which maps names and units",
-        )
-    if attributes.get("format_version") != FORMAT_VERSION:
-        raise refusal(
-            "/ (root attribute 'format_version')",
-            repr(attributes.get("format_version", "nothing")),
-            str(FORMAT_VERSION),
-            "a record written by a newer program, or by hand",
-            "update the program, or write the record in format 1",
-        )
+    for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
+        if attributes.get(name) != value:
+            raise refusal(
+                f"/ (root attribute '{name}')",
+                repr(attributes.get(name, "nothing")),
+                repr(value),
+                "another kind of HDF5 file, or a record of a newer program",
+                "bring it in with `brv-hypo import`, which maps names and units, or update the program",
+            )
 
 
 def _vehicle(group: Tree | None) -> Vehicle:

@@ -227,21 +227,15 @@ class Flight(Histories, HasCharts):
         """The part of the flight with start <= time <= stop (s); None leaves that end open."""
         lower = -np.inf if start is None else start
         upper = np.inf if stop is None else stop
-        chosen = np.flatnonzero((self.time >= lower) & (self.time <= upper))
-        if chosen.size == 0:
-            first, last = self.time[0], self.time[-1]
-            raise UsageError(
-                f"the window [{start}, {stop}] s holds no sample: the record runs from {first:.3f} to "
-                f"{last:.3f} s. Give --start and --stop inside it."
-            )
-        a, b = int(chosen[0]), int(chosen[-1]) + 1
-        arrays = {name: values[a:b] for name, values in self.arrays().items()}
-        segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if s < b and e > a)
+        a, b = int(np.searchsorted(self.time, lower)), int(np.searchsorted(self.time, upper, side="right"))
+        segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if max(s, a) < min(e, b))
         if not segments:
+            usable = ", ".join(f"{self.time[s]:.3f} to {self.time[e - 1]:.3f} s" for s, e in self.segments)
             raise UsageError(
-                f"the window [{start}, {stop}] s lies in a gap of the record; it is usable over "
-                f"{', '.join(f'{self.time[s]:.3f} to {self.time[e - 1]:.3f} s' for s, e in self.segments)}."
+                f"the window [{start}, {stop}] s lies in a gap of the record, or outside: it is usable over {usable}. "
+                "Give --start and --stop inside it."
             )
+        arrays = {name: values[a:b] for name, values in self.arrays().items()}
         faults = tuple(fault for fault in self.faults if fault.start_s <= upper and fault.stop_s >= lower)
         return replace(self, segments=segments, faults=faults, **arrays)
 

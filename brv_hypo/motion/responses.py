@@ -38,16 +38,11 @@ Axes = tuple[FloatArray, FloatArray]
 class Perturbation:
     """One component of an error that a record may have, as likely as N(0, size^2)."""
 
-    effect: str
-    """Name of the record effect."""
-    component: str
-    """Which of its components."""
-    units: str
-    """SI units of size and value."""
-    size: float
-    """1 sigma."""
-    apply: Callable[[Flight, float], Flight]
-    """The record as it would read had the error that value more."""
+    effect: str  # name of the record effect
+    component: str  # which of its components
+    units: str  # SI units of size and value
+    size: float  # 1 sigma
+    apply: Callable[[Flight, float], Flight]  # the record as it would read had the error that value more
 
 
 def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
