@@ -106,8 +106,7 @@ class Derivative:
     signal: ComplexArray  # as it was (n,)
     value: ComplexArray  # smoothed (n,)
     rate: ComplexArray  # its derivative (n,), per s
-    value_gain: FloatArray  # standard deviation (n,) of the value per unit of white noise
-    rate_gain: FloatArray  # the same of the rate, 1/s; inf in segments too short for the filter
+    rate_gain: FloatArray  # standard deviation (n,) of the rate per unit of white noise, 1/s; inf where it is not found
     interior: BoolArray  # where the filter is centred (n,), so that `noise_correlation` holds
     order: int  # degree of the local polynomials
     half_width: int  # samples on either side of the middle of the window
@@ -127,12 +126,13 @@ def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tup
     n = signal.size
     value: ComplexArray = signal.astype(complex)
     rate: ComplexArray = np.zeros(n, dtype=complex)
-    value_gain, rate_gain, interior = np.ones(n), np.full(n, np.inf), np.zeros(n, dtype=bool)
+    rate_gain, interior = np.full(n, np.inf), np.zeros(n, dtype=bool)
     for (a, b), piece in zip(segments, pieces, strict=True):
         if b - a < 2 * half_width + 1:
             continue
-        value[a:b], value_gain[a:b] = _filter(order, half_width, 0)(piece)
-        rate[a:b], rate_gain[a:b] = _filter(order, half_width, 1)(piece)
+        value[a:b] = _filter(order, half_width, 0)(piece)
+        slope = _filter(order, half_width, 1)
+        rate[a:b], rate_gain[a:b] = slope(piece), slope.gain(b - a)
         interior[a + half_width : b - half_width] = True
     weights = middle_weights(order, half_width)
     correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
@@ -140,7 +140,6 @@ def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tup
         signal=signal,
         value=value,
         rate=rate / step,
-        value_gain=value_gain,
         rate_gain=rate_gain / step,
         interior=interior,
         order=order,
@@ -185,15 +184,17 @@ class _Filter:
     places: FloatArray
     basis: FloatArray
 
-    def __call__(self, piece: Values) -> tuple[Values, FloatArray]:
-        """`piece` (n,) filtered, and the gain (n,) on white noise; the far end mirrors the near one."""
-        width, half_width = self.middle.size, self.middle.size // 2
+    def __call__(self, piece: Values) -> Values:
+        """`piece` (n,) filtered; the far end mirrors the near one."""
+        width = self.middle.size
         first, last = (self.places @ (self.basis.T @ end) for end in (piece[:width], piece[: -width - 1 : -1]))
         mirrored = last[::-1] * np.sign(self.middle @ self.middle[::-1])
-        answer = np.concatenate([first, _correlated(piece, self.middle), mirrored])
+        return np.concatenate([first, _correlated(piece, self.middle), mirrored])
+
+    def gain(self, count: int) -> FloatArray:
+        """On white noise (count,)."""
         ends = np.linalg.norm(self.places, axis=1)
-        inside = np.full(piece.size - 2 * half_width, np.linalg.norm(self.middle))
-        return answer, np.concatenate([ends, inside, ends[::-1]])
+        return np.concatenate([ends, np.full(count - 2 * ends.size, np.linalg.norm(self.middle)), ends[::-1]])
 
 
 @lru_cache(maxsize=16)
@@ -224,7 +225,7 @@ def _correlated(values: Values, weights: FloatArray) -> Values:
 
 def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> FloatArray:
     """First derivatives of `rows` (..., n) by the filter of this order and width, as `differentiate` finds them."""
-    found = [_filter(order, half_width, 1)(row)[0] for row in rows.reshape(-1, rows.shape[-1])]
+    found = [_filter(order, half_width, 1)(row) for row in rows.reshape(-1, rows.shape[-1])]
     return np.asarray(found).reshape(rows.shape) / step
 
 
