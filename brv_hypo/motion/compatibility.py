@@ -296,7 +296,8 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
     wind = max(limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind))
     for piece in pieces:
         every = max(1, piece.time.size // COMPATIBILITY_AXIAL_SAMPLES)
-        time, (velocity, _, altitude) = piece.time[::every], piece.channels["air data"]
+        time, (velocity, pressure, altitude) = piece.time[::every], piece.channels["air data"]
+        axial, y, z = piece.channels["accelerometers"]
         change, doubt = velocity - velocity[0], COMPATIBILITY_GRAVITY_UNKNOWN
         if piece.has_altitude:
             # Altitude is noisy, and its rate changes slowly.
@@ -308,25 +309,20 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
         apart = np.abs(time[:, None] - time) / (COMPATIBILITY_WIND_MEMORY * time[-1])
         covariance = wind**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
         covariance += (doubt * gravity) ** 2 * np.outer(time, time)
-        lift = COMPATIBILITY_LIFT_DOUBT * _slowed_by_lift(flight.vehicle, piece)[::every]
+        # What the normal force f takes of the speed: f^2 over q_inf S C_N / m, and never more than f.
+        normal = np.hypot(y, z)
+        stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * pressure * flight.vehicle.reference_area / flight.vehicle.mass
+        angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
+        lift = COMPATIBILITY_LIFT_DOUBT * integral(piece.time, normal * angle)[::every]
         covariance += np.outer(lift, lift)
         covariance += piece.sigma["air data"][0] ** 2 * np.eye(time.size)
-        sensed = integral(piece.time, piece.channels["accelerometers"][0])[::every]
+        sensed = integral(piece.time, axial)[::every]
         weighted = np.linalg.solve(covariance, sensed)
         information += float(weighted @ sensed)
         right += float(weighted @ change[::every])
     if not information > 0.0:
         return 1.0, np.inf
     return right / information, float(1.0 / np.sqrt(information))
-
-
-def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
-    """Speed (n,) m/s that the normal force takes: f^2 over q_inf S C_N / m, and never more than f."""
-    (_, y, z), pressure = piece.channels["accelerometers"], piece.channels["air data"][1]
-    normal = np.hypot(y, z)
-    stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * pressure * vehicle.reference_area / vehicle.mass
-    angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
-    return integral(piece.time, normal * angle)
 
 
 def _pressure_ratio(flight: Flight, readings: Readings) -> float | None:

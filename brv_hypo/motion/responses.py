@@ -52,20 +52,17 @@ def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
     """
     out = flight
     for variant in variants:
-        changed = {}
+        changed: dict[str, Any] = {}
         for name in (*CHANNELS, *OPTIONAL_CHANNELS, "wind"):
             before, other, known = (getattr(each, name) for each in (flight, variant, out))
             if other is not before:
                 # A wind that was not known was none.
                 changed[name] = other if known is before else known + (other if before is None else other - before)
-        vehicle = out.vehicle
         if variant.vehicle is not flight.vehicle:
-            each = zip(astuple(vehicle), astuple(variant.vehicle), astuple(flight.vehicle), strict=True)
-            mass, ixx, iyy, length, area, place = (
-                (np.asarray(known) + np.subtract(new, old)).tolist() for known, new, old in each
-            )
-            vehicle = Vehicle(mass, ixx, iyy, length, area, tuple(place))
-        out = replace(out, vehicle=vehicle, **changed)
+            before, other, known = (np.hstack(astuple(each.vehicle)) for each in (flight, variant, out))
+            mass, ixx, iyy, length, area, x, y, z = (known + (other - before)).tolist()
+            changed["vehicle"] = Vehicle(mass, ixx, iyy, length, area, (x, y, z))
+        out = replace(out, **changed)
     return out
 
 
