@@ -158,6 +158,8 @@ MINIMUM_SAMPLES = threshold(16, "samples", "a record, or a segment of it, is too
 SLOWEST = threshold(0.1, "m/s", "a slower vehicle is at rest: its sample is refused", _FORMAT)
 SHORTEST_STEP = threshold(1e-7, "s", "time is in a larger unit than stated and the record is refused", _FORMAT)
 LARGEST_PROPERTY = threshold(1e9, "SI", "a property of the vehicle is a fill value (or its inverse)", _FORMAT)
+TUMBLING_ALPHA = threshold(60.0, "deg", "beyond this a moment is nowhere near linear in the angle", _USABLE)
+TUMBLING_SHARE = threshold(0.05, "1", "of squared dynamic pressure beyond it: the flight is refused", _USABLE)
 LEAST_SEGMENT_SAMPLES = threshold(16, "samples", "the longest segment is too short to be integrated", _USABLE)
 
 # ---- Priors of what a hypothesis may have beside it: centre and 1-sigma of the logarithm of an amplitude ----

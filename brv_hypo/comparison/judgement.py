@@ -17,7 +17,7 @@ import numpy as np
 from brv_hypo.arrays import BoolArray, FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.comparison.intervals import within_bounds
-from brv_hypo.comparison.limits import scale_variance
+from brv_hypo.comparison.limits import regions, scale_variance
 from brv_hypo.comparison.preparation import linearised_about, shared_problem
 from brv_hypo.comparison.result import LEAST_PROCESS, Explained, ProcessEstimate
 from brv_hypo.comparison.with_processes import (
@@ -48,7 +48,7 @@ from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.refinement import FINAL, ROUGH, Steps
 from brv_hypo.inference.rows import Rows
-from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moments, unmodelled_moments
+from brv_hypo.inference.unmodelled import RATE, plain_columns, turning_moment, unmodelled_moments
 from brv_hypo.io.text import hypothesis
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Mechanism, Process
@@ -329,8 +329,11 @@ def outside(judged: Judged, hypotheses: Mapping[str, Sequence[Mechanism]]) -> li
     # Gradual changes of such moments are described by processes.
     found = acting(problem, like, unmodelled_moments(problem, listed, OUTSIDE), [null], onsets=(0.0,))
     if (stretch := _stretch(leader, frame)) is not None:
-        turning = turning_moments(problem, listed, OUTSIDE, *stretch)
-        found += acting(problem, like, turning, [null], np.array(stretch))
+        edges, turning = np.array(stretch), turning_moment(problem, listed, OUTSIDE, *stretch)
+        (shapes,) = regions([null], frame, turning, edges, most=1) if turning is not None else ([],)
+        if turning is not None and shapes:
+            rate = dict(max(shapes, key=lambda each: each.peak).theta)[RATE]
+            found += acting(problem, like, [turning.at(rate)], [null], edges)
     moments = [Alternative(_described(pair[0]), *pair) for pair in found]
     if is_specific(leader, judged.evidences[judged.leader]):
         return moments

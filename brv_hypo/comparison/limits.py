@@ -25,6 +25,7 @@ from brv_hypo.model.term import Regressor, Theta, TimeBasis, theta_grid
 
 # Share of a column's squared length below which what processes and the leader do not explain of it is rounding.
 SPENT = 1e-8
+_AT_ONCE = 200  # parts of regions that are made together; of more the pairs between thetas cost more than they save
 _DRAWS, _SEED = 400, 20261127  # of coefficients, for what the leader's mechanism may be
 # Condition number of a region's information, of unit columns, above which its terms cannot be distinguished.
 _WORST_CONDITION = 1e10
@@ -155,7 +156,9 @@ def regions(
     `widths`: over how many parts between neighbouring edges a region comes on; with more than 0 the edges are even.
     """
     acting, grid = frame.with_mechanisms([mechanism]), thetas or theta_grid(mechanism, dense=True)
-    found = [_shapes(evidences, acting, mechanism, theta, edges, tuple(widths), most) for theta in grid]
+    together = max(1, _AT_ONCE // (edges.size - 1))
+    batches = [grid[first : first + together] for first in range(0, len(grid), together)]
+    found = [_shapes(evidences, acting, mechanism, some, edges, tuple(widths), most) for some in batches]
     return [[shape for each in found for shape in each[k]] for k in range(len(evidences))]
 
 
@@ -182,26 +185,24 @@ def _shapes(
     evidences: Sequence[Evidence],
     frame: RateFrame,
     mechanism: Mechanism,
-    theta: Theta,
+    thetas: Sequence[Theta],
     edges: FloatArray,
     widths: tuple[int, ...],
     most: int | None,
 ) -> list[list[Shape]]:
     """Of each evidence, all of the same terms, every region between two edges, made of the parts between neighbours."""
-    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(theta))]
+    names = [(term.name, term.units) for term in mechanism.terms(frame.motions[0], dict(thetas[0]))]
+    stops = np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf)
+    bases = [TimeBasis("jump", *between) for between in zip(edges[:-1].tolist(), stops.tolist(), strict=True)]
     parts = [
-        Regressor(mechanism.name, name, theta, TimeBasis("jump", float(start), float(stop)), units)
-        for start, stop in zip(
-            edges[:-1], np.where(edges[1:] < frame.coefficient_time.max(), edges[1:], np.inf), strict=True
-        )
-        for name, units in names
+        Regressor(mechanism.name, name, t, basis, units) for t in thetas for basis in bases for name, units in names
     ]
-    count, terms = edges.size - 1, len(names)
+    count, terms = len(bases), len(names)
     products = evidences[0].with_moments(evidences[0].rows.rates_of_moments(frame, parts))
     ends, every = _every_region(count, widths)
     part = float(np.min(np.diff(edges)))
     # Squares of the parts: of rounding the size is enough.
-    before = every**2 @ np.diag(products.across)[-len(parts) :].reshape(count, terms)
+    squares = np.diag(products.across)[-len(parts) :].reshape(len(thetas), count, terms)
     moments = frame.moments(parts) if most is None else None
 
     def over_regions(of_parts: FloatArray, chosen: IntArray) -> FloatArray:
@@ -217,12 +218,13 @@ def _shapes(
             found[wide] = np.einsum("rp,rpab->rab", inside, shares)
         return found
 
-    def of(evidence: Evidence) -> list[Shape]:
-        of_parts, against_y = evidence.projected(products)
-        information = over_regions(of_parts, np.arange(len(every)))
-        right = every @ against_y.reshape(count, terms)
+    def of(number: int, of_parts: FloatArray, against_y: FloatArray) -> list[Shape]:
+        """Of the theta with this number."""
+        mine = slice(number * count * terms, (number + 1) * count * terms)
+        information = over_regions(of_parts[mine, mine], np.arange(len(every)))
+        right = every @ against_y[mine].reshape(count, terms)
         scale = np.diagonal(information, axis1=1, axis2=2)
-        kept = np.flatnonzero(np.all(scale > SPENT * before, axis=1))
+        kept = np.flatnonzero(np.all(scale > SPENT * (every**2 @ squares[number]), axis=1))
         unit = information[kept] / np.sqrt(scale[kept, np.newaxis] * scale[kept, :, np.newaxis])
         sizes = np.linalg.eigvalsh(unit)
         kept = kept[sizes[:, 0] * _WORST_CONDITION >= sizes[:, -1]]
@@ -233,18 +235,16 @@ def _shapes(
             kept, estimate, peak = kept[first], estimate[first], peak[first]
         gram: Sequence[FloatArray | None] = [None] * kept.size
         if moments is not None:
-            gram = list(over_regions(np.real(np.conj(moments).T @ moments) / moments.shape[0], kept))
+            made = moments[:, mine]
+            gram = list(over_regions(np.real(np.conj(made).T @ made) / made.shape[0], kept))
+        regions = edges[ends[kept, :2].astype(int)].tolist()
+        onsets = (part * ends[kept, 2]).tolist()
         return [
-            Shape(
-                float(peak[k]),
-                estimate[k],
-                information[j],
-                gram[k],
-                theta,
-                (float(edges[ends[j, 0]]), float(edges[ends[j, 1]])),
-                float(ends[j, 2]) * part,
+            Shape(float(gain), own, information[j], squared, thetas[number], (start, stop), onset)
+            for gain, own, j, squared, (start, stop), onset in zip(
+                peak, estimate, kept, gram, regions, onsets, strict=True
             )
-            for k, j in enumerate(kept.tolist())
         ]
 
-    return [of(evidence) for evidence in evidences]
+    found = [evidence.projected(products) for evidence in evidences]
+    return [[shape for number in range(len(thetas)) for shape in of(number, *each)] for each in found]

@@ -38,12 +38,12 @@ STAYS = (0.03, 1e-4)  # standard errors by which they move no more: of a rival, 
 _GAIN, _ROUNDING = 0.3, 1e-6  # nats by which such a step has to raise the evidence of a rival; of the leader, may lower
 FINER_EDGES = 9  # times about each of the best two of them: jumps have several optima
 _WORST_CONDITION = 1e4  # of unit columns, above which terms are copies of one another
-FINE_EDGES = 81  # times between which all mechanisms and delays are tried
+COARSE_EDGES, FINE_EDGES = 41, 81  # times between which all delays are tried, and the likeliest of them
 SHORT_PART = 0.05  # of the record, within whose margin no two ends are
 WITH_ONSETS = 3  # of those that come on over a time too, at most
 AFTER_ERRORS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # standard errors of a delay at which the evidence is found
 FURTHER = 2  # regions beside the first in which one mechanism acts, at most
-SHARP, ONSETS = (0.0,), (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
+ONSETS = (0.0, 0.1, 0.2)  # of the record's length, over which it may come on there
 WIDTHS = (0.01, 0.03, 0.1, 0.2)  # of the record's length, that an onset is tried to take
 
 Pair = tuple[HypothesisFit, Evidence]
@@ -177,16 +177,20 @@ def acting(
     The times are those given, or of a fine grid: between others the ends of a mechanism are too far off to tell its
     delay. The likeliest may come on over these shares of the record.
     """
-    every = [(mechanism, theta) for mechanism in mechanisms for theta in theta_grid(mechanism, dense=True)]
-    grids: list[tuple[FloatArray, Sequence[int], int]] = [(*_fine(like.frame, SHARP), WITH_ONSETS)]
-    grids = [*grids[len(every) <= WITH_ONSETS :], (*_fine(like.frame, onsets), 1)]
+    offered = {mechanism: theta_grid(mechanism, dense=True) for mechanism in mechanisms}
+    several = sum(map(len, offered.values())) > WITH_ONSETS
+    grids: list[tuple[FloatArray, Sequence[int], int]] = [(even_edges(like.frame, COARSE_EDGES), (0,), WITH_ONSETS)]
+    grids = [*grids[: int(several)], (*_fine(like.frame, onsets), 1)]
     for times, parts, count in grids if edges is None else [(edges, (0,), 1)]:
-        tried = [(m, regions(nulls, like.frame, m, times, parts, [theta], most=1)) for m, theta in every]
+        tried = [(m, regions(nulls, like.frame, m, times, parts, thetas, most=1)) for m, thetas in offered.items()]
         found = [[(m, shape) for m, of_each in tried for shape in of_each[k]] for k in range(len(nulls))]
         likely = [sorted(each, key=lambda one: -one[1].peak)[:count] for each in found]
-        every = list(dict.fromkeys((mechanism, shape.theta) for each in likely for mechanism, shape in each))
+        best = dict.fromkeys((m, shape.theta) for each in likely for m, shape in each)
+        offered = {m: tuple(theta for own, theta in best if own == m) for m, _ in best}
     beside = [(each[0], null) for each, null in zip(likely, nulls, strict=True) if each]
-    return [_between(problem, like, *one, times, null, (*nulls, *starts)) for one, null in beside]
+    where = [(mechanism, shape.theta, shape.region, shape.width) for (mechanism, shape), _ in beside]
+    once = [one for k, one in enumerate(beside) if where[k] not in where[:k]]
+    return [_between(problem, like, *one, times, null, (*nulls, *starts)) for one, null in once]
 
 
 def _between(

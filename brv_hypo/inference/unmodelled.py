@@ -4,7 +4,7 @@ The shapes are the lowest of the expansion of a body's moment in its crossflow (
 1949): on a body of n-fold symmetry the moment of the flow from the other side turns n times with the meridian. Some of
 them, each times splines in time, are what the noise is found beside (`free_moment`); one alone, acting in a stretch of
 time, is tried in a mechanism's place (`unmodelled_moments`), and so is a moment that turns in the body
-(`turning_moments`).
+(`turning_moment`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from brv_hypo.inference.problem import Problem
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.checked import checked
 from brv_hypo.mechanisms.contract import Mechanism, Parameter, Term
-from brv_hypo.model.term import Regressor, TimeBasis, theta_grid
+from brv_hypo.model.term import Regressor, TimeBasis
 from brv_hypo.motion.motion import Motion
 
 Shape = Callable[[Motion], tuple[ComplexArray, ...]]
@@ -180,8 +180,8 @@ RATE = "rate"
 
 
 class TurningMoment(Mechanism):
-    """A transverse moment of constant size whose direction in body axes turns at `rate` rad/s; `about` s, where both
-    components stand along the axes.
+    """A transverse moment of constant size whose direction in body axes turns at one of some `rates` (rad/s, rising,
+    `apart`); `about` s, where both components stand along the axes.
     """
 
     name = "turning_moment"
@@ -191,13 +191,17 @@ class TurningMoment(Mechanism):
     terms_enter_together = True
 
     about: float
-    rate: float
+    rates: tuple[float, ...]
     apart: float
 
+    def at(self, rate: float) -> TurningMoment:
+        """The one of one rate, which moves half-way to its neighbours: not to a moment at rest."""
+        return self.model_copy(update={"rates": (rate,)})
+
     def parameters(self) -> tuple[Parameter, ...]:
-        """The rate, to half-way to its neighbours: not to a moment at rest."""
-        reach = (self.rate - 0.5 * self.apart, self.rate + 0.5 * self.apart)
-        return (Parameter(RATE, "rad/s", (self.rate,), reach, "rate of turning in body axes"),)
+        """The rate."""
+        reach = (self.rates[0] - 0.5 * self.apart, self.rates[-1] + 0.5 * self.apart)
+        return (Parameter(RATE, "rad/s", self.rates, reach, "rate of turning in body axes"),)
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
         """The two components."""
@@ -206,17 +210,23 @@ class TurningMoment(Mechanism):
         return tuple(Term(name, each.real, each.imag) for name, each in components)
 
 
-def turning_moments(
+def turning_moment(
     problem: Problem, listed: Sequence[Mechanism], beyond: float, start: float, stop: float
-) -> tuple[TurningMoment, ...]:
+) -> TurningMoment | None:
     """Of rates that turn by half a turn or more from `start` to `stop` s, half a turn apart, but for those at which a
-    listed mechanism reproduces all but the share `beyond` of its rms.
+    listed mechanism reproduces all but the share `beyond` of its rms; None where there is none.
     """
     motions, apart = problem.frame.motions, np.pi / (stop - start)
     known = shapes_of(listed, motions)
     count = min(int(max(map(fastest_turning, motions)) / apart), TURNING_RATES // 2)
-    every = (TurningMoment(about=start, rate=apart * k, apart=apart) for k in range(-count, count + 1) if k)
-    return tuple(each for each in every if all(left_of(_complex(each, motions), basis) > beyond for basis in known))
+    every = TurningMoment(about=start, rates=tuple(apart * k for k in range(-count, count + 1) if k), apart=apart)
+    rates = tuple(
+        rate
+        for rate in every.rates
+        for components in [_components(every, {RATE: rate}, motions)]
+        if all(left_of(components, basis) > beyond for basis in known)
+    )
+    return every.model_copy(update={"rates": rates}) if rates else None
 
 
 def shapes_of(listed: Sequence[Mechanism], motions: Sequence[Motion]) -> list[FloatArray]:
@@ -237,15 +247,14 @@ def left_of(components: Sequence[ComplexArray], basis: FloatArray) -> float:
 
 
 def _basis(mechanism: Mechanism, motions: Sequence[Motion]) -> FloatArray:
-    return np.asarray(np.linalg.qr(_stacked(_complex(mechanism, motions)))[0])
+    return np.asarray(np.linalg.qr(_stacked(_components(mechanism, {}, motions)))[0])
 
 
-def _complex(mechanism: Mechanism, motions: Sequence[Motion]) -> list[ComplexArray]:
-    """Its terms over all flights, at the first point of its grid."""
+def _components(mechanism: Mechanism, theta: Mapping[str, float], motions: Sequence[Motion]) -> list[ComplexArray]:
+    """Its terms over all flights."""
 
     def components(motion: Motion) -> list[ComplexArray]:
-        terms = checked(mechanism).terms(motion, dict(theta_grid(mechanism)[0]))
-        return [term.in_plane + 1j * term.out_of_plane for term in terms]
+        return [term.in_plane + 1j * term.out_of_plane for term in checked(mechanism).terms(motion, dict(theta))]
 
     return over(motions, components)
 

@@ -12,7 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from brv_hypo import thresholds as limits
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.linearisation.weakform import Integrals, WeakSegment, weak_segments
 from brv_hypo.linearisation.whitening import NoiseModel
 from brv_hypo.mechanisms.checked import checked, read_only
@@ -275,7 +277,12 @@ class RateFrame:
 def build_frame(
     reconstructions: Sequence[Reconstruction], mechanisms: Sequence[Mechanism], common: CommonTime | None = None
 ) -> RateFrame:
-    """The frame of these flights; flights without a usable segment contribute nothing."""
+    """The frame of these flights; flights without a usable segment contribute nothing.
+
+    Raises UnanswerableError where a vehicle tumbles.
+    """
+    for rec in reconstructions:
+        _require_small_angles(rec)
     if common is not None:
         reconstructions = [_on_common_time(*each) for each in zip(reconstructions, common.flights, strict=True)]
     segments = [
@@ -291,6 +298,17 @@ def build_frame(
         {mechanism.name: mechanism for mechanism in mechanisms},
         common,
     )
+
+
+def _require_small_angles(reconstruction: Reconstruction) -> None:
+    motion, weight = reconstruction.motion, reconstruction.flight.dynamic_pressure**2
+    beyond = motion.alpha > np.radians(limits.TUMBLING_ALPHA)
+    if np.sum(weight[beyond]) > limits.TUMBLING_SHARE * np.sum(weight):
+        raise UnanswerableError(
+            f"the angle of attack reaches {np.degrees(np.max(motion.alpha)):.0f} deg, and is beyond "
+            f"{limits.TUMBLING_ALPHA:.0f} deg from {motion.time[np.argmax(beyond)]:.4g} s on: the vehicle tumbles, and "
+            "no model here has its moments. Give a window before that (--stop), or after it (--start)."
+        )
 
 
 def _on_common_time(reconstruction: Reconstruction, own: OwnTime) -> Reconstruction:

@@ -208,9 +208,12 @@ class WeakSegment:
             for j, first in zip(late.tolist(), self.time.searchsorted(begin).tolist(), strict=True):
                 out[:first, j] = 0.0
         out[:, np.isposinf(spans.begin)] = 0.0
-        for j in np.flatnonzero(spans.end < self.time[-1]).tolist():
-            after = self.time.searchsorted(spans.end[j])
-            out[after:, j] = integral.at(spans.end[j : j + 1], which[j : j + 1]) - base[j]
+        early = np.flatnonzero(spans.end < self.time[-1])
+        if early.size:
+            end = spans.end[early]
+            last = integral.at(end, which[early]) - base[early]
+            for j, after, value in zip(early.tolist(), self.time.searchsorted(end).tolist(), last, strict=True):
+                out[after:, j] = value
         return out
 
     def _hold(

@@ -42,7 +42,7 @@ from brv_hypo.flight.plausibility import (
     relative_turns,
 )
 from brv_hypo.flight.record import ACCELEROMETERS, GYROS, Flight, RecordFault, RecordTrial, Vehicle
-from brv_hypo.motion.inertial import arm_acceleration, gravity_magnitude
+from brv_hypo.motion.inertial import arm_acceleration, body_attitude, gravity_magnitude
 from brv_hypo.motion.signals import differentiated, white_noise_level
 
 COMPATIBILITY_FEWEST_SAMPLES = 64  # of a segment that is judged
@@ -60,6 +60,8 @@ COMPATIBILITY_AXIAL_REACH = 4.0 * limits.COMPATIBILITY_AXIAL_SPREAD  # logarithm
 COMPATIBILITY_AXIAL_STEPS = 41  # values tried, a fifth of a spread apart
 COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts beyond
 COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
+TUMBLING = np.radians(45.0)  # of the nose about where it points on average: beyond it no force goes with the angle
+TUMBLING_PARTS = 8  # of a segment, over each of which that average is: the path turns as well
 
 
 # ---- What may be wrong with a record's signs, axes and units, each as the correction that undoes it ----
@@ -245,6 +247,17 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
 
 
+def tumbles(flight: Flight, readings: Readings) -> bool:
+    """Whether the nose turns so far, by the gyros, that relations linear in the angle are not those of the flight."""
+    for piece in (readings.segment(*segment) for segment in _long_segments(flight)):
+        _, attitude = body_attitude(piece.time, piece.rates[0], piece.rates[1] + 1j * piece.rates[2])
+        for nose in np.array_split(attitude[..., 0], TUMBLING_PARTS):
+            mean = np.mean(nose, axis=0)
+            if np.min(nose @ mean) < np.cos(TUMBLING) * np.linalg.norm(mean):
+                return True
+    return False
+
+
 def _long_segments(flight: Flight) -> list[tuple[int, int]]:
     return [(a, b) for a, b in flight.segments if b - a >= COMPATIBILITY_FEWEST_SAMPLES]
 
@@ -408,7 +421,10 @@ def _physics(flight: Flight) -> tuple[RecordFault, ...]:
 
 
 def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
-    """The mistake whose correction restores the record best; and whether the gyros contradict it even so."""
+    """The mistake whose correction restores the record best; and whether the gyros contradict it even so.
+
+    Of a body that tumbles the relations show nothing: only what ends that is a mistake.
+    """
     if not _long_segments(flight):
         return ()
     readings = Readings.of(flight)
@@ -416,7 +432,7 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     broken = _broken(as_read)
     if not broken:
         return ()
-    found = []
+    found, tumbling = [], tumbles(flight, readings)
     strained = set(broken) == {"path, strained"}
     least = limits.COMPATIBILITY_DECISIVE_IF_STRAINED if strained else limits.COMPATIBILITY_DECISIVE
     tried = [(one, compatibility_of(flight, readings, one)) for one in corrections()]
@@ -425,14 +441,16 @@ def _contradictions(flight: Flight) -> tuple[RecordFault, ...]:
     likely = [
         correction
         for correction, gain, after in ranked
-        if gain >= max(least, ranked[0][1] - limits.COMPATIBILITY_NEARLY_EQUAL) and _corrects(after, as_read, broken)
+        if gain >= max(least, ranked[0][1] - limits.COMPATIBILITY_NEARLY_EQUAL)
+        and _corrects(after, as_read, broken)
+        and not (tumbling and tumbles(flight, readings.corrected(correction)))
     ]
     if likely and likely[0] is ranked[0][0]:
         best, others = likely[0], "; or ".join(one.words for one in likely[1 : 1 + MOST_OTHERS])
         nearly = f" (nearly as likely: {others})" if others else ""
         words = f"{best.words}{nearly}: correct the map"
         found.append(RecordFault.over(flight.time, ", ".join(best.channels), best.fault, words, decisive=True))
-    if "path" in broken and _unrelated(as_read) and (not found or _unrelated(corrected)):
+    if "path" in broken and not tumbling and _unrelated(as_read) and (not found or _unrelated(corrected)):
         words = UNRELATED_WORDS.format(share=100.0 * as_read.left[0], noise=100.0 * as_read.noise[0])
         found.append(RecordFault.over(flight.time, "p, q, r, ay, az", "axes", words, decisive=True))
     return tuple(found)

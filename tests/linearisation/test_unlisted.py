@@ -15,7 +15,7 @@ from brv_hypo.inference.unmodelled import (
     TurningMoment,
     UnmodelledMoment,
     shape_of,
-    turning_moments,
+    turning_moment,
     unmodelled_moments,
 )
 from brv_hypo.mechanisms import Parameter, Term, find
@@ -85,20 +85,27 @@ START, STOP = 1.0, 4.5
 
 
 def test_rates_are_half_a_turn_apart_and_a_moment_at_rest_is_none_of_them() -> None:
-    found = turning_moments(problem(), [], OUTSIDE, START, STOP)
+    found = turning_moment(problem(), [], OUTSIDE, START, STOP)
+    assert found is not None
     apart = np.pi / (STOP - START)
-    rates = np.array([each.rate for each in found])
+    rates = np.array(found.rates)
     assert np.min(np.abs(rates)) == pytest.approx(apart)
     assert np.diff(rates) == pytest.approx(np.where(np.diff(rates) > 1.5 * apart, 2.0, 1.0) * apart)
-    assert all(min(map(abs, each.parameters()[0].bounds)) >= 0.5 * apart - 1e-9 for each in found)
+    assert found.parameters()[0].grid == found.rates
+    each = [found.at(rate).parameters()[0] for rate in found.rates]
+    assert [one.grid for one in each] == [(rate,) for rate in found.rates]
+    assert all(min(map(abs, one.bounds)) >= 0.5 * apart - 1e-9 for one in each)
 
 
 def test_a_rate_at_which_a_listed_mechanism_does_the_same_is_left_out() -> None:
     """A mechanism that turns at some rate itself leaves the others."""
-    free = turning_moments(problem(), [], OUTSIDE, START, STOP)
-    rates = {each.rate for each in turning_moments(problem(), [Turns(**dict(free[3]))], OUTSIDE, START, STOP)}
-    assert free[3].rate not in rates
-    assert len(rates) < len(free)
+    free = turning_moment(problem(), [], OUTSIDE, START, STOP)
+    assert free is not None
+    rate = free.rates[3]
+    beside = turning_moment(problem(), [Turns(**dict(free.at(rate)))], OUTSIDE, START, STOP)
+    assert beside is not None
+    assert rate not in beside.rates
+    assert set(beside.rates) < set(free.rates)
 
 
 class Turns(TurningMoment):
@@ -108,13 +115,13 @@ class Turns(TurningMoment):
         return ()
 
     def terms(self, motion: Motion, theta: Mapping[str, float]) -> tuple[Term, ...]:
-        return super().terms(motion, {RATE: self.rate})
+        return super().terms(motion, {RATE: self.rates[0]})
 
 
 @pytest.mark.parametrize("rate", [-4.7, 9.1])
 def test_its_size_is_the_same_at_all_times_and_its_direction_turns(rate: float) -> None:
     motion = problem().frame.motions[0]
-    along, across = TurningMoment(about=0.0, rate=rate, apart=1.0).terms(motion, {RATE: rate})
+    along, across = TurningMoment(about=0.0, rates=(rate,), apart=1.0).terms(motion, {RATE: rate})
     body = (along.in_plane + 1j * along.out_of_plane) * np.exp(-1j * motion.windward_meridian)
     assert np.abs(body) == pytest.approx(np.ones(motion.time.size))
     turned = np.unwrap(np.angle(body))
@@ -124,4 +131,4 @@ def test_its_size_is_the_same_at_all_times_and_its_direction_turns(rate: float) 
 
 def test_nothing_is_left_where_it_can_turn_by_no_half_turn() -> None:
     start = float(problem().frame.time[0])
-    assert turning_moments(problem(), [], OUTSIDE, start, start + 1e-3) == ()
+    assert turning_moment(problem(), [], OUTSIDE, start, start + 1e-3) is None

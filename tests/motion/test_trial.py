@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from brv_hypo import compare
+from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight import load_flight
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.motion import try_record
 from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe, thinned
 from tests.shared_data import shared_file
+from tests.studies.independent.imperfect_study import drawn_flight
 
 DEGREES, GRAVITY, FEET = 180.0 / np.pi, 9.80665, 0.3048
 THOROUGH = pytest.mark.thorough
@@ -74,6 +76,14 @@ def test_wind_along_the_path_raises_no_alarm(flights, name, turns, phase):
     flight = flights[name]
     wind = 6.0 * np.sin(2.0 * np.pi * turns * (flight.time - flight.time[0]) / np.ptp(flight.time) + phase)
     assert try_record(replace(flight, velocity=flight.velocity + wind))[1].sound
+
+
+def test_a_body_that_tumbles_breaks_no_relation_of_small_angles():
+    """Drag grew 16-fold as it turned; "the sign of az", or feet, seemed to explain the rest."""
+    tumbling = drawn_flight(906023, 23, "tactical", "one")[0].flight
+    assert try_record(tumbling)[1].faults == ()
+    with pytest.raises(UnanswerableError, match=r"the vehicle tumbles.*--stop"):
+        compare(tumbling, mechanisms=["damping"], maximum_likelihood="none")
 
 
 def test_isolated_spikes_never_decide(flights):
