@@ -250,7 +250,8 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
 def tumbles(flight: Flight, readings: Readings) -> bool:
     """Whether the nose turns so far, by the gyros, that relations linear in the angle are not those of the flight."""
     for piece in (readings.segment(*segment) for segment in _long_segments(flight)):
-        _, attitude = body_attitude(piece.time, piece.rates[0], piece.rates[1] + 1j * piece.rates[2])
+        p, q, r = piece.channels["gyros"]
+        _, attitude = body_attitude(piece.time, p, q + 1j * r)
         for nose in np.array_split(attitude[..., 0], TUMBLING_PARTS):
             mean = np.mean(nose, axis=0)
             if np.min(nose @ mean) < np.cos(TUMBLING) * np.linalg.norm(mean):
