@@ -42,14 +42,8 @@ OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 Channels = dict[str, FloatArray]
 
 
-def _of_a_vehicle(value: float) -> float:
-    if value < 1.0 / LARGEST_PROPERTY:
-        raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
-    return value
-
-
 Line = Annotated[str, AfterValidator(one_line)]
-Positive = Annotated[float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)]
+Positive = Annotated[float, Field(ge=1.0 / LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 
 

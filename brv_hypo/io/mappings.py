@@ -1,7 +1,7 @@
-"""YAML and JSON files as plain mappings, within budgets.
+"""YAML and JSON files as plain mappings, within budgets: what they hold is checked before it is built.
 
-YAML knows aliases, with which a few lines stand for gigabytes, and dates, which no setting of ours is: aliases are
-refused, and dates remain text.
+YAML knows aliases, with which a few lines stand for gigabytes, and dates, which no setting of ours is:
+what aliases stand for is counted, and dates remain text.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from brv_hypo.io.text import one_line
 
 YAML_ENDINGS = (".yaml", ".yml")
 YAML_BYTES = 512 * 1024  # the longest configuration that comes along has 4 kB
+YAML_VALUES = 50_000  # values that a YAML file may stand for, aliases expanded
 JSON_BYTES = 64 * 1024 * 1024  # a result with every series in it has some megabytes
 DEEPEST = 40  # levels of nesting
+TOO_DEEP = f"more than {DEEPEST} levels of nesting"
 LARGEST_WHOLE = 2**63  # whole numbers are read below this size, as arrays hold them
 
 _DATES = "tag:yaml.org,2002:timestamp"
@@ -32,8 +34,8 @@ def read_yaml(path: str | Path, expected: str) -> dict[str, Any]:
     """
     text = read_text(path, expected, YAML_BYTES)
     try:
-        content = yaml.load(text, _Loader)
-    except yaml.YAMLError as failure:
+        content = _load(text)
+    except (yaml.YAMLError, RecursionError) as failure:
         raise UsageError(f"{path}: cannot be read: it is not YAML{_reason(failure)}. Correct the file.") from None
     return _mapping(content, path, expected)
 
@@ -66,25 +68,12 @@ def _mapping(content: Any, path: str | Path, expected: str) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain data only, without aliases; dates stay text."""
-
-    depth = 0
+    """Plain data only; dates stay text."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012 - as the base class declares it
         first: [(tag, pattern) for tag, pattern in resolvers if tag != _DATES]
         for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """As the base class, to a depth."""
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        self.depth += 1
-        if isinstance(event, yaml.AliasEvent) or self.depth > DEEPEST:
-            what = f"more than {DEEPEST} levels of nesting" if self.depth > DEEPEST else "an alias: write it out"
-            raise _fault(what, event)
-        node = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
 
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         """As the base class; what a value's own type refuses is a refusal with its place."""
@@ -99,14 +88,45 @@ class _Loader(yaml.SafeLoader):
         return value
 
 
-def _fault(problem: str, at: Any) -> yaml.MarkedYAMLError:
-    return yaml.MarkedYAMLError(problem=problem, problem_mark=at.start_mark)
+def _load(text: str) -> Any:
+    loader = _Loader(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _expanded(node, {}, set())
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
 
 
-def _reason(failure: yaml.YAMLError) -> str:
+def _expanded(node: Any, known: dict[int, int], above: set[int]) -> int:
+    """How many values a node stands for; raises MarkedYAMLError for too many or too deep, and where it holds itself."""
+    if id(node) in known:
+        return known[id(node)]
+    if id(node) in above or len(above) >= DEEPEST:
+        raise _fault("an alias of what it stands in" if id(node) in above else TOO_DEEP, node)
+    total = 1
+    if not isinstance(node, yaml.ScalarNode):
+        pairs = isinstance(node, yaml.MappingNode)
+        parts = [part for pair in node.value for part in pair] if pairs else node.value
+        above.add(id(node))
+        total += sum(_expanded(part, known, above) for part in parts)
+        above.discard(id(node))
+    if total > YAML_VALUES:
+        raise _fault(f"aliases or lists that stand for more than {YAML_VALUES} values", node)
+    known[id(node)] = total
+    return total
+
+
+def _fault(problem: str, node: yaml.Node) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+
+
+def _reason(failure: yaml.YAMLError | RecursionError) -> str:
     """What is wrong, and where if that is known."""
     if not isinstance(failure, yaml.MarkedYAMLError):
-        return f": {one_line(str(failure))}"
+        return f": {TOO_DEEP if isinstance(failure, RecursionError) else one_line(str(failure))}"
     mark = failure.problem_mark or failure.context_mark
     where = "" if mark is None else f", line {mark.line + 1}, column {mark.column + 1}"
     what = " ".join(part for part in (failure.context, failure.problem) if part)

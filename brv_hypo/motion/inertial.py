@@ -24,7 +24,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
-from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, transverse_noise_level
+from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, white_noise_level
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
@@ -98,12 +98,11 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     Raises UnanswerableError where the record is too short for any of it.
     """
     _refuse_what_cannot_be_integrated(flight)
-    gyro_sigma = config.gyro_sigma or transverse_noise_level(flight.q, flight.r, flight.segments)
-    accel_sigma = config.accel_sigma or transverse_noise_level(flight.ay, flight.az, flight.segments)
-    time = flight.time - flight.time[0]
-    roll, attitude = body_attitude(time, flight.p, flight.q + 1j * flight.r)
-    spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     rates = flight.q + 1j * flight.r
+    gyro_sigma = config.gyro_sigma or white_noise_level(rates, flight.segments)
+    accel_sigma = config.accel_sigma or white_noise_level(flight.ay + 1j * flight.az, flight.segments)
+    roll, attitude = body_attitude(flight.time - flight.time[0], flight.p, rates)
+    spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     spin = differentiate(rates * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments)
     rate = spin.value * np.exp(-1j * spin_angle)
     turning = 1j * (1.0 - flight.vehicle.inertia_ratio) * flight.p * rate

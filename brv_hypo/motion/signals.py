@@ -64,27 +64,18 @@ def inverse_spectrum(colour: FloatArray | float, frequency: FloatArray | float) 
     return np.asarray(1.0 + colour**2 - 2.0 * colour * np.cos(frequency), dtype=float)
 
 
-def white_noise_level(channel: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
-    """Standard deviation of the white noise of `channel` (n,), in its units.
+def white_noise_level(channel: FloatArray | ComplexArray, segments: tuple[tuple[int, int], ...]) -> float:
+    """Standard deviation of the white noise of `channel` (n,), in its units; of either part where it is complex.
 
     A channel that stands still between its steps, or is too short to tell, is credited with the noise of its
-    quantisation.
+    quantisation. Two that body axes y and z share alike are y + i z: whichever way the axes are rolled, it is the same;
+    and no finer than single precision, whatever a simulation wrote.
     """
     sigma = sigma_of_differences([channel[a:b] for a, b in segments])
-    return float(np.fmax(sigma, _quantisation(channel)))
-
-
-def transverse_noise_level(y: FloatArray, z: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
-    """Standard deviation of the white noise of either of two channels (n,) that body axes y and z share alike.
-
-    Of the two as one vector: whichever way the axes are rolled, it is the same. No instrument reads finer than single
-    precision, whatever a simulation wrote.
-    """
-    vector = y + 1j * z
-    sigma = sigma_of_differences([vector[a:b] for a, b in segments])
-    steps = np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0)
-    finest = np.finfo(np.float32).eps * np.max(np.abs(vector))
-    return float(np.fmax.reduce([sigma, steps, finest]))
+    if not np.iscomplexobj(channel):
+        return float(np.fmax(sigma, _quantisation(channel.real)))
+    steps = np.hypot(_quantisation(channel.real), _quantisation(channel.imag)) / math.sqrt(2.0)
+    return float(np.fmax.reduce([sigma, steps, np.finfo(np.float32).eps * np.max(np.abs(channel))]))
 
 
 def _quantisation(channel: FloatArray) -> float:
