@@ -68,8 +68,6 @@ COMPARED_KNOTS = 11  # where coefficients may change, if a user sets none
 COMPARED_TERMS = 6  # columns that a hypothesis may add, if a user says nothing else
 COMPARED_EXACT_TERMS = 4  # up to which the search is exact, the same
 SEARCH_PATIENCE = 2  # sizes that may go by without a gain before the search over sizes ends
-SEARCH_BEST = 2  # subsets of each size that a search keeps
-SEARCH_STARTS = 2  # of those on the grid that are refined
 # A hypothesis whose criterion stays this far (twice ln L) behind another after so many terms is not searched further.
 SEARCH_OUT_OF_REACH = 400.0
 SEARCH_SIZES_TRIED = 3

@@ -58,6 +58,7 @@ CLOCK_FEWEST_MOVED = threshold(2, "channels", "channels that a clock step would 
 CLOCK_MOVED_SIGMAS = threshold(8.0, "noise sigmas", "a channel would have moved in the time of the interval", _FAULTS)
 CLOCK_SLOPE_SIGMAS = threshold(5.0, "sigmas", "the trend of a channel is known well enough for that", _FAULTS)
 JUMP_SIGMAS = threshold(12.0, "robust sigmas", "gyros and accelerometers jump together: decisive clock step", _FAULTS)
+JUMP_EXPLAINED = threshold(0.6, "1", "share of all channels' jumps that one step of the clock makes", _FAULTS)
 JUMP_TIMES_AROUND = threshold(3.0, "1", "such a jump stands above the misses of parabolas around it", _FAULTS)
 STUCK_FEWEST_SAMPLES = threshold(50, "samples", "a channel is long enough to be called stuck or clipped", _HELD)
 STUCK_REPEATS_SELDOM = threshold(0.02, "1", "a channel does not repeat itself by nature (repeated share)", _HELD)

@@ -126,10 +126,10 @@ def best_by_size(problem: Problem, fits: Sequence[HypothesisFit], none: Criteria
     searched = [fit for fit in fits if fit.mechanisms]
     if not searched:
         return ()
-    best, n = on_grid(problem, likeliest(searched).mechanisms, 1).best, problem.response.size
+    best, n = on_grid(problem, likeliest(searched).mechanisms).best, problem.response.size
     forced = round(n * none.expected_variance / none.adjusted_rss)  # the baseline's p, by (b) and (f)
     variance = none.rss / (none.cp + n - 2 * forced)
-    sized = [(0, none.rss, ()), *((size, *found[0]) for size, found in sorted(best.items()))]
+    sized = [(0, none.rss, ()), *((size, *found) for size, found in sorted(best.items()))]
     return tuple(
         SizedModel(n_terms=size, n_coefficients=p, cp=rss / variance - n + 2 * p, terms=tuple(c.label for c in columns))
         for size, rss, columns in sized

@@ -269,11 +269,16 @@ def _misfit(time: FloatArray, values: FloatArray, sigma: float) -> float:
 def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
     """Indices before which gyros and accelerometers jump together: samples lost, or repeated, without a trace.
 
-    No force or moment does that: a rate cannot jump.
+    No force or moment does that: a rate cannot jump. All channels jump by what they change by in one time: forces that
+    turn about in a step, as the wind passes the nose, do not.
     """
-    gyros = _jumping([channels[name] for name in GYROS if name in channels])
-    accelerometers = _jumping([channels[name] for name in ACCELEROMETERS if name in channels])
-    both = np.minimum(gyros, accelerometers)
+    found_in = {name: _jumps(values) for name, values in channels.items()}
+    gyros, accelerometers = (
+        [each for name in triad if (each := found_in.get(name)) is not None] for triad in (GYROS, ACCELEROMETERS)
+    )
+    if not gyros or not accelerometers:
+        return ()
+    both = np.minimum(*(np.max([np.abs(jump) for jump, _ in some], axis=0) for some in (gyros, accelerometers)))
     left, found = both.copy(), list[int]()
     while left.size and float(left.max()) > limits.JUMP_SIGMAS and len(found) <= limits.CLOCK_MOST_STEPS:
         at = int(np.argmax(left))
@@ -281,28 +286,35 @@ def joint_jumps(channels: Mapping[str, FloatArray]) -> tuple[int, ...]:
         before = both[max(0, at - JUMP_AROUND * JUMP_FLANK) : max(0, at - JUMP_FLANK)]
         after = both[at + JUMP_FLANK + 1 : at + JUMP_AROUND * JUMP_FLANK]
         around = max(float(part.max(initial=0.0)) for part in (before, after))
-        if min(before.size, after.size) > JUMP_FLANK and both[at] > limits.JUMP_TIMES_AROUND * around:
+        jumps, slopes = np.array([(jump[at], slope[at]) for jump, slope in (*gyros, *accelerometers)]).T
+        explained = float(jumps @ slopes) ** 2 / max(float(slopes @ slopes) * float(jumps @ jumps), 1e-300)
+        if (
+            min(before.size, after.size) > JUMP_FLANK
+            and both[at] > limits.JUMP_TIMES_AROUND * around
+            and explained > limits.JUMP_EXPLAINED
+        ):
             found.append(at)
     return tuple(sorted(found)) if len(found) <= limits.CLOCK_MOST_STEPS else ()
 
 
-def _jumping(channels: Sequence[FloatArray]) -> FloatArray:
-    """The largest jump (n,) of some channels before each sample, in robust standard deviations."""
-    largest = np.zeros(channels[0].size if channels else 0)
+def _jumps(values: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """The jump (n,) of a channel before each sample, and what it changes by per step there, both in robust standard
+    deviations of the jump; None of one that is short, or never changes.
+    """
     # Of the samples about a place, half a step away: slope and value of the parabola after it less that before.
     _, slope, value = np.linalg.pinv(np.vander(np.arange(JUMP_FLANK) + 0.5, 3))
-    slopes, weights = np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])
-    for values in channels:
-        if values.size < 4 * JUMP_FLANK:
-            continue
-        jump = np.full(values.size, np.nan)
-        inside = slice(JUMP_FLANK, values.size - JUMP_FLANK + 1)
-        jump[inside] = np.correlate(values, weights, "valid")
-        finite = jump[np.isfinite(jump)]
-        scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else 0.0
-        if scale > 0.0:
-            # A kink (a moment that sets in) lies within half a step, and makes no more of a jump than this.
-            kink = np.abs(np.correlate(values, slopes, "valid"))
-            jump[inside][np.abs(jump[inside]) < kink] = 0.0
-            largest = np.maximum(largest, np.nan_to_num(np.abs(jump)) / scale)
-    return largest
+    bends, weights = np.concatenate([slope[::-1], slope]), np.concatenate([-value[::-1], value])
+    inside = slice(JUMP_FLANK, values.size - JUMP_FLANK + 1)
+    if values.size < 4 * JUMP_FLANK:
+        return None
+    jump, rate = np.full(values.size, np.nan), np.zeros(values.size)
+    jump[inside] = np.correlate(values, weights, "valid")
+    finite = jump[np.isfinite(jump)]
+    scale = MAD_TO_SIGMA * float(np.median(np.abs(finite))) if finite.size else 0.0
+    if scale == 0.0:
+        return None
+    # A kink (a moment that sets in) lies within half a step, and makes no more of a jump than this.
+    kink = np.abs(np.correlate(values, bends, "valid"))
+    jump[inside][np.abs(jump[inside]) < kink] = 0.0
+    rate[inside] = 0.5 * np.correlate(values, np.concatenate([-slope[::-1], slope]), "valid")
+    return np.nan_to_num(jump) / scale, np.nan_to_num(rate) / scale

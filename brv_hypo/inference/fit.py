@@ -17,7 +17,6 @@ from brv_hypo.constants import (
     SEARCH_OUT_OF_REACH,
     SEARCH_PATIENCE,
     SEARCH_SIZES_TRIED,
-    SEARCH_STARTS,
 )
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
@@ -172,7 +171,7 @@ def fit_hypothesis(
     best: HypothesisFit | None = None
     worse = 0
     for size in range(1, problem.max_terms + 1):
-        starts = [settle(chosen) for _, chosen in grid.best.get(size, ())[:SEARCH_STARTS]]
+        starts = [settle(grid.best[size][1])] if size in grid.best else []
         if best is not None:
             further = extended(problem, best.frame, best.columns, mechanisms, offered.joint or offered.single)
             starts.extend([settle(further, best.selected)] if further else [])

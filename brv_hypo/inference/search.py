@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
-from brv_hypo.constants import SEARCH_BEST
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.linearisation.frame import RateFrame
@@ -71,31 +70,26 @@ def _columns_of(
 class OnGrid:
     """A hypothesis on the grid of knots and thetas: what is on offer, and the best subsets of it.
 
-    `best`: for each number of columns above 0, (RSS, columns), the least first.
+    `best`: for each number of columns above 0 the subset of least RSS.
     """
 
     frame: RateFrame
     offered: Offers
-    best: Mapping[int, tuple[Subset, ...]]
+    best: Mapping[int, Subset]
 
 
-def on_grid(problem: Problem, mechanisms: Sequence[Mechanism], n_best: int = SEARCH_BEST) -> OnGrid:
-    """The `n_best` subsets of each size of either kind of offer."""
+def on_grid(problem: Problem, mechanisms: Sequence[Mechanism]) -> OnGrid:
+    """The best subset of each size, of either kind of offer."""
     frame = problem.frame.with_mechanisms(mechanisms)
     offered = offers(problem, frame, mechanisms)
     reduced = Reduced(problem, frame)
-    best: dict[int, dict[tuple[Regressor, ...], float]] = {}
-    for sets in (offered.single, offered.joint):
-        found = [subset for offer in sets for subset in _subsets(reduced, (), offer, problem.exact_terms, n_best)]
-        ranked = sorted(found, key=itemgetter(0))
-        for size in {len(chosen) for _, chosen in ranked}:
-            least = [subset for subset in ranked if len(subset[1]) == size][:n_best]
-            best.setdefault(size, {}).update({chosen: rss for rss, chosen in least})
-    by_size = {
-        size: tuple(sorted(((rss, chosen) for chosen, rss in subsets.items()), key=itemgetter(0)))
-        for size, subsets in best.items()
-    }
-    return OnGrid(frame, offered, by_size)
+    best: dict[int, Subset] = {}
+    for offer in (*offered.single, *offered.joint):
+        for subset in _subsets(reduced, (), offer, problem.exact_terms):
+            size = len(subset[1])
+            if size and (size not in best or subset[0] < best[size][0]):
+                best[size] = subset
+    return OnGrid(frame, offered, best)
 
 
 def extended(
@@ -132,9 +126,9 @@ def _compatible(
 
 
 def _subsets(
-    reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor], max_terms: int, n_best: int = 1
+    reduced: Reduced, forced: Sequence[Regressor], offered: Sequence[Regressor], max_terms: int
 ) -> list[Subset]:
-    """The best subsets of each size of what is on offer, beside forced columns: (RSS, columns without those).
+    """The best subset of each size of what is on offer, beside forced columns: (RSS, columns without those).
 
     The search has the triangular factor of all columns, which has the same residual sums of squares as the rows and is
     small. Columns that nothing is left of beside baseline and nuisances are no candidates.
@@ -154,7 +148,6 @@ def _subsets(
         triangle[:, -1],
         max_terms=min(max_terms, len(kept) - first),
         forced=tuple(range(first)),
-        n_best=n_best,
         groups=tuple(tuple(members) for members in vectors.values()) or None,
     )
     return [(rss, tuple(columns[kept[place]] for place in chosen)) for rss, chosen in found]
