@@ -98,11 +98,10 @@ TURNING_MERIDIAN = 90.0  # percentile of the meridian's rate
 # validation.md lists, and are judged together by its fresh ones.
 
 COMPARED_SMALLEST = 60  # samples; rule of thumb: four for each of baseline and six terms
-# Estimate over tolerance from which an error of record or vehicle is named (2 of 48 flights whose errors were drawn at
-# their tolerances, seed 404000), and how many of them are.
-BEYOND_TOLERANCE = 3.0
-BEYOND_TOLERANCE_NAMED = 3
-QUIET = 0.7  # of the residual that noise and tolerances explain, below which the noise is smaller than stated
+# Probability that the largest of a result's errors of record and vehicle, each drawn at its tolerance, is named as
+# beyond it (one flight has 53 of them, and beyond 3 tolerances is one in 7 of such flights); how many are named.
+BEYOND_CHANCE = 0.01
+BEYOND_NAMED = 3
 FAR_BETTER = (
     0.25  # of a held-out error: below it, on several flights, a rival is said to predict far better; wording alone
 )

@@ -48,16 +48,10 @@ class NullIsNaN(BaseModel):
         return self.model_dump_json(by_alias=True)
 
 
-class Result(Tabular, NullIsNaN):
+class Result(NullIsNaN, Tabular):
     """A result that survives JSON: what is not a number is written as null, and null is read as not a number."""
 
-    def __repr__(self) -> str:
-        """Short, whatever the result holds."""
-        return Tabular.__repr__(self)
-
-    __str__ = __repr__
-    __eq__ = NullIsNaN.__eq__
-    __hash__ = NullIsNaN.__hash__
+    __repr__ = __str__ = Tabular.__repr__
 
     def to_json(self) -> str:
         """The JSON of the contract; histories for pictures are no part of it."""

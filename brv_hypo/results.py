@@ -79,9 +79,20 @@ class Tabular:
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
-        """The rows as a labelled data set over the dimension "row"; UsageError where xarray is not installed."""
+        """The rows as a labelled data set with units, over the dimension "row" or the data frame's index.
+
+        Raises UsageError where xarray is not installed.
+        """
         _needed("xarray", "to_xarray()", "xarray")
-        return self.to_dataframe().rename_axis("row").to_xarray().drop_vars("row").assign_attrs(title=self.headline())
+        frame = self.to_dataframe()
+        data = frame.to_xarray() if frame.index.name else frame.rename_axis("row").to_xarray().drop_vars("row")
+        for name, units in self.units().items():
+            data[name].attrs["units"] = units
+        return data.assign_attrs(title=self.headline())
+
+    def units(self) -> Mapping[str, str]:
+        """Units of the columns that have any, SI."""
+        return {}
 
     def __eq__(self, other: object) -> bool:
         """The same type and the same values, where what is not a number equals itself."""
@@ -114,18 +125,6 @@ class Histories(Tabular):
         of_pandas = _needed("pandas", "to_dataframe()", "tables").DataFrame
         frame: pandas.DataFrame = of_pandas(columns).set_index(next(iter(columns)))
         return frame
-
-    def units(self) -> Mapping[str, str]:
-        """Units of the columns that have any, SI."""
-        return {}
-
-    def to_xarray(self) -> xarray.Dataset:
-        """The columns as a labelled data set over the axis, with units; UsageError where xarray is not installed."""
-        _needed("xarray", "to_xarray()", "xarray")
-        data = self.to_dataframe().to_xarray().assign_attrs(title=self.headline())
-        for name, units in self.units().items():
-            data[name].attrs["units"] = units
-        return data
 
     def _repr_html_(self) -> str:
         """For notebooks: the headline, and the columns with their units and ranges."""

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
+
+from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.judgement import Judged, judged
 from brv_hypo.comparison.preparation import shared_problem
+from brv_hypo.comparison.result import MotionHistories
 from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms import find
 from brv_hypo.motion import Reconstruction, reconstruct
@@ -79,3 +83,19 @@ def judged_cone(*plant: str) -> Judged:
     names = tuple(dict.fromkeys(["none", *plant, "damping"]))
     hypotheses = {name: () if name == "none" else (find(name),) for name in names}
     return judged([reconstructed(*plant)], CompareConfig(mechanisms=names[1:]), hypotheses, lambda _: None)
+
+
+def histories(time: FloatArray, alpha: FloatArray, meridian: FloatArray, sigma: float = 0.01) -> MotionHistories:
+    """Those of a flight without roll, with this angle of attack and windward meridian (n,) rad, known to `sigma`."""
+    zero, known = np.zeros(time.size), np.full(time.size, sigma)
+    return MotionHistories(
+        time_s=time,
+        alpha_rad=alpha,
+        windward_meridian_rad=meridian,
+        alpha_sigma_rad=known,
+        windward_meridian_sigma_rad=known,
+        roll_rate_rad_s=zero,
+        windward_meridian_rate_rad_s=zero,
+        mach=zero + 5.0,
+        dynamic_pressure_pa=zero + 1e3,
+    )

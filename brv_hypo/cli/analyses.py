@@ -250,7 +250,7 @@ def study(
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f", and the same command goes on with what {output} holds") from None
     summary = summarise(settings, outcomes)
-    document = study_document(summary, outcomes)
+    document = study_document(summary)
     write_whole(output / RESULTS, results_csv(outcomes))
     write_whole(output / SUMMARY, as_json(summary))
     write_whole(output / REPORT, page(document, session.provenance(settings)))

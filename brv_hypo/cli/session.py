@@ -39,7 +39,7 @@ import typer
 from typer import Argument, Option
 
 from brv_hypo.errors import BrvHypoError, UsageError
-from brv_hypo.io.files import check_hdf5, check_target, remove_open_temporaries, write_whole
+from brv_hypo.io.files import check_hdf5, check_place, check_target, remove_open_temporaries, write_whole
 from brv_hypo.io.text import printable
 from brv_hypo.progress import Report, report_to, silent
 
@@ -252,9 +252,7 @@ def _completion(module: str, names: str, *arguments: str) -> Callable[[str], lis
 
 
 complete_topics = _completion("docs", "topics")
-complete_configurations = _completion(
-    "simulation.config", "config_names"
-)  # a shell completes files where none begins so
+complete_configurations = _completion("simulation.config", "config_names")  # and files, where none begins so
 complete_studies = _completion("simulation.config", "config_names", "studies")
 complete_grades = _completion("flight.tolerances", "GRADES")
 complete_installed = _completion("mechanisms.registry", "installed")
@@ -352,24 +350,14 @@ class Session:
             check_target(file, overwrite=self.force)
             if hdf5 and file in files:
                 check_hdf5(file)
-            place = Path(os.path.realpath(file)).parent
-            if not place.is_dir():
-                raise UsageError(f"{file} cannot be written: {place} does not exist. Create it, or choose another.")
-            if not os.access(place, os.W_OK):
-                raise UsageError(f"{file} cannot be written: no permission in {place}. Choose another place.")
-        if self.figures is None:
-            return
-        folder = self.figures
-        if folder.exists() and not folder.is_dir():
-            raise UsageError(f"--figures {folder} is a file. Give a folder, which need not exist yet.")
-        existing = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists())
-        if not existing.is_dir() or not os.access(existing, os.W_OK):
-            raise UsageError(f"--figures {folder} cannot be made: no permission in {existing}. Choose another place.")
-        from brv_hypo.report.write import require_matplotlib
+            check_place(file, Path(os.path.realpath(file)).parent)
+        if (folder := self.figures) is not None:
+            from brv_hypo.report.write import require_matplotlib
 
-        require_matplotlib()
-        for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
-            check_target(picture, overwrite=self.force)
+            require_matplotlib()
+            check_place(folder, next(each for each in (folder.absolute(), *folder.absolute().parents) if each.exists()))
+            for picture in sorted((*folder.glob("*.png"), *folder.glob("*.svg"))):
+                check_target(picture, overwrite=self.force)
 
     def show(self, *parts: Any, conclusion: str = "") -> None:
         """Print documents, their blocks, or what rich renders; with -q the conclusion alone.

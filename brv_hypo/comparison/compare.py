@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig, CompareSettings
-from brv_hypo.comparison.diagnostics import best_by_size, diagnostics, events_apart
+from brv_hypo.comparison.diagnostics import best_by_size, diagnostics, events_apart, events_unreached
 from brv_hypo.comparison.intervals import out_of_bounds
 from brv_hypo.comparison.judgement import (
     Hypotheses,
@@ -31,8 +31,8 @@ from brv_hypo.comparison.judgement import (
     weighed,
 )
 from brv_hypo.comparison.limits import limits
-from brv_hypo.comparison.preparation import sharing_warnings, short_warnings
-from brv_hypo.comparison.result import Comparison, Seconds, Verdict, beyond_text
+from brv_hypo.comparison.preparation import filter_warnings, sharing_warnings, short_warnings
+from brv_hypo.comparison.result import Comparison, MechanismLimit, Seconds, Verdict, beyond_text
 from brv_hypo.comparison.summary import flight_summary, record_summary, refused, summarise
 from brv_hypo.comparison.verdict import Candidate, Fit, judge, with_better_rival, with_prediction_error
 from brv_hypo.constants import CREDIBLE_PROBABILITY, LIKELIHOOD_HYPOTHESES, LIKELIHOOD_STEPS
@@ -103,7 +103,7 @@ def compare(
     about_record = {
         "record": record,
         "flights": tuple(flight_summary(*each) for each in zip(tried, analysed, strict=True)),
-        "warnings": (*found.warnings, *reasons),
+        "warnings": (*found.warnings, *reasons, *filter_warnings(tried)),
     }
     return found.model_copy(update=about_record)
 
@@ -155,7 +155,8 @@ def _compare(flights: Sequence[Flight], config: CompareConfig, say: Say, faulty:
     if beyond := beyond_text(known["record_errors"], verdict.outcome):
         warnings = (*warnings, beyond)
     sized = best_by_size(problem, fits, criteria[beside.null])
-    about = {"best_by_size": sized, "warnings": (*warnings, *events_apart(beside))}
+    events = (*events_unreached(comparison), *events_apart(beside))
+    about = {"best_by_size": sized, "warnings": (*events, *warnings)}
     return comparison.model_copy(update={**known, **about})
 
 
@@ -177,7 +178,7 @@ def _verdict(beside: Judged, hypotheses: Hypotheses, other_prior: float) -> Verd
     verdict = judge(listed, instead, fit, share, processes(beside), other_prior)
     found = limits(beside.fits[beside.leader], leader, hypotheses, weight)
     if verdict.outcome == "none adequate":
-        found = tuple(each.model_copy(update={"share_of_moment_95": float("nan")}) for each in found)
+        found = tuple(MechanismLimit(mechanism=each.mechanism) for each in found)
     return verdict.model_copy(update={"limits": found})
 
 

@@ -21,7 +21,7 @@ from brv_hypo.linearisation.channels import Histories
 from brv_hypo.linearisation.frame import residual_moments
 from brv_hypo.mechanisms.contract import Process
 from brv_hypo.mechanisms.registry import moment_processes, record_processes
-from brv_hypo.model.common_time import at
+from brv_hypo.model.common_time import at, decimals
 from brv_hypo.model.term import Regressor
 from brv_hypo.motion.interpolation import time_splines
 from brv_hypo.motion.motion import plane_from_body
@@ -102,6 +102,26 @@ def events_apart(judged: Judged) -> tuple[str, ...]:
     return (
         f"the change of {term} about {place} does not come at one {shared} on all flights ({apart[most]:.1g} s apart): "
         "for its time, compare each flight by itself",
+    )
+
+
+def events_unreached(comparison: Comparison) -> tuple[str, ...]:
+    """At which Mach numbers the mechanism that leads begins or ends where not every flight comes by them."""
+    leader, found = comparison.ranking[0], dict[tuple[str, str], list[str]]()
+    inner = {each.start_s for each in leader.intervals[1:]}  # the others are those of the record
+    ends = inner.intersection(end for each in leader.acting for end in (each.start_s, each.stop_s))
+    digits = decimals([knot.mach for knot in leader.knots])
+    for knot in leader.knots:
+        by_reach = [
+            " and ".join(str(k) for k, own in enumerate(knot.flights_s, start=1) if (own is None) == missed)
+            for missed in (False, True)
+        ]
+        if all(by_reach) and knot.time_s in ends:
+            found.setdefault((by_reach[0], by_reach[1]), []).append(f"{knot.mach:.{digits}f}")
+    return tuple(
+        f"that {leader.mechanism} changes at Mach {' and '.join(machs)} is known from flight {known} alone: flight "
+        f"{missing} does not come by there"
+        for (known, missing), machs in found.items()
     )
 
 

@@ -13,9 +13,10 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import NetInterval, TermEstimate
 from brv_hypo.constants import COLLINEAR, INFLATED, SEARCH_SAME_THETA, SECOND_ORDER_VALUES
 from brv_hypo.inference.fit import HypothesisFit
+from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.mechanisms.contract import Derived
 from brv_hypo.model.common_time import at
-from brv_hypo.model.term import Regressor, Theta
+from brv_hypo.model.term import Regressor, Theta, evaluated
 
 
 def estimate(name: str, mechanism: str, value: float, sigma: float, units: str, **where: Any) -> TermEstimate:
@@ -23,6 +24,13 @@ def estimate(name: str, mechanism: str, value: float, sigma: float, units: str, 
     f_ratio = (value / sigma) ** 2 if sigma > 0 else float("nan")
     known = {"name": name, "mechanism": mechanism, "value": value, "std_error": sigma, "units": units}
     return TermEstimate.model_validate({**known, "f_ratio": f_ratio, **where})
+
+
+def channel_of(column: Regressor, frame: RateFrame) -> str:
+    """In which plane the column acts."""
+    (term,) = evaluated([column], frame.mechanisms, frame.motions[column.flight or 0])
+    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
+    return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
 
 
 def collinear_pairs(covariance: FloatArray) -> dict[frozenset[int], tuple[int, int, str]]:
@@ -81,17 +89,19 @@ def _interval(fit: HypothesisFit, start: float, stop: float) -> NetInterval:
             mine = first + np.array(parameter.columns)
             rows[:, k] = rows[:, mine] @ fit.values[mine] / parameter.value
     covariance = fit.covariance_of(rows)
-    where = {"channel": "both", "region_s": (start, stop)}
+    region = (start, stop)
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     found = []
     for (mechanism, _, term), members, value, sigma in zip(
         groups, groups.values(), values.tolist(), sigmas, strict=True
     ):
         column = fit.selected[members[0]]
-        found.append(estimate(term, mechanism, value, sigma, _units(column), delay_s=column.delay, **where))
+        where = {"channel": channel_of(column, fit.frame), "region_s": region, "delay_s": column.delay}
+        found.append(estimate(term, mechanism, value, sigma, _units(column), **where))
     collinear = collinear_groups([each.name for each in found], covariance)
     derived = _derived(fit, list(groups), values, covariance)
-    found += [estimate(d.name, name, d.value, d.std_error, d.units, **where) for name, d in derived]
+    for name, d in derived:
+        found.append(estimate(d.name, name, d.value, d.std_error, d.units, channel="both", region_s=region))
     return NetInterval(start_s=start, stop_s=stop, values=tuple(found), collinear_groups=collinear)
 
 

@@ -77,7 +77,9 @@ def limits(
             known[mechanism.name] = _limit(evidence, frame, mechanism, LIMIT_FALL / weight) / moment
     shares = {name: max(known[each.name] for each in group) for name, group in hypotheses.items() if group}
     return tuple(
-        MechanismLimit(mechanism=name, share_of_moment_95=share if share <= LIMIT_LARGEST else float("nan"))
+        MechanismLimit(mechanism=name, share_of_moment_95=share, coefficient_95=share * moment)
+        if share <= LIMIT_LARGEST
+        else MechanismLimit(mechanism=name)
         for name, share in shares.items()
     )
 

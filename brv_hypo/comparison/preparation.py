@@ -11,6 +11,8 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.config import CompareConfig
 from brv_hypo.constants import COLOURED, COMPARED_SMALLEST, OFFSET_DEGREE, SLOPE_DEGREE, WAVERING_SPEED
 from brv_hypo.errors import UnanswerableError, UsageError
+from brv_hypo.flight.inspection import FILTERED, low_passed
+from brv_hypo.flight.record import Flight
 from brv_hypo.inference.build import LinearisationPoint, baseline_columns, build_problem, carrying, point_of
 from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.noise import estimated_noise
@@ -223,6 +225,13 @@ def short_warnings(reconstructions: Sequence[Reconstruction]) -> tuple[str, ...]
         for name, count in held
         if count < 1.0
     )
+
+
+def filter_warnings(flights: Sequence[Flight]) -> tuple[str, ...]:
+    """Which records were low-passed; empty where none was."""
+    numbers = [str(k) for k, flight in enumerate(flights, start=1) if low_passed(flight)]
+    which = f"flight {' and '.join(numbers)}: " if len(flights) > 1 else ""
+    return (f"{which}{FILTERED}",) if numbers else ()
 
 
 def _by_mach(reconstructions: Sequence[Reconstruction]) -> CommonTime | str | None:

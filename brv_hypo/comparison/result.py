@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
-from brv_hypo.constants import BEYOND_TOLERANCE, BEYOND_TOLERANCE_NAMED, QUIET
+from brv_hypo.constants import BEYOND_NAMED
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative, Function
 from brv_hypo.io.text import hypothesis, number, times
 from brv_hypo.json_result import NullIsNaN, Result
+from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.results import HasCharts, Row
 
 Interval = tuple[float, float]
@@ -21,10 +21,6 @@ Moments = tuple[tuple[float, ...], tuple[float, ...]]
 QUOTED = "quote coefficients, delays and knots of the other tables, which are fitted with processes"
 """In place of a maximum likelihood in trouble."""
 BUT_MARKED = ", but for values marked *"
-QUIET_NOISE = (
-    " The noise is smaller than the record states, as of samples that were averaged or filtered: a filter with a delay "
-    "(import's `rate` has none) makes knots late, its width jumps gradual, and no stated error includes that."
-)
 
 
 class TermEstimate(NullIsNaN):
@@ -110,7 +106,9 @@ class RankedHypothesis(NullIsNaN):
     `f_ratio` is of the mechanism's terms together against the baseline (None for `none`), `cp` Mallows' C_p
     against the largest model compared, `prediction_error` the mean square error of the moment coefficients
     on held-out blocks, `prediction_ratio` that error over the error of `none`; `bic` (extended) and
-    `log_likelihood` are at the effective sample size. `criteria`: the seven of 3.3.2 and the usual others.
+    `log_likelihood` are at `n_effective` samples: the whitened rows of all channels, averaged where noise is white, as
+    independent as whitening makes them; what it does not reach lowers the weight of evidence instead.
+    `criteria`: the seven of 3.3.2 and the usual others.
     `knots` are the ends of the regions of `terms` by Mach number, where flights share them by it; empty elsewhere.
     """
 
@@ -178,7 +176,12 @@ class BaselineSummary(NullIsNaN):
 
 
 class Adequacy(NullIsNaN):
-    """Residual rms over what instruments and reconstruction explain, and whether that is all that is left."""
+    """`ratio`: rms residual of the leader, beside all processes and errors within tolerances, over the record's noise.
+
+    `p_value`: probability of so large a ratio where the record states its noise well; it decides nothing. `adequate`:
+    what the residual has beyond the noise is less than the leader explains, or than the noise; something outside the
+    list has no probability of 0.9 or more; and the leader needs no value that no body has.
+    """
 
     ratio: float
     p_value: float
@@ -195,8 +198,8 @@ class Explained(NullIsNaN):
     share: float
     unexplained: float
     interval_95: Interval
-    processes: float = float("nan")
-    noise: float = float("nan")
+    processes: float
+    noise: float
 
 
 LEAST_PROCESS = 1e-3  # share of the static moment above which a process is shown
@@ -229,10 +232,14 @@ class ProcessEstimate(NullIsNaN):
 
 
 class MechanismLimit(NullIsNaN):
-    """The largest share of the moment's rms that a mechanism may have, at 95 %; NaN where nothing is adequate."""
+    """The largest share of the moment's rms that a mechanism may have, at 95 %, and that as an rms moment coefficient.
+
+    NaN where nothing is adequate, or the record says nothing of the mechanism's size.
+    """
 
     mechanism: str
-    share_of_moment_95: float
+    share_of_moment_95: float = float("nan")
+    coefficient_95: float = float("nan")
 
 
 class RecordError(NullIsNaN):
@@ -254,8 +261,8 @@ class RecordError(NullIsNaN):
 
 
 def beyond_tolerances(errors: Sequence[RecordError]) -> list[RecordError]:
-    """Those that exceed what the record allows."""
-    return [each for each in errors if abs(each.tolerances) > BEYOND_TOLERANCE]
+    """Those of all a result's errors that exceed what the largest of so many may be."""
+    return [each for each in errors if abs(each.tolerances) > beyond_level(len(errors))]
 
 
 def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
@@ -265,7 +272,7 @@ def beyond_text(errors: Sequence[RecordError], outcome: str = "") -> str:
     said = [
         f"{each.name} {number(each.value)}{'' if each.units == '1' else f' {each.units}'} "
         f"({abs(each.tolerances):.1f} times)"
-        for each in beyond[:BEYOND_TOLERANCE_NAMED]
+        for each in beyond[:BEYOND_NAMED]
     ]
     listed = ", ".join(said) + (f", and {len(beyond) - len(said)} more" if len(beyond) > len(said) else "")
     return f"Errors beyond the tolerances of the record (--instruments){poses}: {listed}." if beyond else ""
@@ -316,17 +323,17 @@ class Seconds(NullIsNaN):
 
 
 class MotionHistories(NullIsNaN):
-    """Histories for pictures, of one flight: not part of the JSON. Empty where they are not known."""
+    """Histories for pictures, of one flight: not part of the JSON. `mach` is NaN where it is not known."""
 
     time_s: tuple[float, ...]
-    alpha_rad: tuple[float, ...] = ()
-    windward_meridian_rad: tuple[float, ...] = ()
-    alpha_sigma_rad: tuple[float, ...] = ()
-    windward_meridian_sigma_rad: tuple[float, ...] = ()
-    roll_rate_rad_s: tuple[float, ...] = ()
-    windward_meridian_rate_rad_s: tuple[float, ...] = ()
-    mach: tuple[float, ...] = ()
-    dynamic_pressure_pa: tuple[float, ...] = ()
+    alpha_rad: tuple[float, ...]
+    windward_meridian_rad: tuple[float, ...]
+    alpha_sigma_rad: tuple[float, ...]
+    windward_meridian_sigma_rad: tuple[float, ...]
+    roll_rate_rad_s: tuple[float, ...]
+    windward_meridian_rate_rad_s: tuple[float, ...]
+    mach: tuple[float, ...]
+    dynamic_pressure_pa: tuple[float, ...]
     whitened: dict[str, tuple[float, ...]] = Field(default_factory=dict)
     """Of model and processes, by channel: the residual at unit noise, in axes that do not roll."""
 
@@ -415,19 +422,16 @@ class Comparison(HasCharts, Result):
     def conclusion(self) -> str:
         """The reason of the verdict; on lines of their own shares of the baseline's residual, and what limits it."""
         lines, found = [" ".join(filter(None, (self.verdict.reason, self._when())))], self.verdict.explained
-        if found is not None and (found.share or isfinite(found.processes)):
+        if found is not None:
             share, low, high = map(percent, (found.share, *found.interval_95))
-            leader = [f"{self.ranking[0].mechanism} {share} % ({low} to {high} %)"] if found.share else []
-            parts = {"processes and noise": found.unexplained}  # of an earlier version
-            if isfinite(found.processes):
-                parts = {"processes": found.processes, "noise": found.noise}
-            rest = [f"{name} {percent(part)} %" for name, part in parts.items()]
-            lines.append(f"Of the residual of the baseline: {', '.join((*leader, *rest))}.")
+            leader = f"{self.ranking[0].mechanism} {share} % ({low} to {high} %), " if found.share else ""
+            rest = f"processes {percent(found.processes)} %, noise {percent(found.noise)} %"
+            lines.append(f"Of the residual of the baseline: {leader}{rest}.")
         if (fits := self.verdict.adequacy) is not None:
             within = f"The leader's residual is {number(fits.ratio, 2)} times what noise and tolerances explain"
             stable = self.verdict.stability
             repeated = "" if stable is None else f"; {100.0 * stable:.0f} % of the repetitions give the same answer"
-            lines.append(f"{within}{repeated}.{QUIET_NOISE if fits.ratio < QUIET else ''}")
+            lines.append(f"{within}{repeated}.")
         lines.append(beyond_text(self.record_errors, self.verdict.outcome))
         if self.ranking and (fit := self.ranking[0].ml) is not None and fit.trouble:
             lines.append(

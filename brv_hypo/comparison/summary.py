@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.comparison.intervals import estimate, intervals
+from brv_hypo.comparison.intervals import channel_of, estimate, intervals
 from brv_hypo.comparison.result import (
     BaselineSummary,
     Comparison,
@@ -30,10 +30,8 @@ from brv_hypo.inference.fit import HypothesisFit
 from brv_hypo.inference.problem import Problem
 from brv_hypo.io.text import hypothesis, times
 from brv_hypo.linearisation.frame import RateFrame
-from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.baseline import KnownSlopeSchedule, PitchDamping, SlopeSchedule, StaticBend, StaticMoment
-from brv_hypo.model.term import BASELINE, Regressor, Vector, evaluated
-from brv_hypo.motion.motion import Motion
+from brv_hypo.model.term import BASELINE, Regressor, Vector
 from brv_hypo.motion.reconstruction import Reconstruction
 from brv_hypo.subset.criteria import Criteria
 
@@ -198,11 +196,7 @@ def estimates(
     sigmas, found = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist(), []
     for column, value, sigma in zip(columns, values.tolist(), sigmas, strict=True):
         mechanism = BASELINE if column.mechanism in _OF_THE_BASELINE else column.mechanism
-        where = {
-            "channel": channel_of(column, frame.mechanisms, frame.motions[column.flight or 0]),
-            "region_s": _region(frame, column),
-            "delay_s": column.delay,
-        }
+        where = {"channel": channel_of(column, frame), "region_s": _region(frame, column), "delay_s": column.delay}
         label = column.label + of_flight(frame, column.flight)
         found.append(estimate(label, mechanism, value, sigma, column.units, **where))
     return tuple(found)
@@ -274,13 +268,6 @@ def likelihood_block(found: Identification, terms: tuple[TermEstimate, ...]) -> 
         ),
         seconds=found.seconds,
     )
-
-
-def channel_of(column: Regressor, mechanisms: Mapping[str, Mechanism], motion: Motion) -> str:
-    """In which plane the column acts."""
-    (term,) = evaluated([column], mechanisms, motion)
-    inside, outside = bool(np.any(term.in_plane)), bool(np.any(term.out_of_plane))
-    return "both" if inside and outside else "out-of-plane" if outside else "in-plane"
 
 
 def _derived(fit: HypothesisFit) -> tuple[DerivedEstimate, ...]:

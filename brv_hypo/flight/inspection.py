@@ -203,7 +203,7 @@ def inspect_flight(flight: Flight | str | Path, *, start: float | None = None, s
         notes=ready.notes,
         warnings=(
             *_warnings(channels, per_cycle, phases),
-            *([FILTERED] if low_passed(ready, frequency) else []),
+            *([FILTERED] if low_passed(ready) else []),
             *filter(None, steps),
         ),
     )
@@ -235,14 +235,15 @@ FILTERED = (
 )
 
 
-def low_passed(flight: Flight, frequency: float) -> bool:
-    """Whether the noise of q and r ends within the band, in the longest segment; `frequency`: of the motion, Hz."""
+def low_passed(flight: Flight) -> bool:
+    """Whether the noise of q and r ends within the band, in the longest segment."""
     from scipy.signal.windows import blackmanharris
 
     start, stop = max(flight.segments, key=lambda segment: segment[1] - segment[0])
     window = blackmanharris(stop - start)  # whose side lobes lie below any noise
     spectra = (np.fft.rfft((each[start:stop] - np.mean(each[start:stop])) * window) for each in (flight.q, flight.r))
     size, at = np.sqrt(sum(np.abs(each) ** 2 for each in spectra)), np.fft.rfftfreq(stop - start, flight.step)
+    frequency = strongest_frequency(flight.q, flight.r, flight.step, flight.segments)  # of the motion, Hz
     cycles, share = FILTERED_ABOVE
     parts = np.array_split(np.flatnonzero(at > max(cycles * frequency, share * at[-1])), FILTERED_PARTS)
     if parts[-1].size < INSPECTED_FEWEST_SAMPLES // FILTERED_PARTS:

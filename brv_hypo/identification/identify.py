@@ -453,7 +453,7 @@ def _summary(problem: Problem, found: FitResult) -> Identification:
     labels = unique([parameter.label for parameter in structure.nonlinear_parameters])
     instruments = tuple(of_one(v.name, flight, v.units, v.size) for v, flight in problem.tolerated)
     beyond = [
-        beyond_tolerance(e.name, e.value, v.size, e.units)
+        beyond_tolerance(e.name, e.value, v.size, e.units, len(instruments))
         for e, (v, _) in zip(instruments, problem.tolerated, strict=True)
     ]
     remedy = found.status.remedy  # for whoever has functions; whoever has a record has other means

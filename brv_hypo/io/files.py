@@ -126,6 +126,12 @@ def check_hdf5(path: str | Path) -> None:
         raise UsageError(f"{path} would hold HDF5, whose names end in .h5 or .hdf5. Give {Path(path).stem}.h5, say.")
 
 
+def check_place(path: str | Path, folder: Path) -> None:
+    """Raise UsageError with the remedy where nothing can be written for `path` in this folder."""
+    with writable(path), tempfile.TemporaryFile(dir=folder):
+        pass
+
+
 def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = True) -> None:
     """Write the file whole or not at all; a link is followed, and what it leads to replaced.
 

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from brv_hypo.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from brv_hypo.constants import BEYOND_TOLERANCE
+from brv_hypo.constants import BEYOND_CHANCE
 from brv_hypo.linearisation.channels import Histories, side_by_side
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.propagated_motion import MOTION
@@ -104,11 +105,18 @@ Errors = Mapping[tuple[str, str], float]
 """Values (SI) of one flight's errors, by effect (or mechanism) and component (or term)."""
 
 
-def beyond_tolerance(label: str, value: float, size: float, units: str) -> str | None:
-    """In words, that the data want an error of so much, though its tolerance (1 sigma) is `size`; None within reach."""
+def beyond_level(count: int) -> float:
+    """Tolerances that the largest of so many errors, drawn at theirs, exceeds with the probability `BEYOND_CHANCE`."""
+    return float(-ndtri(0.5 * BEYOND_CHANCE / max(count, 1)))
+
+
+def beyond_tolerance(label: str, value: float, size: float, units: str, count: int) -> str | None:
+    """In words, that the data want an error of so much, though its tolerance (1 sigma) is `size`; None where one of so
+    many may be so large.
+    """
     times = abs(value) / size
     stated = f"{value:.3g}" + ("" if units == "1" else f" {units}")
-    return f"{label} is {stated}, {times:.1f} times its tolerance" if times > BEYOND_TOLERANCE else None
+    return f"{label} is {stated}, {times:.1f} times its tolerance" if times > beyond_level(count) else None
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from itertools import chain
 import numpy as np
 
 from brv_hypo.comparison.result import Comparison, FlightSummary, RankedHypothesis
-from brv_hypo.io.text import hypothesis, probability, share
+from brv_hypo.io.text import hypothesis, number, probability, share
 from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Block, Chart, Document, Line, Mark, Panel, Role, Section, Texts
@@ -113,7 +113,7 @@ def _setting(comparison: Comparison, index: int, knots: Iterable[float]) -> Sett
         list(knots),
         charts.masked(comparison.record.faults, flight.stop_s - flight.start_s),
         f"-{index + 1}" if several else "",
-        f": {flight.title or flight.path}" if several else "",
+        f", flight {index + 1}" if several else "",
     )
 
 
@@ -131,8 +131,8 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
     bare = Drawn("no processes", np.array(series.fitted[leader.mechanism]), "guide", hidden=True)
     left = replace(bare, moments=measured - bare.moments)
     moments = [
-        charts.moment_chart(setting, time, measured, sigma, [*models, bare], caption=JUDGED),
-        charts.residual_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
+        charts.moment_chart(setting, time, sigma, [*models, bare], measured, caption=JUDGED),
+        charts.moment_chart(setting, time, sigma, [*residuals, left], caption=JUDGED),
         charts.moment_by_alpha_chart(setting, series.alpha_rad, measured, models[-1:]),
     ]
     overview = replace(moments[0], name=f"overview{setting.suffix}")
@@ -142,7 +142,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
         drawn = [Drawn(hypothesis(best.mechanism), made, "first")]
         if best is leader and comparison.verdict.winner:  # else it and processes may cancel
             overview = replace(
-                charts.moment_chart(setting, time, beyond, sigma, drawn),
+                charts.moment_chart(setting, time, sigma, drawn, beyond),
                 name=overview.name,
                 heading=f"{heading}{setting.which}",
                 caption=ALONE,
@@ -160,8 +160,7 @@ def _of_flight(comparison: Comparison, index: int) -> dict[str, list[Chart]]:
             panels.append(Panel(title, [dots, Line(time, fitted, "first", hypothesis(leader.mechanism))]))
         text = "At the c.g., fitted errors of the record taken out; the model with its processes."
         channels.append(setting.chart(stem, stem.replace("-", " ").capitalize(), panels, text))
-    rates = (series.roll_rate_rad_s, series.windward_meridian_rate_rad_s)
-    spectrum = charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates)
+    spectrum = charts.spectrum_chart(setting, series, [Drawn("measured", measured, "measured"), *residuals])
     units, most = [(each.name, each.units) for each in tables.shown_processes(comparison)], tables.ROWS_AT_FIRST
     named = {"processes": "Largest processes over time", "smaller-processes": "Smaller processes over time"}
     return {
@@ -197,6 +196,7 @@ def _coefficients(setting: Setting, row: RankedHypothesis) -> Chart:
 def comparison_document(comparison: Comparison) -> Document:
     """Verdict, ranking, overview; then the evidence in sections, those of rejected hypotheses folded."""
     verdict, ranking, count = comparison.verdict, comparison.ranking, len(comparison.flights)
+    unnamed, limits = verdict.winner in (None, "none"), _limit_texts(comparison)  # which are the answer then
     flights = [_of_flight(comparison, index) for index in range(len(comparison.series))]
     first: Mapping[str, Sequence[Chart]] = flights[0] if flights else defaultdict(list)
 
@@ -219,7 +219,11 @@ def comparison_document(comparison: Comparison) -> Document:
             tables.ranking_table(comparison),
             Texts((EVIDENCE,) if ranking else (), bullets=False, shown="page"),
         ),
-        beside=[*tables.estimate_blocks(comparison), *tables.process_blocks(comparison)],
+        beside=[
+            *tables.estimate_blocks(comparison),
+            *([limits] if unnamed else []),
+            *tables.process_blocks(comparison),
+        ],
         blocks=(
             Section("Data quality", [*_quality(comparison), *tables.vehicle_blocks(comparison.flights)]),
             Section("Notes", [_notes(comparison)], folded=True),
@@ -228,7 +232,7 @@ def comparison_document(comparison: Comparison) -> Document:
             Section("Measured channels", first["channels"], folded=True),
             Section("Processes", [*tables.process_texts(comparison), *first["processes"]], folded=True),
             Section("Residual diagnostics", first["residual"]),
-            Section("Hypotheses and limits", _compared(comparison)),
+            Section("Hypotheses and limits", [*_compared(comparison), *([] if unnamed else [limits])]),
             Section("Models by size", [_sizes(comparison), tables.size_table(comparison)]),
             Section("Errors of instruments and vehicle", _of_record(comparison)),
             Section(
@@ -268,13 +272,7 @@ def _notes(comparison: Comparison) -> Texts:
 
 def _compared(comparison: Comparison) -> list[Block]:
     """Evidence and prediction with their errors, probabilities, limits, and where criteria disagree."""
-    withheld = [limit.mechanism for limit in comparison.verdict.limits if np.isnan(limit.share_of_moment_95)]
-    why = f"Withheld for {', '.join(withheld)}: the record says nothing of their size."
-    if comparison.verdict.outcome == "none adequate":
-        why = "Withheld: no hypothesis that was compared is adequate."
-    no_limits = (why,) if withheld else ()
     shares = {limit.mechanism: limit.share_of_moment_95 for limit in comparison.verdict.limits}
-    known = [f"{name}: at most {share(value)} of the moment's rms" for name, value in shares.items() if value == value]
     title = "largest share of the moment's rms, %"
     read = (
         "At 95 %: the most that the leader may make, and that any other could hide beside it; no sign that it is there."
@@ -283,9 +281,26 @@ def _compared(comparison: Comparison) -> list[Block]:
         _evidence(comparison),
         _probability(comparison),
         Chart("limits", "Upper limits", title, charts.share_bars(shares, "third"), caption=read),
-        Texts((*no_limits, *known), "Upper limits at 95 %, also of what could hide beside the leader", shown="verbose"),
         Texts(comparison.disagreements, "Disagreements"),
     ]
+
+
+def _limit_texts(comparison: Comparison) -> Texts:
+    """How large each mechanism may be, of the moment's rms and as a moment coefficient, and which are not known."""
+    verdict = comparison.verdict
+    withheld = [each.mechanism for each in verdict.limits if np.isnan(each.share_of_moment_95)]
+    said = [
+        f"{each.mechanism}: at most {share(each.share_of_moment_95)} of the moment's rms, C_m "
+        f"{number(each.coefficient_95, 2)}"
+        for each in verdict.limits
+        if each.mechanism not in withheld
+    ]
+    if verdict.outcome == "none adequate":
+        said = ["Withheld: no hypothesis that was compared is adequate."] if withheld else said
+    elif withheld:
+        said.append(f"Withheld for {', '.join(withheld)}: the record says nothing of their size.")
+    heading = "Upper limits at 95 %, also of what could hide beside the leader"
+    return Texts(said, heading, shown="always" if verdict.winner in (None, "none") else "verbose")
 
 
 def _of_record(comparison: Comparison) -> list[Block]:
@@ -310,7 +325,7 @@ def _of_hypothesis(comparison: Comparison, row: RankedHypothesis) -> list[Block]
     groups = comparison.collinear_groups if row is comparison.ranking[0] else ()
     blocks: list[Block] = [
         _coefficients(_setting(comparison, place, _own_knots(row, place, comparison.flights[place])), row),
-        tables.term_table(f"Net values of {name}", tables.net_values(row), "page"),
+        tables.term_table(f"Net values of {name}", [v for each in row.intervals for v in each.values], "page"),
         tables.term_table(
             f"{name}: jumps and ramps, to be read together", row.terms, knots=row.knots, collinear=groups
         ),

@@ -1,6 +1,6 @@
 """A study as a document: confusion matrix, calibration, detection limits, coverage of the planted parameters.
 
-Its tables, its two charts, then `study_document`, the entrance.
+Its tables, its chart, then `study_document`, the entrance.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import numpy as np
 
 from brv_hypo.io.text import NOT_A_NUMBER, hypothesis, number
 from brv_hypo.io.text import share as percent
-from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Role, Shown, Table, Texts
-from brv_hypo.study import Outcome
+from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Shown, Table, Texts
 from brv_hypo.study.statistics import SIGMAS, Calibration, ConfusionRow, Share, StudySummary
 
 MOST_MISTAKES = 12  # mistakes that the terminal lists; -v, the page and the CSV file hold them all
@@ -168,30 +167,7 @@ def calibration_chart(calibration: Calibration) -> Chart:
     return Chart(*named, panels, range=(0.0, 1.03), caption=read)
 
 
-def effect_chart(outcomes: Sequence[Outcome]) -> Chart:
-    """Every planted flight: effect over mechanism and vehicle; won, first without a verdict, or missed."""
-    lines = sorted({_line(o) for o in outcomes})
-    kinds: tuple[tuple[str, Role, list[Outcome]], ...] = (
-        ("won", "third", [o for o in outcomes if o.won]),
-        ("first, undecided", "first", [o for o in outcomes if o.right and not o.won]),
-        ("missed", "second", [o for o in outcomes if not o.right]),
-    )
-    layers = []
-    for name, role, some in kinds:
-        x, y = [100.0 * o.effect for o in some], [lines.index(_line(o)) for o in some]
-        if some:
-            layers.append(Line(x, y, role, name, dots=True, large=True))
-    panels = [Panel("", layers, categories=lines)] if layers else []
-    title = "effect, % of the moment's rms while it lasts"
-    read = "A dot for every flight with a mechanism planted."
-    return Chart("effects", "Effects", title, panels, log=True, caption=read)
-
-
-def _line(outcome: Outcome) -> str:
-    return f"{hypothesis(outcome.planted)}, {outcome.draw.vehicle}"
-
-
-def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Document:
+def study_document(summary: StudySummary) -> Document:
     """Confusion, calibration, detection limits, coverage; in detail each vehicle and every mistake."""
     least = percent(summary.visible_effect)
     pace = "" if summary.seconds_per_flight is None else f", {summary.seconds_per_flight:.1f} s each"
@@ -214,7 +190,6 @@ def study_document(summary: StudySummary, outcomes: Sequence[Outcome]) -> Docume
             *(confusion_table(f"Ranked first, {name}", part, "verbose") for name, part in by_vehicle.items()),
             confusion_table("Ranked first, all flights", summary.confusion if small else (), "page"),
             *calibration_blocks(summary.calibration_visible),
-            effect_chart([o for o in outcomes if o.status == "compared" and o.effect > 0.0]),
             calibration_chart(summary.calibration_visible),
             detection_table(summary),
             Texts((_LIMITS,) if summary.detection else (), bullets=False, shown="page"),

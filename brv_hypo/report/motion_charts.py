@@ -14,10 +14,10 @@ from scipy.special import ndtri
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.comparison.result import MotionHistories, RecordError, TermEstimate
-from brv_hypo.constants import BEYOND_TOLERANCE
 from brv_hypo.flight.record import RecordFault
 from brv_hypo.inference.derivatives import Derivative
 from brv_hypo.io.text import share
+from brv_hypo.linearisation.nuisance import beyond_level
 from brv_hypo.report.document import (
     Band,
     Bars,
@@ -146,31 +146,21 @@ class Drawn:
 def moment_chart(
     setting: Setting,
     time: Values,
-    measured: FloatArray,
     sigma: Values,
     models: Sequence[Drawn],
+    measured: FloatArray | None = None,
     titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
     caption: str = "",
 ) -> Chart:
-    """Measured moments within two standard deviations, and the models, the last one on top."""
+    """Models, the last one on top, over the measured moments within two standard deviations; or, where none are given,
+    their residual moments before such a band.
+    """
     panels = _panels(titles, time, models, measured, sigma)
+    cut = cut_text(panels)
+    if measured is None:
+        return setting.chart("residuals", "Residual moments", panels, caption, _GYROS, cut)
     heading = "Moments, measured and modelled" if models else "Moments"
-    shaded = "Shaded: masked." if setting.masked else ""
-    return setting.chart("moments", heading, panels, caption, shaded, cut_text(panels))
-
-
-def residual_chart(
-    setting: Setting,
-    time: Values,
-    sigma: Values,
-    models: Sequence[Drawn],
-    titles: Sequence[str] = (IN_PLANE, OUT_OF_PLANE),
-    heading: str = "Residual moments",
-    caption: str = "",
-) -> Chart:
-    """Residual moments of models, before a band of two standard deviations; the last one on top."""
-    panels = _panels(titles, time, models, sigma=sigma)
-    return setting.chart("residuals", heading, panels, caption, _GYROS, cut_text(panels))
+    return setting.chart("moments", heading, panels, caption, "Shaded: masked." if setting.masked else "", cut)
 
 
 def moment_by_alpha_chart(
@@ -212,42 +202,17 @@ def _panels(
     return panels
 
 
-def motion_chart(
-    setting: Setting,
-    time: Values,
-    alpha: Values,
-    meridian: Values,
-    alpha_sigma: Values = (),
-    meridian_sigma: Values = (),
-) -> Chart:
-    """Angle of attack and windward meridian (rad; drawn in degrees), with two standard deviations where known."""
-    degrees, wrapped = np.degrees(alpha), wrapped_degrees(meridian)
-    above: list[Layer] = [Line(time, degrees, "measured", "estimate")]
-    below: list[Layer] = [Line(time, wrapped, "measured", "estimate")]
-    if len(alpha_sigma) and len(meridian_sigma):
-        wide, turn = 2.0 * np.degrees(alpha_sigma), 2.0 * np.degrees(meridian_sigma)
-        turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
-        above.insert(0, Band(time, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)))
-        below.insert(0, Band(time, wrapped - turn, wrapped + turn))
-    panels = [framed(Panel("α, deg", above), floor=0.0), Panel("φ<sub>w</sub>, deg", below, range=(-190.0, 190.0))]
-    ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
-    return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
-
-
-def spectrum_chart(
-    setting: Setting, time: Values, histories: Sequence[Drawn], roll_rate: Values, meridian_rate: Values
-) -> Chart:
-    """Spectra of moments, both planes together, with the median frequencies of the rates (rad/s) that are known."""
-    sample_rate = 1.0 / float(np.median(np.diff(time)))
+def spectrum_chart(setting: Setting, kept: MotionHistories, histories: Sequence[Drawn]) -> Chart:
+    """Spectra of moments, both planes together, with the median frequencies of roll and meridian."""
+    sample_rate = 1.0 / float(np.median(np.diff(kept.time_s)))
     moments = np.stack([each.moments for each in histories])
     moments = moments[:, :, np.all(np.isfinite(moments), axis=(0, 1))]
     frequency, spectra = welch(moments, fs=sample_rate, nperseg=min(_SEGMENT, moments.shape[2]))
     frequency = frequency[1:]  # from above zero
     powers = np.maximum(spectra.sum(axis=1), np.finfo(float).tiny)[:, 1:]
     most = float(frequency[np.searchsorted(np.cumsum(powers[0]), _SHARE * np.sum(powers[0]))])
-    rates = {"roll": roll_rate, "meridian": meridian_rate}
-    known = {name: np.abs(rate) for name, rate in rates.items() if len(rate) and np.all(np.isfinite(rate))}
-    marks = {name: float(np.median(rate)) / (2.0 * np.pi) for name, rate in known.items()}
+    rates = {"roll": kept.roll_rate_rad_s, "meridian": kept.windward_meridian_rate_rad_s}
+    marks = {name: float(np.median(np.abs(rate))) / (2.0 * np.pi) for name, rate in rates.items()}
     highest = min(_MARGIN * max([most, *marks.values()]), 0.5 * sample_rate)
     shown = frequency <= highest
     layers = [
@@ -297,9 +262,13 @@ def errors_chart(errors: Sequence[RecordError]) -> Chart:
     places = list(range(len(known)))
     dots = Line(values, places, "first", "± 2 sigma", dots=True, large=True, spread=wide)
     panels = [Panel("", [dots], categories=[each.name for each in known])] if known else []
-    most = 1.1 * max([BEYOND_TOLERANCE, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
-    marks = [Mark(side * BEYOND_TOLERANCE) for side in (-1.0, 1.0)]
-    read = f"As fitted with the model. Dashed: {BEYOND_TOLERANCE:g} tolerances; errors beyond are named above."
+    beyond = beyond_level(len(errors))
+    most = 1.1 * max([beyond, *(abs(v) + s for v, s in zip(values, wide, strict=True))])
+    marks = [Mark(side * beyond) for side in (-1.0, 1.0)]
+    read = (
+        f"As fitted with the model. Dashed: {beyond:.1f} tolerances, which the largest of {len(errors)} errors seldom "
+        "exceeds; errors beyond are named above."
+    )
     title = "error over its tolerance"
     return Chart("errors", "Largest errors", title, panels, range=(-most, most), marks=marks, caption=read)
 
@@ -373,25 +342,33 @@ def derivative_chart(slope: Derivative, flights: int, anchor: str, heading: str,
     return Chart(f"{anchor}{suffix}", f"{heading}{which}", "Mach number" if by_mach else TIME, panels, caption=read)
 
 
-def air_chart(setting: Setting, time: Values, mach: Values, pressure: Values) -> list[Chart]:
-    """Mach number and dynamic pressure (Pa); nothing where they are not known."""
-    if not len(pressure) or not np.all(np.isfinite(mach)):
-        return []
-    histories = {"Mach number": mach, "q<sub>∞</sub>, kPa": 1e-3 * np.asarray(pressure)}
-    panels = [Panel(title, [Line(time, history, "measured")]) for title, history in histories.items()]
-    return [setting.chart("air", "Mach number and dynamic pressure", panels)]
-
-
 def flight_charts(setting: Setting, kept: MotionHistories) -> list[Chart]:
-    """Air data, motion and attitude of the histories of a result, as far as they are known."""
-    time, angles = kept.time_s, (kept.alpha_rad, kept.windward_meridian_rad)
-    found = air_chart(setting, time, kept.mach, kept.dynamic_pressure_pa)
-    if kept.alpha_rad:
-        sigmas = (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad)
-        found.append(motion_chart(setting, time, *angles, *sigmas))
-    if kept.roll_rate_rad_s:
-        found.append(attitude_chart(setting, time, *angles, kept.roll_rate_rad_s))
-    return found
+    """Air data, where Mach numbers are known, motion and attitude."""
+    air: Mapping[str, Values] = {
+        "Mach number": kept.mach,
+        "q<sub>∞</sub>, kPa": 1e-3 * np.array(kept.dynamic_pressure_pa),
+    }
+    panels = [Panel(title, [Line(kept.time_s, history, "measured")]) for title, history in air.items()]
+    known = [setting.chart("air", "Mach number and dynamic pressure", panels)] if np.all(np.isfinite(kept.mach)) else []
+    return [*known, motion_chart(setting, kept), attitude_chart(setting, kept)]
+
+
+def motion_chart(setting: Setting, kept: MotionHistories) -> Chart:
+    """Angle of attack and windward meridian, within two standard deviations."""
+    degrees, wrapped = np.degrees(kept.alpha_rad), wrapped_degrees(kept.windward_meridian_rad)
+    wide, turn = (2.0 * np.degrees(each) for each in (kept.alpha_sigma_rad, kept.windward_meridian_sigma_rad))
+    turn = np.minimum(turn, 180.0)  # an angle that is not determined lies anywhere, and no further
+    bands = (
+        Band(kept.time_s, np.maximum(degrees - wide, 0.0), np.minimum(degrees + wide, 180.0)),
+        Band(kept.time_s, wrapped - turn, wrapped + turn),
+    )
+    lines = [Line(kept.time_s, values, "measured", "estimate") for values in (degrees, wrapped)]
+    panels = [
+        framed(Panel("α, deg", [bands[0], lines[0]]), floor=0.0),
+        Panel("φ<sub>w</sub>, deg", [bands[1], lines[1]], range=(-190.0, 190.0)),
+    ]
+    ends = "The line of the meridian, from -180 to 180 deg, breaks where it passes from one end to the other."
+    return setting.chart("motion", "Angle of attack and windward meridian", panels, ends, cut_text(panels))
 
 
 _CAPTION = (
@@ -401,15 +378,14 @@ _CAPTION = (
 _SEVERAL = " Each interval begins at the dot."
 
 
-def attitude_chart(setting: Setting, time: Values, alpha: Values, meridian: Values, roll_rate: Values) -> Chart:
+def attitude_chart(setting: Setting, kept: MotionHistories) -> Chart:
     """Pitch against yaw angle in axes that do not roll: theta = alpha cos(lambda), psi = alpha sin(lambda).
 
     lambda = phi - phi_w, with the roll angle phi integrated from the roll rate (Eq. 2.7, small psi). One panel for
     every few cycles, in order of time and at one scale.
     """
-    t = np.asarray(time)
-    turned = cumulative_trapezoid(roll_rate, t, initial=0) - np.asarray(meridian)
-    amplitude = np.degrees(alpha)
+    t, amplitude = np.array(kept.time_s), np.degrees(kept.alpha_rad)
+    turned = cumulative_trapezoid(kept.roll_rate_rad_s, t, initial=0) - np.array(kept.windward_meridian_rad)
     theta, psi = amplitude * np.cos(turned), amplitude * np.sin(turned)
     # how often the path goes round: its length over the circumference of a circle of its size
     length, size = np.sum(np.hypot(np.diff(theta), np.diff(psi))), np.sqrt(np.mean(theta**2 + psi**2))

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
+from brv_hypo.comparison.result import MotionHistories
+from brv_hypo.comparison.summary import motion_histories
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.text import interval, number
 from brv_hypo.motion import Reconstruction
@@ -62,19 +64,17 @@ def record_document(flight: Flight) -> Document:
 def reconstruction_charts(result: Reconstruction) -> list[Chart]:
     """The record as measured; motion and moments with their standard deviations."""
     usable, motion = result.moments.usable, result.motion
-    plane, time = result.plane_moments[usable], motion.time[usable]
     start, stop = float(motion.time[0]), float(motion.time[-1])
     setting = Setting((start, stop), masked=charts.masked(result.flight.faults, stop - start))
-    angles = (motion.time, motion.alpha, motion.windward_meridian)
+    kept = MotionHistories(**motion_histories(result, np.arange(motion.time.size)))
+    plane = result.plane_moments[usable]
     measured = np.stack([plane.real, plane.imag])
-    rates = (motion.p, motion.windward_meridian_rate)
     return [
         *record_charts(setting, result.flight),
-        charts.motion_chart(setting, *angles, result.alpha_sigma, result.phi_w_sigma),
-        charts.moment_chart(setting, time, measured, result.moments.sigma[usable], ()),
-        charts.attitude_chart(setting, *angles, motion.p),
+        *charts.flight_charts(setting, kept),
+        charts.moment_chart(setting, motion.time[usable], result.moments.sigma[usable], (), measured),
         charts.moment_by_alpha_chart(setting, motion.alpha[usable], measured, ()),
-        charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured")], *rates),
+        charts.spectrum_chart(setting, kept, [Drawn("measured", measured, "measured")]),
     ]
 
 

@@ -15,7 +15,6 @@ from brv_hypo.comparison.result import (
     Knot,
     NetInterval,
     ProcessEstimate,
-    RankedHypothesis,
     RecordError,
     RecordSummary,
     TermEstimate,
@@ -38,7 +37,7 @@ ROWS_AT_FIRST = 4  # estimates, and processes, that the terminal shows; all of t
 FUNCTION_ROWS = 6  # places of a flight in the table of functions
 LEAST_ERROR = 1.0  # tolerances from which an error of the record is listed
 _OF_MOMENTS = ("stiffness", "rate", "side", "body", "harmonic")  # families whose processes are moment coefficients
-SLOW = "drifts, gusts and other slow changes, in every hypothesis"
+SLOW = "drifts, gusts and the like, in every hypothesis"
 _PROCESSES = (
     "A process is a smooth change that nobody has modelled, in every hypothesis. rms size: of the coefficients of its "
     "splines in time, as the moment coefficient C_m that they make, or the instrument's or air's error; relative: over "
@@ -134,28 +133,22 @@ def process_texts(comparison: Comparison) -> list[Texts]:
     """What the columns of the processes mean, and which are left out of the table."""
     shown = shown_processes(comparison)
     small = ", ".join(each.name for each in comparison.verdict.processes if each not in shown)
-    what = "Of" if shown else f"Processes ({SLOW}) of"
-    others = (f"{what} at most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
+    none = (f"No process ({SLOW}) makes more than {share(LEAST_PROCESS)} of the static moment.",)
+    others = (f"At most {share(LEAST_PROCESS)} of the static moment: {small}.",) if small else ()
     simulated = "To simulate the largest: entries for a configuration of brv-hypo simulate (join those of one key)"
     return [
         Texts((_PROCESSES,) if shown else (), bullets=False, shown="page"),
-        Texts(others, bullets=False, shown="verbose" if shown else "always"),
+        Texts(none if small and not shown else (), bullets=False),
+        Texts(others, bullets=False, shown="verbose"),
         Texts([each.as_planted for each in shown[:ROWS_AT_FIRST]], simulated, shown="page"),
     ]
-
-
-def net_values(row: RankedHypothesis) -> list[TermEstimate]:
-    """Net values of a hypothesis in time order, in the plane of the jumps and ramps that they are sums of."""
-    planes = {re.sub(r"^(jump|ramp) in ", "", term.name): term.channel for term in row.terms}
-    values = (value for each in row.intervals for value in each.values)
-    return [value.model_copy(update={"channel": planes.get(value.name, value.channel)}) for value in values]
 
 
 def estimate_blocks(comparison: Comparison) -> list[Block]:
     """What the leader does between its knots, first what exceeds two standard errors; its knots and delays."""
     leader = comparison.ranking[:1]
     idle = {(each.start_s, each.stop_s) for row in leader for each in row.intervals if not each.acts}
-    every = [value for row in leader for value in net_values(row)]
+    every = [value for row in leader for each in row.intervals for value in each.values]
     net = [value for value in every if value.region_s not in idle and abs(value.value) > 2.0 * value.std_error]
     most = min(len(net), ROWS_AT_FIRST) or ROWS_AT_FIRST
     heading = "Estimates of the leader" + (", if it is the cause" if comparison.verdict.winner is None else "")
@@ -175,7 +168,7 @@ def estimate_blocks(comparison: Comparison) -> list[Block]:
         table,
         Texts((RISING,) if rises and table.rows else (), bullets=False),
         Texts(collinear_names(groups) if any(marked) else (), bullets=False, shown=beside),
-        Texts(derived, most=ROWS_AT_FIRST),
+        Texts(derived, most=ROWS_AT_FIRST, shown="verbose" if comparison.verdict.winner is None else "always"),
     ]
 
 
@@ -327,11 +320,14 @@ def derived_texts(derived: Iterable[DerivedEstimate]) -> list[str]:
 # ---- Records, and what limits a result ----
 
 
-def flight_line(flight: FlightSummary) -> str:
-    """Title, samples, span, rate and instruments of a flight."""
-    span = interval((flight.start_s, flight.stop_s))
-    line = f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
-    return line + (f", instruments {flight.instruments}" if flight.instruments else "")
+def flight_lines(flights: Sequence[FlightSummary]) -> list[str]:
+    """Number, where there are several, title, samples, span, rate and instruments of each flight."""
+    lines = []
+    for k, flight in enumerate(flights, start=1):
+        span, number = interval((flight.start_s, flight.stop_s)), f"flight {k}: " if len(flights) > 1 else ""
+        line = f"{flight.title or flight.path}: {flight.samples} samples, {span} s, {flight.sample_rate_hz:.4g} Hz"
+        lines.append(number + line + (f", instruments {flight.instruments}" if flight.instruments else ""))
+    return lines
 
 
 def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
@@ -352,12 +348,11 @@ def vehicle_blocks(flights: Sequence[FlightSummary]) -> list[Block]:
 
 def flight_texts(comparison: Comparison) -> list[str]:
     """One line for each flight, and one for how well the motion is known."""
-    lines = [flight_line(flight) for flight in comparison.flights]
-    if any(row.knots for row in comparison.ranking):
-        reference = comparison.flights[(comparison.reference_flight or 1) - 1]
+    lines = flight_lines(comparison.flights)
+    if comparison.reference_flight is not None:
         lines.append(
-            "terms begin and end at the same Mach numbers on every flight; times are those of "
-            f"{reference.title or reference.path}"
+            f"times are those of flight {comparison.reference_flight}; terms begin and end at the same Mach numbers on "
+            "every flight"
         )
     known = comparison.reconstruction
     if known.alpha_rms_sigma_rad is not None and known.phi_w_rms_sigma_rad is not None:

@@ -15,7 +15,7 @@ from brv_hypo.report import motion_charts as charts
 from brv_hypo.report import tables
 from brv_hypo.report.document import Band, Block, Chart, Document, Line, Panel, Section, Table, Texts, thinned
 from brv_hypo.report.motion_charts import BODY, DAMPING, STATIC, TIME, Drawn, Setting, derivative_chart, scale_of
-from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_line, term_table
+from brv_hypo.report.tables import CONTRADICTED, IN_DOUBT, error_table, fault_texts, flight_lines, term_table
 from brv_hypo.tracing.result import ProcessHistory, Residual, Step, Trace
 
 TRACED = "Models of trace have no processes; errors of record and vehicle within tolerances are fitted with them."
@@ -43,21 +43,18 @@ def _charts(result: Trace) -> dict[str, list[Chart]]:
         return {}
     span = (result.flight.start_s, result.flight.stop_s)
     setting = Setting(span, charts.knots_of(result.model.terms, *span))
-    time, measured, before, after = kept.time_s, *map(np.array, (kept.measured, kept.before, kept.after))
+    measured, before, after = map(np.array, (kept.measured, kept.before, kept.after))
     residuals = [Drawn("before", before, "second"), Drawn("after", after, "first")]
     model = Drawn("model", measured - after, "first")
-    rates = (kept.roll_rate_rad_s, kept.windward_meridian_rate_rad_s)
     return {
         "Air data and motion": charts.flight_charts(setting, kept),
         "Moments, measured and modelled": [
-            charts.moment_chart(setting, time, measured, kept.sigma, [model], BODY, TRACED),
-            charts.residual_chart(
-                setting, time, kept.sigma, residuals, BODY, "Residual moments, before and after", TRACED
-            ),
+            charts.moment_chart(setting, kept.time_s, kept.sigma, [model], measured, BODY, TRACED),
+            charts.moment_chart(setting, kept.time_s, kept.sigma, residuals, None, BODY, TRACED),
         ],
         "Residual diagnostics": [
             *charts.whiteness_charts(setting, kept.whitened),
-            charts.spectrum_chart(setting, time, [Drawn("measured", measured, "measured"), *residuals], *rates),
+            charts.spectrum_chart(setting, kept, [Drawn("measured", measured, "measured"), *residuals]),
         ],
         "Static slope and damping": [
             derivative_chart(each, len(some), *named, read)
@@ -165,7 +162,7 @@ def trace_document(result: Trace) -> Document:
     ]
     return Document(
         title=f"Residual traced: {name}",
-        subtitle=tuple(flight_line(flight) for flight in result.flights),
+        subtitle=flight_lines(result.flights),
         conclusion_title=f"Found: {found or (f'no name, family {most}' if most else 'nothing')}" if sound else IN_DOUBT,
         conclusion="\n".join(filter(None, conclusion)),
         decided=result.unexplained is None and sound,
@@ -294,7 +291,7 @@ def prediction_document(result: Prediction) -> Document:
     ]  # fmt: skip
     return Document(
         title=f"Predicted: {flight.title or flight.path}",
-        subtitle=[flight_line(flight), *([f"model found on {found_on}"] if found_on else [])],
+        subtitle=[*flight_lines([flight]), *([f"model found on {found_on}"] if found_on else [])],
         conclusion_title="Prediction" if sound else IN_DOUBT,
         conclusion=result.reason if sound else f"{CONTRADICTED} {result.reason}",
         decided=result.ratio < HOLDS_BELOW and sound,

@@ -33,6 +33,7 @@ from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, likeliest, sol
 from brv_hypo.inference.problem import Problem
 from brv_hypo.inference.reduced import Reduced
 from brv_hypo.inference.unmodelled import fastest_turning
+from brv_hypo.io.text import times
 from brv_hypo.linearisation.linear import solve_normal
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.mechanisms.yaml_mechanism import (
@@ -147,9 +148,9 @@ def _throughout() -> list[Entry]:
         terms = tuple(_term(f"{axis} {w.function} {harmonic} phi_w{_POWER[power]}", axis, power, (w,)) for w in waves)
         words = f"{_SIDES[axis]} moment with the {_ORDINAL[harmonic]} harmonic of the windward meridian{_POWER[power]}"
         found.append(Entry(words, terms))
-    for times, power in itertools.product((-3, -2, -1, 2, 3, 4), (0, 1)):
-        turn, name = Turn(of="windward_meridian", rate=float(times)), f"turned by {times} phi_w{_POWER[power]}"
-        turns = f"turns {_TIMES[abs(times)]} {'against' if times < 0 else 'with'} the windward meridian"
+    for count, power in itertools.product((-3, -2, -1, 2, 3, 4), (0, 1)):
+        turn, name = Turn(of="windward_meridian", rate=float(count)), f"turned by {count} phi_w{_POWER[power]}"
+        turns = f"turns {_TIMES[abs(count)]} {'against' if count < 0 else 'with'} the windward meridian"
         terms = tuple(_term(f"{axis} {name}", axis, power, turn=turn) for axis in _PLANE)
         found.append(Entry(f"a moment that {turns} in the plane of alpha{_POWER[power]}", terms))
     for axis, powers in _POWERS.items():
@@ -167,7 +168,8 @@ def _steps(quantity: Quantity, low: float, high: float) -> list[Entry]:
         what = "a step of the stiffness" if axis == "in_plane" else "an out-of-plane moment with alpha that steps"
         step = Factor(of=quantity, function="step", at=value, width=share * spacing)
         term = _term(f"{axis} alpha, step{_WIDTHS[share]} at {quantity} {value:.12g}", axis, 1, (step,))
-        words = f"{what} at {_QUANTITIES[quantity]} {value:.5g}{_WIDTHS[share]}"
+        place = times(value) if quantity == "time" else f"{value:.5g}"
+        words = f"{what} at {_QUANTITIES[quantity]} {place}{_WIDTHS[share]}"
         at, form = partial(entry, axis, share), f"{what}{_WIDTHS[share]}"
         return Entry(words, (term,), value, spacing, at, follows=quantity, form=form)
 
@@ -282,8 +284,8 @@ class _Search:
 
     def fitted(self, entry: Entry, bases: _Bases, searched: int) -> HypothesisFit:
         """An entry, changing in time like this, as one of so many choices."""
-        times = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
-        words = entry.words + (f", that changes at {', '.join(f'{time:.4g}' for time in times)} s" if times else "")
+        changes = sorted(time_basis.start for time_basis in bases if time_basis.kind == "jump")
+        words = entry.words + (f", that changes at {', '.join(map(times, changes))}" if changes else "")
         mechanism = mechanism_of(file_of(self.name, words, entry.terms))
         reduced = Reduced(self.problem, self.problem.frame.with_mechanisms([mechanism]))
         columns = (*self.problem.baseline, *_columns(self.name, entry, bases))

@@ -23,6 +23,7 @@ from brv_hypo.flight.derived import averaged
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.inference.held_out import jackknife_error
 from brv_hypo.inference.problem import GIVEN
+from brv_hypo.io.text import times
 from brv_hypo.mechanisms.contract import FAMILIES, Mechanism, RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, mechanisms, parse_hypothesis, record_effects
 from brv_hypo.mechanisms.yaml_mechanism import MechanismFile
@@ -330,7 +331,7 @@ def _described(candidate: Candidate, fit: Fit) -> str:
         which = "" if number is None or len(flights) == 1 else f" on flight {number + 1}"
         parts.append(f"{name} {value:.3g}{units}{when}{which}")
     time = getattr(effect, "time", None)
-    at = "" if time is None else f" at {time:.3f} s"
+    at = "" if time is None else f" at {times(time)}"
     own, rates = candidate.fit, fit.problem.rows.rates
     before, after = (each.residual[:rates] for each in (candidate.null, own))
     shown = float(before @ before - after @ after) > FINDING_SHOWN * own.rss / own.samples

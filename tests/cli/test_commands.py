@@ -312,7 +312,7 @@ class TestReconstruct:
     def test_the_report_opens_offline(self, brv_hypo, planted_file, tmp_path):
         done = brv_hypo("reconstruct", planted_file, "--report", "out.html", "-q", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-        assert (tmp_path / "out.html").read_text().count('class="chart"') == 8
+        assert (tmp_path / "out.html").read_text().count('class="chart"') == 9
 
     def test_an_existing_motion_file_is_kept(self, brv_hypo, planted_file, tmp_path):
         (tmp_path / "motion.h5").write_text("mine")

@@ -11,7 +11,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.flight.format import load_flight
 from brv_hypo.flight.tolerances import of_grade
 from brv_hypo.report.reconstruction import reconstruction_document
-from brv_hypo.report.tables import flight_line
+from brv_hypo.report.tables import flight_lines
 
 
 def test_left_out_it_leaves_what_the_record_states(flight_file):
@@ -38,7 +38,9 @@ def test_the_grade_is_at_the_top_of_an_answer(flight_file):
     flight = load_flight(flight_file, instruments="industrial")
     summary = flight_summary(flight)
     assert summary.instruments == "industrial"
-    assert flight_line(summary).endswith("Hz, instruments industrial")
+    (line,) = flight_lines([summary])
+    assert line.endswith("Hz, instruments industrial")
+    assert flight_lines([summary, summary]) == [f"flight 1: {line}", f"flight 2: {line}"]
     motion = reconstruction_document(brv_hypo.reconstruct(flight, method="rates"))
     assert motion.subtitle[-1].endswith("Hz, instruments industrial")
 

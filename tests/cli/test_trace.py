@@ -91,10 +91,10 @@ def test_prints_what_was_added_and_the_error_before_and_after(traced):
         assert expected in traced[0].stdout
 
 
-def test_the_report_shows_the_residual_before_and_after(traced):
+def test_the_report_shows_moments_and_residual(traced):
     assert traced[2].count('class="chart"') == 12
     assert "Moments, measured and modelled" in traced[2]
-    assert "Residual moments, before and after" in traced[2]
+    assert "Residual moments" in traced[2]
 
 
 @pytest.mark.parametrize(

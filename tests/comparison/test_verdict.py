@@ -55,7 +55,8 @@ def side(level: float) -> Candidate:
 
 
 def explained(share: float) -> Explained:
-    return Explained(share=share, unexplained=1.0 - share, interval_95=(share - 0.05, share + 0.05))
+    rest = {"unexplained": 1.0 - share, "processes": 0.0, "noise": 1.0 - share}
+    return Explained(share=share, interval_95=(share - 0.05, share + 0.05), **rest)
 
 
 def process(share: float, name: str = "density_change", family: str = "air") -> ProcessEstimate:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
+from brv_hypo.comparison.preparation import filter_warnings
 from brv_hypo.errors import UsageError
 from brv_hypo.flight import inspect_flight, white_noise
 from brv_hypo.flight.clock import strongest_frequency
@@ -112,4 +113,7 @@ def test_a_record_that_was_low_passed_is_said_to_be(plant: str) -> None:
     for filtering, order in ((sosfilt, 2), (sosfiltfilt, 4)):
         low_pass = butter(order, 30.0, fs=as_it_was.sample_rate, output="sos")
         rates = {name: filtering(low_pass, getattr(as_it_was, name)) for name in ("q", "r")}
-        assert FILTERED in inspect_flight(replace(as_it_was, **rates)).warnings
+        filtered = replace(as_it_was, **rates)
+        assert FILTERED in inspect_flight(filtered).warnings
+        assert filter_warnings([filtered]) == (FILTERED,)
+        assert filter_warnings([as_it_was, filtered, jumps]) == (f"flight 2: {FILTERED}",)

@@ -17,7 +17,7 @@ from brv_hypo.report.many_flights import study_document
 from brv_hypo.report.motion_charts import Setting, attitude_chart, motion_chart
 from brv_hypo.report.write import document_of
 from brv_hypo.study import StudyConfig, summarise
-from tests.chains import compared_sticking, reconstructed, traced_trim, trimmed
+from tests.chains import compared_sticking, histories, reconstructed, traced_trim, trimmed
 from tests.study.outcomes import outcome
 
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
@@ -143,7 +143,7 @@ def pages() -> dict[str, str]:
     drawn = {name: page(document_of(result)) for name, result in results.items()}
     outcomes = [outcome("lag", "lag", winner="lag", repeat=i, effect=0.1 + 0.02 * i) for i in range(6)]
     studied = summarise(StudyConfig(title="made up", vehicles=("cone",), planted=("none", "lag"), flights=6), outcomes)
-    return {**drawn, "study": page(study_document(studied, outcomes))}
+    return {**drawn, "study": page(study_document(studied))}
 
 
 @pytest.mark.parametrize("name", ["compare", "trace", "predict", "reconstruct", "study"])
@@ -178,8 +178,8 @@ def test_a_path_is_divided_into_the_stretches_of_its_chart_and_anew_by_a_zoom(sh
     time = np.linspace(0.0, 20.0, 2001)
     setting = Setting((0.0, 20.0))
     alpha = np.full(2001, 0.05)
-    path = attitude_chart(setting, time, alpha, -2.0 * np.pi * 2.0 * time, np.zeros(2001))
-    charts = (motion_chart(setting, time, alpha, alpha), path)
+    path = attitude_chart(setting, histories(time, alpha, -2.0 * np.pi * 2.0 * time))
+    charts = (motion_chart(setting, histories(time, alpha, alpha)), path)
     document = Document("t", (), "c", "words", True, charts)
     root = shown(page(document).replace("</body>", f"{STRETCHES}</body>"))
     assert "data-failed" not in root

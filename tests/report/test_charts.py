@@ -38,7 +38,7 @@ from brv_hypo.report.reconstruction import reconstruction_charts, record_charts
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.report.write import RESOLUTION, draw_into
 from brv_hypo.simulation import load_config, simulate
-from tests.chains import compared_sticking, reconstructed
+from tests.chains import compared_sticking, histories, reconstructed
 from tests.flights import nominal
 
 
@@ -93,7 +93,7 @@ def cone(cycles: float) -> Chart:
     """Pitch against yaw of a body that cones `cycles` times in 20 s, at 3 deg, and does not roll."""
     time = np.linspace(0.0, 20.0, 2001)
     meridian = -2.0 * np.pi * cycles * time / 20.0
-    return attitude_chart(Setting((0.0, 20.0)), time, np.full(2001, np.radians(3.0)), meridian, np.zeros(2001))
+    return attitude_chart(Setting((0.0, 20.0)), histories(time, np.full(2001, np.radians(3.0)), meridian))
 
 
 @pytest.mark.parametrize(("cycles", "stretches"), [(0.4, 1), (4, 1), (8, 2), (20, 8), (90, 16)])

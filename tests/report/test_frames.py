@@ -6,6 +6,7 @@ import numpy as np
 
 from brv_hypo.report.document import Band, Line, Panel
 from brv_hypo.report.motion_charts import Setting, cut_text, framed, motion_chart
+from tests.chains import histories
 
 TIME = np.linspace(0.0, 10.0, 1000)
 WAVE = np.sin(TIME)
@@ -36,7 +37,6 @@ def test_a_band_far_wider_than_its_histories_goes_beyond_the_frame() -> None:
 
 
 def test_an_angle_that_nothing_tells_lies_anywhere_and_no_further() -> None:
-    sigma = np.full(1000, 1e16)
-    chart = motion_chart(Setting((0.0, 10.0)), TIME, np.abs(WAVE), WAVE, sigma, sigma)
+    chart = motion_chart(Setting((0.0, 10.0)), histories(TIME, np.abs(WAVE), WAVE, sigma=1e16))
     band = chart.panels[0].layers[0]
     assert (np.min(band.low), np.max(band.high)) == (0.0, 180.0)

@@ -17,15 +17,7 @@ from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.document import Band, Bars, Chart, Document, Line, Mark, Panel, Section, Table, Texts, flat
 from brv_hypo.report.figures import SMALLEST_DOT, chart_figure
 from brv_hypo.report.html import page, plotly_chart, resource
-from brv_hypo.report.motion_charts import (
-    Drawn,
-    Setting,
-    knots_of,
-    masked,
-    moment_by_alpha_chart,
-    moment_chart,
-    residual_chart,
-)
+from brv_hypo.report.motion_charts import Drawn, Setting, knots_of, masked, moment_by_alpha_chart, moment_chart
 from brv_hypo.report.trace import trace_document
 from tests.chains import compared_nominal, traced_trim
 
@@ -69,13 +61,13 @@ def test_terms_are_counted_in_whole_numbers() -> None:
 def test_noise_that_is_far_wider_than_the_moments_does_not_flatten_them() -> None:
     loud, quiet = np.linspace(1e-3, 1.0, 200), np.full(200, 1e-4)
     models = [Drawn("model", (WAVE, WAVE), "first")]
-    for drawn in (moment_chart(SETTING, TIME, (WAVE, WAVE), loud, models), residual_chart(SETTING, TIME, loud, models)):
+    for drawn in (moment_chart(SETTING, TIME, loud, models, (WAVE, WAVE)), moment_chart(SETTING, TIME, loud, models)):
         for panel in drawn.panels:
             low, high = panel.range
             assert low < -1.0 < 1.0 < high  # thousandths: all of the moments
             assert high - low < 10.0
         assert "beyond the frame" in drawn.caption
-    assert all(panel.range is None for panel in moment_chart(SETTING, TIME, (WAVE, WAVE), quiet, models).panels)
+    assert all(panel.range is None for panel in moment_chart(SETTING, TIME, quiet, models, (WAVE, WAVE)).panels)
 
 
 def test_a_fault_of_the_whole_record_is_not_shaded_as_masked() -> None:
@@ -235,8 +227,8 @@ def test_coefficients_of_one_and_more_are_not_drawn_in_thousandths(times, factor
     large = times * WAVE
     models = [Drawn("model", (large, large), "first")]
     for drawn in (
-        moment_chart(SETTING, TIME, (large, large), np.full(200, 1e-4), models),
-        residual_chart(SETTING, TIME, np.full(200, 1e-4), models),
+        moment_chart(SETTING, TIME, np.full(200, 1e-4), models, (large, large)),
+        moment_chart(SETTING, TIME, np.full(200, 1e-4), models),
         moment_by_alpha_chart(SETTING, TIME, (large, large), models),
     ):
         for panel in drawn.panels:

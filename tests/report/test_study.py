@@ -24,8 +24,7 @@ def document() -> Document:
     wrong = [outcome("lag", "sticking", winner="sticking", repeat=i) for i in range(20, 40)]
     none = [outcome("none", "none", winner="none", repeat=i) for i in range(6)]
     settings = StudyConfig(title="made up", vehicles=("cone",), planted=("none", "lag"), flights=26)
-    outcomes = (*right, *wrong, *none)
-    return study_document(summarise(settings, outcomes), outcomes)
+    return study_document(summarise(settings, (*right, *wrong, *none)))
 
 
 def printed(document: Document, *, verbose: bool) -> str:
@@ -42,15 +41,15 @@ def test_the_terminal_lists_some_mistakes_and_all_of_them_with_verbose(document)
         assert document.conclusion[:40] in text
 
 
-def test_the_page_shades_the_confusion_and_draws_effects_and_calibration(document) -> None:
+def test_the_page_shades_the_confusion_and_draws_the_calibration(document) -> None:
     html = page(document)
     assert "rgba(var(--shade), 0.60)" in html
-    assert [chart.name for chart in document.charts] == ["effects", "calibration"]
+    assert [chart.name for chart in document.charts] == ["calibration"]
     assert all(b"<svg" in chart_figure(chart).content("svg", RESOLUTION) for chart in document.charts)
 
 
 def test_errors_of_a_share_end_within_0_and_1(document) -> None:
-    dots = document.charts[1].panels[0].layers[1]
+    dots = document.charts[0].panels[0].layers[1]
     below, above = dots.error
     assert np.all(np.asarray(dots.y) + above <= 1.0 + 1e-12)
     assert np.all(np.asarray(dots.y) - below >= -1e-12)
