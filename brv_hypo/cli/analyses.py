@@ -106,9 +106,7 @@ def trace(
     ] = None,
     aero: Annotated[
         Path | None,
-        Option(
-            "--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv or yaml)."
-        ),
+        Option("--aero", metavar="TABLE", help="Static slope by Mach number and alpha, with its uncertainty (csv)."),
     ] = None,
     mechanism_file: Annotated[
         Path | None,
@@ -256,7 +254,7 @@ def study(
     write_whole(output / REPORT, page(document, session.provenance(settings)))
     if not summary.compared:
         first = summary.failures[0]
-        raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.key}: {first.reason}")
+        raise UnanswerableError(f"none of {summary.flights} flights was compared. {first.draw.key}: {first.reason}")
     session.show(document, conclusion=document.conclusion)
     session.show(f"Wrote {RESULTS}, {SUMMARY} and {REPORT} to {output}.")
     session.write_json(summary)

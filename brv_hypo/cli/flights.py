@@ -102,7 +102,7 @@ def _bring_in(session: Session, data: Path, mapping: Path, output: Path) -> None
 
     found = bring_in(data, mapping)
     flight = found.flight
-    save_flight(flight, output, raw=found.raw, overwrite=session.force)
+    save_flight(flight, output, overwrite=session.force)
     phases = Texts(phase_texts(found.phases), "Phases (a map's window names one)")
     faults = [f"{fault.channel}: {fault.action}" for fault in try_record(flight)[1].faults if fault.decisive]
     session.show(Texts(flight.notes, "Notes"), phases, Texts(faults, "The record contradicts itself", warning=True))

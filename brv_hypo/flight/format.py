@@ -47,7 +47,7 @@ from brv_hypo.flight.tolerances import (
     with_stated,
 )
 from brv_hypo.flight.units import SI, Dimension, to_si
-from brv_hypo.io.binary import ColumnTable, Dataset, Tree, read_tree, write_tree
+from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
 from brv_hypo.io.text import counted, meant, naming, one_line, refusal
 from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 
@@ -264,17 +264,11 @@ def windowed(flight: Flight, start: float | None, stop: float | None) -> Flight:
 
 
 def save_flight(
-    flight: Flight | Record,
-    path: str | Path,
-    *,
-    truth: Mapping[str, Any] | None = None,
-    raw: Mapping[str, ColumnTable] | None = None,
-    overwrite: bool = False,
+    flight: Flight | Record, path: str | Path, *, truth: Mapping[str, Any] | None = None, overwrite: bool = False
 ) -> None:
     """Write a flight, or a record as flown, as a format 1 file in SI; samples outside a flight's segments become NaN.
 
-    `truth` holds what was planted: numbers, arrays, `Quantity`, text, or mappings of these (subgroups). `raw` are the
-    tables that the flight was made from, by recorder, kept as they were read; no analysis reads them.
+    `truth` holds what was planted: numbers, arrays, `Quantity`, text, or mappings of these (subgroups).
     The file is written whole or not at all. Raises UsageError where it exists and `overwrite` is false.
     """
     record = flight if isinstance(flight, Record) else unassemble(flight)
@@ -290,12 +284,6 @@ def save_flight(
     }
     if truth is not None:
         groups["truth"] = _truth_tree(truth)
-    if raw:
-        tables = {}
-        for recorder, table in raw.items():
-            columns = {_plain_name(n): Dataset(v, one_line(table.units[n])) for n, v in table.columns.items()}
-            tables[_plain_name(recorder)] = Tree(datasets=columns)
-        groups["raw"] = Tree(groups=tables)
     tree = Tree(
         attributes={**header, **{name: text for name, text in optional.items() if text}},
         datasets=_with_units(channels, CHANNEL_DIMENSIONS),
@@ -402,11 +390,6 @@ def _ignored(names: Sequence[str]) -> tuple[str, ...]:
 def _with_units(values: Mapping[str, Any], dimensions: Mapping[str, Dimension]) -> dict[str, Dataset]:
     units = {name: SI[dimensions[name]] for name in values}
     return {name: Dataset(np.asarray(value, dtype=np.float64), units[name]) for name, value in values.items()}
-
-
-def _plain_name(name: str) -> str:
-    """A name that HDF5 takes for one place, not for a path."""
-    return one_line(name).replace("/", "_").replace(".", "_") or "_"
 
 
 def _truth_tree(truth: Mapping[str, Any]) -> Tree:

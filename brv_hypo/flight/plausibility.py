@@ -182,8 +182,10 @@ def coasting_axis(time: FloatArray, rates: FloatArray, forces: FloatArray, air: 
         for k, (start, stop) in enumerate(COAST_PARTS):
             part = slice(round(start * time.size), round(stop * time.size))
             window = np.hanning(part.stop - part.start)
+            # On average the transverse rate is p xi, whatever the coning: with p the forces count, with drag the rates.
             spun, dragged = (
-                (each[1:, part] * each[0, part]) @ window / (each[0, part] ** 2 @ window) for each in (omega, force)
+                (each[1:, part] @ (window * weight[part])) / (each[0, part] @ (window * weight[part]))
+                for each, weight in ((omega, scale), (force, omega[0]))
             )
             tilts[k] = (times * spun - dragged) / (times - 1.0)
         nose = np.asarray(matrix.T @ np.array([1.0, *tilts[-1]]))

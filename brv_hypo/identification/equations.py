@@ -51,7 +51,7 @@ from brv_hypo.identification.parameters import (
 from brv_hypo.likelihood import Delayed
 from brv_hypo.mechanisms.contract import Mechanism
 from brv_hypo.model.common_time import OwnTime
-from brv_hypo.model.term import Evaluated, Regressor, Theta, evaluated, summed
+from brv_hypo.model.term import Regressor, Theta, evaluated, summed
 from brv_hypo.motion.inputs import PRESSURE, ROLL_RATE
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, windward_meridian
 
@@ -165,7 +165,6 @@ class MomentModel:
     structure: Structure
     mechanisms: Mapping[str, Mechanism]
     uses_rates: bool = True
-    _known: Memory[tuple[Motion, Evaluated]] = field(default_factory=Memory, compare=False, repr=False)
 
     @cached_property
     def shape_parameters(self) -> tuple[str, ...]:
@@ -190,7 +189,7 @@ class MomentModel:
         motion = self._with_in_plane_moment(now, theta, columns, half, own)
         if earlier:
             motion = replace(motion, history=partial(earlier_motion, earlier))
-        terms = evaluated(columns, self.mechanisms, motion, dict(self._wind_fixed_terms(now)))
+        terms = evaluated(columns, self.mechanisms, motion)
         return columns, np.array([term.in_plane + 1j * term.out_of_plane for term in terms])
 
     def _wind_fixed(self, columns: Sequence[Regressor]) -> list[tuple[str, Regressor]]:
@@ -202,16 +201,12 @@ class MomentModel:
     ) -> Motion:
         """C_mw of Eq. 5.1 from the wind-fixed columns."""
         fixed = self._wind_fixed(columns)
-        terms = evaluated([column for _, column in fixed], self.mechanisms, motion, self._wind_fixed_terms(motion))
+        terms = evaluated([column for _, column in fixed], self.mechanisms, motion)
         weights = []
         for name, column in fixed:
             here = placed(column.time_basis, motion.time, half, own)
             weights.append(theta[name] * (1.0 if column.time_basis.kind == "constant" else on_grid(*here)))
         return replace(motion, in_plane_moment=summed((term.in_plane for term in terms), weights, motion.alpha))
-
-    def _wind_fixed_terms(self, motion: Motion) -> Evaluated:
-        """Terms of wind-fixed columns that were evaluated on this motion already."""
-        return self._known((id(motion),), lambda: (motion, {}))[1]
 
 
 def rates_used(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> bool:

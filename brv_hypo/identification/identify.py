@@ -27,11 +27,10 @@ from brv_hypo.identification.equations import (
     scaled,
 )
 from brv_hypo.identification.nodes import NodeRecord, block_size, delays_of, node_records
-from brv_hypo.identification.parameters import READ, Structure, Tolerated, input_error, of_flight, structure_of, unique
+from brv_hypo.identification.parameters import Structure, Tolerated, input_error, of_flight, structure_of, unique
 from brv_hypo.inference.fit import Regressed
 from brv_hypo.likelihood import Differenced, FitResult, Segment, fit
-from brv_hypo.likelihood.segment import sampled
-from brv_hypo.likelihood.statistics import Whiteness, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.statistics import Whiteness, estimate_variance, negative_log_likelihood
 from brv_hypo.linearisation.frame import RateFrame
 from brv_hypo.linearisation.nuisance import beyond_tolerance
 from brv_hypo.model.term import Regressor
@@ -66,7 +65,7 @@ class Problem:
     block: int  # samples to a node
     max_iterations: int  # of one search
     states: tuple[FloatArray, ...] = ()  # states (4, nodes) by segment of an earlier fit, where there is one
-    first_noise: FloatArray | None = None  # noise covariance (4, 4) of that
+    first_noise: FloatArray | None = None  # noise variances (4,) of that
 
     @property
     def structure(self) -> Structure:
@@ -81,7 +80,7 @@ class Problem:
     def warm(self, found: FitResult) -> Problem:
         """The problem started from a solution."""
         theta = {name: found.theta.get(name, value) for name, value in self.theta.items()}
-        return replace(self, theta=theta, states=found.states, first_noise=found.noise_covariance)
+        return replace(self, theta=theta, states=found.states, first_noise=found.noise_variance)
 
     def refreshed(self, found: FitResult) -> Problem:
         """The problem started from a solution, with nodes and block means laid out by the motion that it has.
@@ -292,8 +291,8 @@ class Identification:
 # ---- The fit ----
 
 
-# Change of any estimate, in standard errors and to first order, by other corrections of the block means, from which the
-# fit is repeated; rounds of that.
+# Change of any estimate, in standard errors, that one step with other corrections of the block means makes, from which
+# the fit is repeated; rounds of that.
 IDENTIFIED_STALE = 0.1
 IDENTIFIED_ROUNDS = 6
 IDENTIFIED_CLOSE = 0.3  # standard errors of the last step: a search that stalled below is at its end but for knots
@@ -376,7 +375,7 @@ def _search(problem: Problem, begin_anew: bool) -> tuple[Problem, FitResult, int
         if not found.converged:
             break
         before, problem = problem, problem.refreshed(found)
-        if not _stale(before, problem, found):
+        if not _stale(before, problem, found, held):
             break
         found = solve(problem, fixed=held)
     if held:
@@ -402,10 +401,8 @@ def _misfit(problem: Problem) -> float:
     return float(np.sqrt(max(left)))
 
 
-def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
-    """Whether nodes, or the corrections of the block means, have changed by more than a trifle."""
-    if new.block != old.block:
-        return True
+def _stale(old: Problem, new: Problem, found: FitResult, fixed: Sequence[str]) -> bool:
+    """Whether nodes, or any estimate by one more step with the new block means, have changed by more than a trifle."""
     error = found.std_error  # fixed ones have none
     moved = any(
         abs(found.theta[m.name] - old.theta[m.name])
@@ -413,21 +410,12 @@ def _stale(old: Problem, new: Problem, found: FitResult) -> bool:
         for m in old.structure.nonlinear_parameters
         if m.kind != "theta"
     )
-    corrected = [
-        _without_errors(after, found) - _without_errors(before, found)
-        for before, after in zip(old.records, new.records, strict=True)
-    ]
-    changes = found.change_by(corrected)
-    return moved or any(abs(changes[name]) > IDENTIFIED_STALE * each for name, each in error.items() if each > 0.0)
-
-
-def _without_errors(record: NodeRecord, found: FitResult) -> FloatArray:
-    """What the nodes measure less what errors of the instruments add by their histories, (4, nodes)."""
-    read = [of_flight(name, record.context.flight) for name in READ]
-    time = record.segment.t
-    histories = tuple(varying for varying in record.segment.time_varying if varying.name in read)
-    errors = {each.name: each.at(found.theta) for each in sampled(histories, time, 0)}
-    return np.asarray(record.segment.y - [errors.get(name, np.zeros_like(time)) for name in read])
+    if moved or new.block != old.block:
+        return True
+    after = new.solve(fixed=fixed, max_iterations=1).theta
+    return any(
+        abs(after[name] - found.theta[name]) > IDENTIFIED_STALE * each for name, each in error.items() if each > 0.0
+    )
 
 
 def _summary(problem: Problem, found: FitResult) -> Identification:
@@ -490,6 +478,4 @@ def _covariance(found: FitResult, terms: Sequence[Estimate]) -> FloatArray:
 def _log_likelihood(innovations: Sequence[FloatArray]) -> float:
     """Minus the NLLF of Eq. 3.10 (E8), with B of Eq. 3.11, over every sample."""
     together = np.concatenate(innovations, axis=1)
-    valid = np.isfinite(together)
-    covariance = estimate_covariance(together, valid, "diagonal", np.eye(4), np.full(4, 1e-300))
-    return -negative_log_likelihood(together, valid, covariance)
+    return -negative_log_likelihood(together, estimate_variance(together, np.full(4, 1e-300)))

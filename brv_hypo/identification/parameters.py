@@ -343,7 +343,6 @@ FORCE_SCALE_ERROR = "error of S / m"  # the last five are shares of the measured
 CROSSFLOW = ("change of v", "change of w")
 """m/s^2 in de-rolled axes that the crossflow gains beyond what record and computed attitude say."""
 MOMENTS = ("change of q", "change of r")  # rad/s^2 in body axes, of moments within their tolerance
-READ = (*GYROS, *ACCELEROMETERS)
 OTHERS = (
     *(*CROSSFLOW, *MOMENTS, ROLL_RATE_ERROR, PRESSURE_ERROR, SPEED_ERROR),
     *(RATIO_ERROR, MOMENT_SCALE_ERROR, FORCE_SCALE_ERROR),
@@ -530,20 +529,14 @@ def _of_moments(
     """Moments that have a tolerance, as they turn the vehicle on the fitted motion."""
     motion = frame.motions[number]
     acceleration = flight.dynamic_pressure * flight.vehicle.moment_scale
+    declared = frame.reconstructions[number].flight
     own = [mechanism for name, mechanism in frame.mechanisms.items() if name == StaticBend.name]
-    for mechanism, sizes in tolerated_mechanisms(frame.reconstructions[number].flight, own):
-        if mechanism.name in modelled:
+    for mechanism in (*nuisance_mechanisms(declared), *own):
+        sizes = mechanism.tolerance(declared)
+        if sizes is None or mechanism.name in modelled:
             continue
         terms = checked(mechanism).terms(motion, dict(theta_grid(mechanism)[0]))
         for term, size in zip(terms, sizes, strict=True):
             moment = size * acceleration * motion.to_body(term.in_plane, term.out_of_plane)
             value = Tolerated(mechanism.name, term.name, term.units, size)
             yield value, dict(zip(MOMENTS, (moment.real, moment.imag), strict=True))
-
-
-def tolerated_mechanisms(
-    flight: Flight, own: Sequence[Mechanism] = ()
-) -> tuple[tuple[Mechanism, tuple[float, ...]], ...]:
-    """The mechanisms whose moments have a tolerance, with 1 sigma of each coefficient: the carried ones and `own`."""
-    found = ((item, item.tolerance(flight)) for item in (*nuisance_mechanisms(flight), *own))
-    return tuple((item, sizes) for item, sizes in found if sizes is not None)

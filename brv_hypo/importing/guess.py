@@ -23,19 +23,13 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.derived import atmosphere
 from brv_hypo.flight.inspection import find_phases
-from brv_hypo.flight.plausibility import air_of, as_turned, gains, mounting_fault, nose_axis, relative_axes
+from brv_hypo.flight.plausibility import GRAVITY, air_of, as_turned, gains, mounting_fault, nose_axis, relative_axes
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS, INERTIAL_CHANNELS, VEHICLE_DIMENSIONS
 from brv_hypo.flight.units import SI, Dimension
 from brv_hypo.importing import guess_rules as rules
 from brv_hypo.importing.formats import clock_fault, read_all
-from brv_hypo.importing.guess_rules import MAGNETOMETER, ForeignTable, MapEntry, stated_units
-from brv_hypo.importing.rocket_log import (
-    ATTITUDE,
-    DECIMATED_LEAST_GAIN,
-    DECIMATED_PER_CYCLE,
-    PAD_FEWEST_SAMPLES,
-    clock_offset,
-)
+from brv_hypo.importing.guess_rules import ForeignTable, MapEntry, stated_units
+from brv_hypo.importing.rocket_log import ATTITUDE, PAD_FEWEST_SAMPLES, clock_offset
 from brv_hypo.io.text import one_line
 
 NOSE_UP = 0.9  # share of gravity that an axis must read at rest to be called the one that stands up
@@ -80,7 +74,6 @@ def _examined(path: Path) -> ForeignTable:
         dimension = {**CHANNEL_DIMENSIONS, **ATTITUDE}.get(channel)
         table.entries[channel] = _named(column, dimension, table) if dimension else MapEntry(column, "", "by name")
     _find_time(table)
-    _find_unnamed(table)
     _stand_upright(table)
     _units_of_gyros(table)
     _units_of_air(table)
@@ -137,29 +130,6 @@ def _no_clock(table: ForeignTable) -> str:
     )
 
 
-def _find_unnamed(table: ForeignTable) -> None:
-    """Triads whose names say nothing: one that reads gravity at rest, and its neighbours in the table."""
-    if "ax" in table.entries:
-        return
-    used = {entry.column for entry in table.entries.values()}
-    free = [name for name in table.read.columns if name not in used]
-    rest = rules.find_rest(table.in_si("time"), [table.read.columns[name] for name in free])
-    reads = {name: abs(float(np.mean(table.read.columns[name][:rest]))) for name in free} if rest else {}
-    up = next((name for name, size in reads.items() if rules.gravity_units(size)), None)
-    if up is None:
-        return
-    names = list(table.read.columns)
-    at = names.index(up)
-    before = names[max(at - 3, 0) : at]
-    gyros = at - 3 if len(before) == 3 and set(before) <= set(free) else at + 3
-    doubt = ("taken from the order of the columns: check it",)
-    for channels, first in ((ACCELEROMETERS, at), (GYROS, gyros)):
-        for channel, name in zip(channels, names[first : first + 3], strict=False):
-            if name in free and channel not in table.entries:
-                si = SI[CHANNEL_DIMENSIONS[channel]]
-                table.entries[channel] = MapEntry(name, si, f"beside {up}, which reads gravity at rest", doubt)
-
-
 def _stand_upright(table: ForeignTable) -> None:
     """Units of the accelerometers from gravity at rest; the axis of the nose from thrust, else from gravity."""
     if not set(ACCELEROMETERS) <= set(table.entries):
@@ -174,7 +144,7 @@ def _stand_upright(table: ForeignTable) -> None:
     else:
         reads = np.array([np.mean(table.values(name)[:rest]) for name in ACCELEROMETERS])
         norm = float(np.linalg.norm(reads))
-        units = rules.gravity_units(norm)
+        units = rules.units_of_factor(GRAVITY / max(norm, 1e-300), "acceleration")
         if units is None:
             doubt = f"at rest the accelerometers read {norm:.4g}, which is gravity in no units that are known"
             table.unsure.append(doubt)
@@ -237,23 +207,10 @@ def _axes_of_gyros(table: ForeignTable) -> bool:
 
 
 def _units_of_gyros(table: ForeignTable) -> None:
-    """Units and sign of the roll rate from the forces and a magnetometer, else units by range."""
-    if not set(GYROS) <= set(table.entries):
+    """Units of the gyros by the forces, else, where nothing states them, by range."""
+    if not set(GYROS) <= set(table.entries) or _axes_of_gyros(table):
         return
-    known_by_forces = _axes_of_gyros(table)
-    rate = table.entries["p"].scale * table.values("p")
-    if {"my", "mz"} <= set(table.entries):
-        field_across = (table.values("my"), table.values("mz"))
-        found = rules.turning_units(table.in_si("time"), rate, field_across)
-        if found is not None:
-            units, sign = found
-            for name in GYROS:
-                table.sure(name, units, f"the magnetometer turns as p does in {units}")
-            if sign < 0.0:
-                doubt = "p turns against the magnetometer: its sign, or one of the magnetometer's axes, is reversed"
-                table.change("p", "sign against the magnetometer", doubt)
-            return
-    if not known_by_forces and any(_NOT_STATED in doubt or "order of" in doubt for doubt in table.entries["p"].unsure):
+    if any(_NOT_STATED in doubt for doubt in table.entries["p"].unsure):
         most = max(float(np.nanmax(np.abs(table.values(name)))) for name in GYROS)
         units = "deg/s" if most > rules.FASTEST_RADIANS else "rad/s"
         for name in GYROS:
@@ -427,6 +384,8 @@ def _written(table: ForeignTable) -> Guess:
     said = [f"no table gives these properties of the vehicle: {', '.join(unknown)}", _NO_POSITION] if unknown else []
     unsure = [f"{name}: {doubt}" for name, entry in channels.items() for doubt in entry.unsure]
 
+    rate = 1.0 / float(np.median(np.diff(table.in_si("time"))))
+
     def file_of(other: ForeignTable) -> str:
         """By its name where it lies beside the main table."""
         beside = other.path.resolve().parent == table.path.resolve().parent
@@ -447,10 +406,7 @@ def _written(table: ForeignTable) -> Guess:
         ascends="velocity" not in channels and {"altitude", "ax"} <= set(channels),
         degrees=np.degrees,
         turned=bool(mounting_fault(table.in_si("time"), table.tilt)),
-        rate=1.0 / float(np.median(np.diff(table.in_si("time")))),
-        slowest_fast=SLOWEST_FAST,
-        per_cycle=DECIMATED_PER_CYCLE,
-        least_gain=DECIMATED_LEAST_GAIN,
+        rate=rate if rate > SLOWEST_FAST else None,
         unused=_unused(tables),
         flow=_flow,
         file_of=file_of,
@@ -482,10 +438,9 @@ def _missing(channels: Collection[str]) -> list[str]:
 def _unused(tables: Sequence[ForeignTable]) -> list[tuple[str, str, str]]:
     """The file, name and range of each column that the map does not use; the main table is the first."""
     main, unused = tables[0], []
-    channels = [entry for name, entry in main.entries.items() if name not in MAGNETOMETER]
     for table in tables:
         recorder = None if table is main else table.recorder
-        used = {entry.column for entry in channels if entry.recorder == recorder}
+        used = {entry.column for entry in main.entries.values() if entry.recorder == recorder}
         if table is main.vehicle:
             used = {entry.column for entry in table.entries.values()}
         elif table is not main:

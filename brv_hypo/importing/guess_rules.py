@@ -1,8 +1,8 @@
 """What names and numbers say of a column: which channel it may be, and in what units.
 
 Names: words that stand for a channel, the likelier first; stems and axes of triads; units at the end of a name.
-Numbers: gravity at rest gives the units of accelerometers; the field across the axis, as a magnetometer sees it turn,
-those of the roll rate; slopes of one channel against another those of speed, altitude and pressure. `ForeignTable`
+Numbers: gravity at rest gives the units of accelerometers, slopes of one channel against another those of speed,
+altitude and pressure. `ForeignTable`
 holds the numeric columns of a file and what has been concluded of each, with the reason and the doubts.
 """
 
@@ -22,12 +22,10 @@ from scipy.ndimage import uniform_filter1d
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import FlightRecordError
-from brv_hypo.flight.plausibility import GRAVITY, Tilt
+from brv_hypo.flight.plausibility import Tilt
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNEL_DIMENSIONS, GYROS
 from brv_hypo.flight.units import RECORDED, Dimension, spelled, to_si
 from brv_hypo.io.binary import ColumnTable
-
-MAGNETOMETER = ("mx", "my", "mz")  # no channels of format 1: they tell the roll rate
 
 
 def _as_rate(axis: str) -> tuple[tuple[str, ...], ...]:
@@ -57,7 +55,6 @@ _WORDS: Mapping[str, Sequence[tuple[str, ...]]] = {
 _TRIADS: Mapping[tuple[str, str, str], frozenset[str]] = {
     GYROS: frozenset(("g", "gyro", "gyr", "gyroscope", "w", "omega", "rate", "rot", "om", "angvel")),
     ACCELEROMETERS: frozenset(("a", "acc", "accel", "acceleration", "accelerometer", "f", "force", "n")),
-    MAGNETOMETER: frozenset(("m", "mag", "magn", "magnetometer", "b")),
 }
 _VEHICLE: Mapping[str, Sequence[tuple[str, ...]]] = {
     "mass": (("mass",), ("weight",)),
@@ -67,7 +64,7 @@ _VEHICLE: Mapping[str, Sequence[tuple[str, ...]]] = {
 
 
 def by_name(columns: Sequence[str]) -> tuple[dict[str, str], dict[str, list[str]]]:
-    """The likeliest column of each channel (and of a magnetometer), and others that its name fits as well."""
+    """The likeliest column of each channel, and others that its name fits as well."""
     ranked: dict[str, list[tuple[int, str]]] = {}
     structs = {column.rpartition(".")[0] for column in columns}
     # A struct that holds all columns of a MATLAB file is no part of their names.
@@ -193,30 +190,6 @@ def find_rest(time: FloatArray, channels: Sequence[FloatArray]) -> int | None:
     first = int(np.argmax(moving)) if np.any(moving) else time.size
     stop = first - width
     return stop if stop >= width and np.any(moving) else None
-
-
-def gravity_units(norm: float) -> str | None:
-    """The units in which a reading at rest, `norm`, is gravity; None where in none."""
-    return units_of_factor(norm and GRAVITY / norm, "acceleration")
-
-
-def turning_units(
-    time: FloatArray, rate: FloatArray, across: tuple[FloatArray, FloatArray]
-) -> tuple[str, float] | None:
-    """Units of a roll rate (n,) and its sign, from the field across the axis as a magnetometer sees it turn.
-
-    The field stands still: its bearing in the body, atan2(m_z, m_y), turns by minus the roll rate. None where the field
-    hardly turns, or no units fit. `time` (n,) in s.
-    """
-    centred = [values - 0.5 * (np.nanmax(values) + np.nanmin(values)) for values in across]
-    bearing = np.unwrap(np.arctan2(centred[1], centred[0]))
-    turned = -(bearing - bearing[0])
-    if not np.all(np.isfinite(turned)) or np.ptp(turned) < 4.0 * np.pi:
-        return None
-    angle = cumulative_trapezoid(rate, time, initial=0)
-    factor = slope(angle, turned)
-    units = units_of_factor(abs(factor), "angular rate")
-    return None if units is None else (units, float(np.sign(factor)))
 
 
 def speed_units(time: FloatArray, speed: FloatArray, push: FloatArray) -> tuple[tuple[tuple[str, str], ...], bool]:

@@ -317,10 +317,9 @@ def _from_table(
 
 @dataclass(frozen=True)
 class Imported:
-    """A foreign record: the flight, what it was made from, and the phases that it holds."""
+    """A foreign record: the flight that was made of it, and the phases that it holds."""
 
     flight: Flight
-    raw: Mapping[str, ColumnTable]
     phases: tuple[Phase, ...]
 
 
@@ -344,30 +343,22 @@ def bring_in(data: str | Path, map_path: str | Path) -> Imported:
     for name, path in files.items():
         recorder = mapping.recorders[name] if name is not None else None
         channels = {key: entry for key, entry in mapping.channels.items() if entry.recorder == name}
-        units = {entry.column: entry.units for entry in channels.values()}
-        if recorder is not None:
-            units |= {each.column: each.units for each in (recorder.time, recorder.align) if each is not None}
-        table = read_columns(path, tuple(units), recorder or mapping, zero)
+        clocks = [] if recorder is None else [each for each in (recorder.time, recorder.align) if each is not None]
+        columns = tuple(each.column for each in (*channels.values(), *clocks))
+        table = raw[name] = read_columns(path, columns, recorder or mapping, zero)
         zero = table.zero if zero is None else zero
         for key, entry in channels.items():
             mapping.channels[key] = _with_units(entry, table, _dimension(key, entry), f"channels/{key}")
-            units[entry.column] = mapping.channels[key].units
-        clock = recorder.time if recorder is not None else mapping.channels["time"]
         if recorder is not None:
-            clock = recorder.time = _with_units(clock, table, "time", f"recorders/{name}/time")
-            units[clock.column] = clock.units
+            recorder.time = _with_units(recorder.time, table, "time", f"recorders/{name}/time")
+        clock = recorder.time if recorder is not None else mapping.channels["time"]
         if (fault := clock_fault(table, clock.column)) is not None:
             raise FlightRecordError(f"{path}: {fault}")
-        raw[name] = replace(table, units={column: unit or "" for column, unit in units.items()})
         notes += table.notes
     with naming(source):
         record, faults, phases = _record(raw, mapping, source, folders, zero, notes)
     flight = assemble(record)
-    return Imported(
-        replace(flight, faults=(*faults, *flight.faults)),
-        {name or "main": table for name, table in raw.items()},
-        phases,
-    )
+    return Imported(replace(flight, faults=(*faults, *flight.faults)), phases)
 
 
 def _record(

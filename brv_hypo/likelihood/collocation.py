@@ -15,17 +15,21 @@ which is fourth-order accurate and, each state being an unknown, never integrate
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from functools import cached_property, reduce
+from operator import add
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
 from brv_hypo.errors import UsageError
-from brv_hypo.likelihood.elimination import BlockRows, Coupling
-from brv_hypo.likelihood.segment import Grid, SampledParameter, Stencil
+from brv_hypo.likelihood.elimination import block_rows
+from brv_hypo.likelihood.segment import Grid, SampledParameter, Weights
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 # ---- First derivatives of the user's functions ----
 
@@ -109,18 +113,14 @@ def jacobian(
     kind: type = complex if method == "complex" else float
     x: Any = points.x.astype(kind)
     delayed = {name: Delayed(d.x.astype(kind), d.u) for name, d in points.delayed.items()}
-    # The complex step has the value in its real part.
-    value = [] if method == "complex" else [np.asarray(_call(function, points.x, points, theta, points.delayed))]
+    value = np.asarray(_call(function, points.x, points, theta, points.delayed))
     affine = function.affine if isinstance(function, Differenced) else frozenset[str]()
 
     def derivative(move: Callable[[Any], Any], size: float, straight: bool = False) -> FloatArray:
         if method == "complex":
-            moved = np.asarray(move(1j * _COMPLEX_STEP))
-            if not value:
-                value.append(moved.real.copy())
-            return np.asarray(moved.imag.T / _COMPLEX_STEP)
+            return np.asarray(np.imag(move(1j * _COMPLEX_STEP)).T / _COMPLEX_STEP)
         if straight:
-            return np.asarray((np.asarray(move(size), dtype=float) - value[0]).T / size)
+            return np.asarray((np.asarray(move(size), dtype=float) - value).T / size)
         step = _CENTRAL_STEP * size
         return np.asarray((np.array(move(step), dtype=float) - np.array(move(-step), dtype=float)).T / (2 * step))
 
@@ -166,7 +166,7 @@ def jacobian(
     by_delayed = {
         name: stacked[:, :, last + i * n_states : last + (i + 1) * n_states] for i, name in enumerate(delayed)
     }
-    return Jacobian(value[0], stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
+    return Jacobian(value, stacked[:, :, :n_states], stacked[:, :, n_states:last], by_delayed)
 
 
 def choose_method(
@@ -289,16 +289,22 @@ class Model:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """One segment about states x and those p parameters that act in it: `own` (p,), places among all."""
+    """One segment about states x and those p parameters that act in it: `own` (p,), places among all.
+
+    `by_delayed` are the derivatives by all states that delays add, of all defects and outputs one after the other,
+    ((n - 1) n_states or n n_outputs, n n_states); None where there are none.
+    """
 
     own: IntArray
 
     defect: FloatArray  # defects, (n - 1, n_states)
-    defect_by_state: BlockRows  # their derivatives by the states
-    defect_by_parameter: FloatArray  # their derivatives by the parameters, (n - 1, n_states, p)
+    defect_by_state: FloatArray  # by the states before and after, (n - 1, 2, n_states, n_states)
+    defect_by_delayed: csr_array[np.float64] | None
+    defect_by_parameter: FloatArray  # (n - 1, n_states, p)
     output: FloatArray  # predicted outputs, (n, n_outputs)
-    output_by_state: BlockRows  # their derivatives by the states
-    output_by_parameter: FloatArray  # their derivatives by the parameters, (n, n_outputs, p)
+    output_by_state: FloatArray  # by the state of the sample, (n, n_outputs, n_states)
+    output_by_delayed: csr_array[np.float64] | None
+    output_by_parameter: FloatArray  # (n, n_outputs, p)
 
 
 def evaluate_segment(
@@ -320,15 +326,14 @@ def linearise_segment(
     acting = tuple(names[k] for k in own)
     slope = jacobian(model.dynamics, there.everywhere, theta, acting, model.method, model.scale)
     output = jacobian(model.outputs, there.at_samples, theta, acting, model.method, model.scale)
-    by_state, by_parameter = _defect_derivatives(grid, slope, there.back)
-    late = [(there.back[name].part(slice(grid.n)), block) for name, block in output.by_delayed.items()]
+    late = [(there.back[name][0][: grid.n], block) for name, block in output.by_delayed.items()]
     return Linearisation(
         own=np.array(own, dtype=np.int64),
         defect=there.defect(*(slope.value[:, where] for where in grid.intervals)),
-        defect_by_state=by_state,
-        defect_by_parameter=by_parameter,
+        **_defect_derivatives(grid, slope, there.back),
         output=output.value.T,
-        output_by_state=_with_delays(output.by_state[:, None], late),
+        output_by_state=output.by_state,
+        output_by_delayed=_by_delayed(late),
         output_by_parameter=output.by_parameter,
     )
 
@@ -343,7 +348,7 @@ class _There:
     theta: Mapping[str, float]  # parameters by name
 
     @cached_property
-    def back(self) -> Mapping[str, Stencil]:
+    def back(self) -> Mapping[str, Weights]:
         """What the delays see, by their names."""
         return {name: self.grid.delayed(self.theta[name]) for name in self.model.delays}
 
@@ -382,10 +387,10 @@ class _There:
         delayed: dict[str, Delayed] = {}
         rates: dict[str, Delayed] = {}
         u = self.grid.u[:, : self.grid.n]
-        for name, whole in self.back.items():
-            stencil = whole.part(where)
-            delayed[name] = Delayed(stencil.apply(self.x), stencil.apply(u))
-            rates[name] = Delayed(stencil.apply(self.x, rate=True), stencil.apply(u, rate=True))
+        for name, weights in self.back.items():
+            value, rate = (each[where].T for each in weights)
+            delayed[name] = Delayed(np.asarray(self.x @ value), np.asarray(u @ value))
+            rates[name] = Delayed(np.asarray(self.x @ rate), np.asarray(u @ rate))
         time_varying = tuple(varying.part(where) for varying in self.grid.time_varying)
         return Points(at, self.grid.u[:, where], self.grid.t[where], delayed, rates, time_varying)
 
@@ -396,7 +401,8 @@ def start_points(model: Model, grid: Grid, theta: Mapping[str, float]) -> Points
     return _There(model, grid, x, theta).at_samples
 
 
-def _defect_derivatives(grid: Grid, slope: Jacobian, back: Mapping[str, Stencil]) -> tuple[BlockRows, FloatArray]:
+def _defect_derivatives(grid: Grid, slope: Jacobian, back: Mapping[str, Weights]) -> dict[str, Any]:
+    """Those of the defects, by their names in `Linearisation`."""
     h = grid.step[:, None, None]
     parts = grid.intervals
     a, a_mid, a_end = (slope.by_state[where] for where in parts)
@@ -406,20 +412,29 @@ def _defect_derivatives(grid: Grid, slope: Jacobian, back: Mapping[str, Stencil]
     here = -through_mid - h / 6 * a - h / 4 * (through_mid @ a)
     after = -through_mid - h / 6 * a_end + h / 4 * (through_mid @ a_end)
     unit = np.eye(a.shape[1])
-    local = np.stack([here - unit, after + unit], axis=1)
-    coupling = []
+    late = []
     for name, by_delayed in slope.by_delayed.items():
         d, d_mid, d_end = (by_delayed[where] for where in parts)
-        stencil = back[name]
-        coupling += [
-            (stencil.part(slice(grid.n - 1)), -h / 6 * d - h / 4 * (through_mid @ d)),
-            (stencil.part(slice(1, grid.n)), -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
-            (stencil.part(parts[1]), -2 * h / 3 * d_mid),
+        weights, _ = back[name]
+        late += [
+            (weights[: grid.n - 1], -h / 6 * d - h / 4 * (through_mid @ d)),
+            (weights[1 : grid.n], -h / 6 * d_end + h / 4 * (through_mid @ d_end)),
+            (weights[parts[1]], -2 * h / 3 * d_mid),
         ]
-    return _with_delays(local, coupling), by_parameter
+    return {
+        "defect_by_state": np.stack([here - unit, after + unit], axis=1),
+        "defect_by_delayed": _by_delayed(late),
+        "defect_by_parameter": by_parameter,
+    }
 
 
-def _with_delays(local: FloatArray, coupling: list[tuple[Stencil, FloatArray]]) -> BlockRows:
-    """The local blocks, (rows, width, m, n_states), plus those that act on delayed states."""
-    acting = ((stencil, block) for stencil, block in coupling if np.any(block))
-    return BlockRows(local, tuple(Coupling(stencil.index, stencil.value, block) for stencil, block in acting))
+def _by_delayed(late: Sequence[tuple[csr_array[np.float64], FloatArray]]) -> csr_array[np.float64] | None:
+    """Blocks (n_rows, m, n_states), each acting on its row of weighted samples (n_rows, n): their sum, row by row."""
+    from scipy.sparse import eye_array, kron  # here, for a cheap import of the package
+
+    acting = [
+        block_rows(blocks[:, None]) @ kron(weights, eye_array(blocks.shape[2]), format="csr")
+        for weights, blocks in late
+        if np.any(blocks)
+    ]
+    return reduce(add, acting) if acting else None

@@ -1,7 +1,7 @@
 """The quadratic problem of one segment, and the elimination of its states.
 
-The linearised dynamics and outputs are sparse rows of blocks (`BlockRows`): neighbours in time, and delayed states by
-a few weights a row. A Gauss-Newton step minimises 1/2 |r + J dx + J_p dp|^2 + 1/2 w' Q^-1 w subject to c + D dx + C
+The linearised dynamics and outputs are sparse rows of blocks: neighbours in time, and delayed states by a few weights
+a row. A Gauss-Newton step minimises 1/2 |r + J dx + J_p dp|^2 + 1/2 w' Q^-1 w subject to c + D dx + C
 dp = w, for every dp at once. With multipliers l = Q^-1 w its stationary point solves
 
     [ J'J   D' ] [dx]     [J'r]   [J'J_p]
@@ -15,8 +15,7 @@ them, as far as the ordering of its columns cannot help it. Entrances: `eliminat
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -29,77 +28,20 @@ if TYPE_CHECKING:
     from scipy.sparse.linalg import SuperLU
 
 
-@dataclass(frozen=True)
-class Coupling:
-    """What one delay adds: row k acts by `blocks[k]` on the sum over j of weight[k, j] x[index[k, j]].
+def block_rows(blocks: FloatArray) -> csr_array[np.float64]:
+    """The sparse matrix whose row k of blocks acts on the states of samples k, k + 1, ...
 
-    `index` and `weight` are (n_rows, points), `blocks` (n_rows, m, n_states).
+    `blocks` is (n_rows, width, m, n_states).
     """
+    from scipy.sparse import bsr_array, csr_array  # here, for a cheap import of the package
 
-    index: IntArray
-    weight: FloatArray
-    blocks: FloatArray
-
-
-@dataclass(frozen=True)
-class BlockRows:
-    """A sparse matrix of block rows: row k acts on the states of samples k, k + 1, ...
-
-    `blocks` is (n_rows, width, m, n_states); `couplings` act on samples further away.
-    """
-
-    blocks: FloatArray
-    couplings: tuple[Coupling, ...] = ()
-
-    def turned(self, left: FloatArray, right: FloatArray) -> BlockRows:
-        """Every block B as left B diag(right); left (m,) is a diagonal, (n_rows, m', m) one matrix a row."""
-
-        def turn(blocks: FloatArray, one_a_row: FloatArray) -> FloatArray:
-            turned = one_a_row @ blocks if left.ndim == 3 else left[:, None] * blocks
-            return np.asarray(turned * right)
-
-        return replace(
-            self,
-            blocks=turn(self.blocks, left[:, None]),
-            couplings=tuple(replace(c, blocks=turn(c.blocks, left)) for c in self.couplings),
-        )
-
-    def dot(self, x: FloatArray) -> FloatArray:
-        """The product with states x, (n, n_states) or (n, n_states, p), as (n_rows, m) or (n_rows, m, p)."""
-        n = x.shape[0]
-        columns = x.reshape(n, x.shape[1], -1)
-        product = np.zeros((*self.blocks.shape[::2], columns.shape[2]))
-        for w in range(self.blocks.shape[1]):
-            product += self.blocks[:, w] @ columns[w : w + self.blocks.shape[0]]
-        for coupling in self.couplings:
-            delayed = np.zeros((coupling.index.shape[0], *columns.shape[1:]))
-            for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
-                delayed += weight[:, None, None] * columns[index]
-            product += coupling.blocks @ delayed
-        return product.reshape(*self.blocks.shape[::2], *x.shape[2:])
-
-    def matrix(self, n: int) -> csr_array[np.float64]:
-        """All of it, (n_rows m, n n_states), without the blocks of zeros."""
-        from scipy.sparse import coo_array  # here, for a cheap import of the package
-
-        m, n_states = self.blocks.shape[2:]
-        entries = []
-        for row, sample, blocks in self._entries():
-            at = (row * m)[:, None, None] + np.arange(m)[:, None]
-            column = (sample * n_states)[:, None, None] + np.arange(n_states)
-            entries.append([each.ravel() for each in np.broadcast_arrays(blocks, at, column)])
-        values, down, along = (np.concatenate(each) for each in zip(*entries, strict=True))
-        return coo_array((values, (down, along)), shape=(self.blocks.shape[0] * m, n * n_states)).tocsr()
-
-    def _entries(self) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-        """Rows, samples, and the blocks that stand there."""
-        for w in range(self.blocks.shape[1]):
-            row = np.flatnonzero(self.blocks[:, w].any(axis=(1, 2)))
-            yield row, row + w, self.blocks[row, w]
-        for coupling in self.couplings:
-            for index, weight in zip(coupling.index.T, coupling.weight.T, strict=True):
-                row = np.flatnonzero(weight)
-                yield row, index[row], weight[row, None, None] * coupling.blocks[row]
+    count, width, m, n_states = blocks.shape
+    sample = np.arange(count)[:, None] + np.arange(width)
+    shape = (count * m, (count + width - 1) * n_states)
+    rows = bsr_array((blocks.reshape(-1, m, n_states), sample.ravel(), width * np.arange(count + 1)), shape=shape)
+    found = csr_array(rows.tocsr())
+    found.eliminate_zeros()
+    return found
 
 
 @dataclass(frozen=True)
@@ -108,16 +50,22 @@ class Quadratic:
 
     own: IntArray  # places of those parameters among all, (p,)
     residual: FloatArray  # r, (n, n_outputs), whitened
-    by_state: BlockRows  # J
+    by_state: csr_array[np.float64]  # J, (n n_outputs, n n_states)
     by_parameter: FloatArray  # J_p, (n, n_outputs, p)
     defect: FloatArray  # c, (n, n_states); row 0 is that of the initial state
-    defect_by_state: BlockRows  # D without row 0, which is the unit matrix
+    defect_by_state: csr_array[np.float64]  # D without row 0, which is the unit matrix
     defect_by_parameter: FloatArray  # C, (n, n_states, p)
     variance: FloatArray  # diagonal of Q, (n, n_states); row 0 infinite where the initial state is free
+    delayed: bool = False  # whether states act on samples further away than the next
 
     def direct(self) -> FloatArray:
         """[r J_p], (n, n_outputs, 1 + p)."""
         return np.concatenate([self.residual[:, :, None], self.by_parameter], axis=2)
+
+    def moved(self, x: FloatArray) -> FloatArray:
+        """[r J_p] + J x of states x, (n, n_states, 1 + p)."""
+        direct = self.direct()
+        return direct + (self.by_state @ x.reshape(self.by_state.shape[1], -1)).reshape(direct.shape)
 
     def defects(self) -> FloatArray:
         """[c C], (n, n_states, 1 + p); zero where the initial state is free."""
@@ -162,7 +110,7 @@ class Eliminated:
 
     def whitened(self, sampled: slice) -> Whitened:
         """r + J dx + J_p dp at some of the samples."""
-        found = (self.problem.direct() + self.problem.by_state.dot(self.x))[sampled]
+        found = self.problem.moved(self.x)[sampled]
         by_parameter = found[:, :, 1:]
         by_parameter[:, :, self.void] = 0.0
         return Whitened(self.problem.own, found[:, :, 0], by_parameter)
@@ -179,7 +127,7 @@ def eliminate(problem: Quadratic) -> Eliminated | None:
     direct = problem.direct()
     right = np.zeros((n, 2, m, direct.shape[2] + 1))
     right[:, 0, :, :-1] = -problem.defects()
-    pull = np.asarray(problem.by_state.matrix(n).T @ direct.reshape(-1, direct.shape[2]))
+    pull = np.asarray(problem.by_state.T @ direct.reshape(-1, direct.shape[2]))
     right[:, 1, :, :-1] = -pull.reshape(n, m, -1) / weight
     probe = np.random.default_rng(0).standard_normal((n, 2, m))
     right[..., -1] = probe
@@ -189,7 +137,7 @@ def eliminate(problem: Quadratic) -> Eliminated | None:
     if not growth * norm < _SINGULAR or not np.all(np.isfinite(solution)):
         return None
     multiplier, x = solution[:, 0, :, :-1] * weight, solution[:, 1, :, :-1]
-    residuals = direct + problem.by_state.dot(x)
+    residuals = problem.moved(x)
     noise = np.sqrt(np.where(np.isfinite(problem.variance), problem.variance, 0.0))[:, :, None] * multiplier
     rows = [_residual_last(residuals), *([_residual_last(noise)] if np.any(noise) else [])]
     triangle = upper_triangle(np.concatenate(rows))
@@ -212,30 +160,21 @@ def _log_det(factor: SuperLU, problem: Quadratic, weight: float) -> float:
     return float(np.sum(np.log(np.abs(factor.U.diagonal()))) + free * np.log(weight))
 
 
-def _balance(by_state: BlockRows) -> float:
+def _balance(by_state: csr_array[np.float64]) -> float:
     """Divides the objective, so that the blocks of the matrix are of one size."""
-    blocks = by_state.blocks
-    squares = float(np.sum(blocks**2)) + sum(float(np.sum(c.blocks**2)) for c in by_state.couplings)
-    size = squares / (blocks.shape[0] * blocks.shape[3])
+    size = float(np.sum(by_state.data**2)) / by_state.shape[1]
     return size if size > 0 else 1.0
-
-
-def _dynamics(problem: Quadratic, start: FloatArray) -> csr_array[np.float64]:
-    """D with the rows of the initial state, `start` (n_states,) on their diagonal."""
-    from scipy.sparse import csr_array, diags_array, vstack
-
-    n, m = problem.defect.shape
-    first = diags_array(start, shape=(m, n * m))
-    return csr_array(vstack([first, problem.defect_by_state.matrix(n)], format="csr"))
 
 
 def _saddle_matrix(problem: Quadratic, weight: float) -> csc_array[np.float64]:
     """The matrix in the order of stages, the objective divided by `weight`."""
-    from scipy.sparse import block_array, csc_array, diags_array
+    from scipy.sparse import block_array, csc_array, csr_array, diags_array, vstack
 
     n, m = problem.defect.shape
     free = np.isinf(problem.variance)
-    dynamics, outputs = _dynamics(problem, np.where(free[0], 0.0, 1.0)), problem.by_state.matrix(n)
+    start = diags_array(np.where(free[0], 0.0, 1.0), shape=(m, n * m))
+    dynamics: csr_array[np.float64] = csr_array(vstack([start, problem.defect_by_state]))
+    outputs = problem.by_state
     noise = diags_array(np.where(free, 1.0, -problem.variance * weight).ravel())
     whole = block_array([[noise, dynamics], [dynamics.T, (outputs.T @ outputs) / weight]], format="coo")
     place = np.arange(2 * n * m).reshape(n, 2, m).transpose(1, 0, 2).ravel()
@@ -247,9 +186,7 @@ def _factored(matrix: csc_array[np.float64], problem: Quadratic) -> SuperLU | No
     """None where it is exactly singular, or not finite."""
     from scipy.sparse.linalg import splu
 
-    ordering: Literal["COLAMD", "NATURAL"] = (
-        "COLAMD" if problem.defect_by_state.couplings or problem.by_state.couplings else "NATURAL"
-    )
+    ordering: Literal["COLAMD", "NATURAL"] = "COLAMD" if problem.delayed else "NATURAL"
     if not np.all(np.isfinite(matrix.data)):
         return None
     try:

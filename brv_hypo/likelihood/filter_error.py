@@ -9,10 +9,10 @@ with C(Q, R) the covariance of the outputs and K, D the matrices of `elimination
 Theory 11 (1965) 61). At Q = 0 it is that of R and output error remains. `determinant` is what C adds, the initial state
 held; `determinant_gradient` its derivative by theta, the states following.
 
-C is linear in the variances. They are estimated by Fisher scoring, Q moving as Q exp(s), R as F exp(S) F' with F its
-Cholesky factor, free initial states and theta integrated out, which adds 1/2 log det I(theta) (restricted likelihood:
-Patterson and Thompson, Biometrika 58 (1971) 545): variances that are best for the fitted theta are too small by what
-the fit took out of the residuals. The expected Hessian is minus half the second derivative of log det C + log det I.
+C is linear in the variances. They are estimated by Fisher scoring of their logarithms, free initial states and theta
+integrated out, which adds 1/2 log det I(theta) (restricted likelihood: Patterson and Thompson, Biometrika 58 (1971)
+545): variances that are best for the fitted theta are too small by what the fit took out of the residuals. The expected
+Hessian is minus half the second derivative of log det C + log det I.
 
 Not knowing the variances adds to the covariance of theta: cov theta = V + D W D', D = d theta / d s = -V dg / ds,
 with V that of theta with the variances held, W that of s, and g the gradient of the NLLF by theta. Entrances:
@@ -40,10 +40,10 @@ from brv_hypo.likelihood.gauss_newton import (
     quadratic_of,
     sensitivities,
 )
-from brv_hypo.likelihood.statistics import Shape, log_determinants
+from brv_hypo.likelihood.statistics import log_determinant_of
 
 Variances = Sequence[tuple[FloatArray, FloatArray]]
-"""Process noise (n_states,) per root second, and covariance of the measurement noise (n_outputs, n_outputs)."""
+"""Process noise (n_states,) per root second, and variances of the measurement noise (n_outputs,)."""
 
 # ---- The determinant that integrating the states out adds, and its gradient ----
 
@@ -54,7 +54,7 @@ _THETA_STEP = 1e-4
 
 def determinant(problem: Problem, iterate: Iterate) -> float:
     """What integrating the states out adds to the objective."""
-    return float(_determinants(problem, iterate, [(problem.process_noise, iterate.covariance)])[0])
+    return float(_determinants(problem, iterate, [(problem.process_noise, iterate.variance)])[0])
 
 
 def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> FloatArray:
@@ -63,18 +63,18 @@ def _determinants(problem: Problem, iterate: Iterate, variances: Variances) -> F
     theta = problem.parameters.as_mapping(iterate.theta)
     for grid, x in zip(problem.grids, iterate.x, strict=True):
         linear = linearise_segment(problem.model, grid, x, theta, ())
-        for k, (noise, covariance) in enumerate(variances):
-            quadratic = quadratic_of(replace(problem, process_noise=noise), grid, x, linear, covariance)
+        of_dynamics = np.sum(np.linalg.slogdet(linear.defect_by_state[:, 1])[1])
+        for k, (noise, of_outputs) in enumerate(variances):
+            quadratic = quadratic_of(replace(problem, process_noise=noise), grid, x, linear, of_outputs)
             variance = quadratic.variance.copy()
             variance[0] = 0.0
-            of_dynamics = np.linalg.slogdet(quadratic.defect_by_state.blocks[:, 1])[1]
-            total[k] += 0.5 * log_determinant(replace(quadratic, variance=variance)) - np.sum(of_dynamics)
+            total[k] += 0.5 * log_determinant(replace(quadratic, variance=variance)) - of_dynamics
     return total
 
 
 def determinant_gradient(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> FloatArray:
     """Its derivative by theta, (p,), the states following."""
-    here = [(problem.process_noise, iterate.covariance)]
+    here = [(problem.process_noise, iterate.variance)]
     return np.asarray(_determinant_gradients(problem, iterate, segments, here)[0])
 
 
@@ -124,7 +124,7 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
     innovations, nllf = [], 0.0
     for grid, x in zip(problem.grids, iterate.x, strict=True):
         linear = linearise_segment(problem.model, grid, x, theta, ())
-        before, after = linear.defect_by_state.blocks[:, 0], linear.defect_by_state.blocks[:, 1]
+        before, after = linear.defect_by_state[:, 0], linear.defect_by_state[:, 1]
         inverse = np.linalg.inv(after)
         drive = (inverse * (problem.process_noise**2 * grid.step[:, None])[:, None]) @ inverse.transpose(0, 2, 1)
         residual = np.where(grid.measured, grid.y - linear.output.T, np.nan)
@@ -135,8 +135,8 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
 
         model = KalmanFilter(k_endog=len(grid.y), k_states=len(x), selection=np.eye(len(x)))
         model.bind(residual.T.copy())
-        model["design"] = np.moveaxis(linear.output_by_state.blocks[:, 0], 0, -1)
-        model["obs_cov"] = iterate.covariance
+        model["design"] = np.moveaxis(linear.output_by_state, 0, -1)
+        model["obs_cov"] = np.diag(iterate.variance)
         model["transition"] = by_sample(-inverse @ before)
         model["state_intercept"] = by_sample(-(inverse @ linear.defect[:, :, None])[:, :, 0])
         model["state_cov"] = by_sample(drive)
@@ -147,7 +147,7 @@ def kalman_innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatA
     return tuple(innovations), nllf
 
 
-# ---- Noise covariances: Fisher scoring of all variances together ----
+# ---- Noise variances: Fisher scoring of all variances together ----
 
 
 _DIFFERENCE = 1e-3  # relative change of a variance for second derivatives: truncation 2e-7, rounding 1e-6
@@ -165,15 +165,15 @@ _UNSEEN = 1e-10
 
 @dataclass(frozen=True)
 class Directions:
-    """What is estimated: the variances of the process noise of some states, and entries (a, b) of S."""
+    """The states whose process noise, and the outputs whose measurement noise is estimated, in this order."""
 
     driven: tuple[int, ...]
-    entries: tuple[tuple[int, int], ...]
+    outputs: tuple[int, ...]
 
     @property
     def count(self) -> int:
-        """Number of unknowns, process noise first."""
-        return len(self.driven) + len(self.entries)
+        """Number of unknown variances."""
+        return len(self.driven) + len(self.outputs)
 
 
 @dataclass(frozen=True)
@@ -216,52 +216,41 @@ class Score:
         return float(np.max(np.abs(move) * np.sqrt(np.maximum(np.diag(self.information), 0.0)), initial=0.0))
 
 
-def directions_of(problem: Problem, shape: Shape | None, estimate_process_noise: bool) -> Directions:
-    """The variances to be estimated; those of the measurement noise are known where it has no shape."""
+def directions_of(problem: Problem, estimate_noise: bool, estimate_process_noise: bool) -> Directions:
+    """The variances to be estimated."""
     driven = np.flatnonzero(problem.process_noise).tolist() if estimate_process_noise else []
-    outputs = problem.grids[0].y.shape[0] if shape else 0
-    entries = [(a, b) for a in range(outputs) for b in range(a, outputs if shape == "full" else a + 1)]
-    return Directions(tuple(driven), tuple(sorted(entries, key=lambda e: e[0] != e[1])))
+    return Directions(tuple(driven), tuple(range(problem.grids[0].y.shape[0])) if estimate_noise else ())
 
 
 def scored(
-    problem: Problem,
-    iterate: Iterate,
-    directions: Directions,
-    enough: float,
-    linear: Sequence[Linearisation],
-    information: FloatArray | None = None,
-) -> tuple[Solved, list[float], FloatArray | None]:
+    problem: Problem, iterate: Iterate, directions: Directions, enough: float, linear: Sequence[Linearisation]
+) -> tuple[Solved, list[float]]:
     """Scoring steps, the states and their linearisation still where they were, until one is shorter than `enough`.
 
-    `information` is the Hessian from near by, kept up by the gradients (BFGS).
-
     Returns:
-        Where they led, the lengths of the steps in standard errors, 0 for none, and the Hessian that they ended with.
+        Where they led, and the lengths of the steps in standard errors, 0 for none.
 
     Raises:
         SingularStatesError: the outputs leave a state undetermined.
     """
     solved = Solved(problem, iterate, directions, linear)
     lengths = []
-    score: Score | None = None
-    move = np.zeros(directions.count)
-    for _ in range(_SCORINGS if directions.count else 0):
-        gradient = solved.gradient()
-        if information is None:
-            information = solved.information()
-        if score is not None:
-            information = _updated(information, gradient - score.gradient, move)
+    information = solved.information() if directions.count else np.zeros((0, 0))
+    gradient = move = np.zeros(0)
+    for number in range(_SCORINGS if directions.count else 0):
+        before, gradient = gradient, solved.gradient()
+        if number:
+            information = _updated(information, gradient - before, move)
         score = Score(gradient, information)
         solved, move = solved.along(score.step())
         lengths.append(score.length(move))
         if lengths[-1] < enough:
             break
-    return solved, lengths or [0.0], information
+    return solved, lengths or [0.0]
 
 
 def _updated(information: FloatArray, change: FloatArray, move: FloatArray) -> FloatArray:
-    """The Hessian that agrees with the change of the gradient over a move, where it is positive-definite then."""
+    """The Hessian that agrees (BFGS) with the change of the gradient over a move, if it is positive-definite then."""
     along, pull = float(change @ move), information @ move
     if not along > _CURVED * float(pull @ move):
         return information
@@ -285,7 +274,7 @@ class Solved:
     @cached_property
     def log_det(self) -> float:
         """log det C + log det I(theta), but for a constant."""
-        measured = sum(log_determinants(grid.measured, self.iterate.covariance) for grid in self.problem.grids)
+        measured = sum(log_determinant_of(self.iterate.variance, grid.measured) for grid in self.problem.grids)
         states = sum(segment.log_det for segment in self.segments)
         return measured + states + _log_det_information(self.problem, self.iterate, self.segments)
 
@@ -298,7 +287,7 @@ class Solved:
 
     def gradient(self) -> FloatArray:
         """Of the restricted NLLF, by differences."""
-        found = self.at(self.changed_variances(_SMALL_DIFFERENCE * np.eye(self.directions.count)))
+        found = self.with_factors(1.0 + _SMALL_DIFFERENCE * np.eye(self.directions.count))
         return np.array([each.nllf - self.nllf for each in found]) / _SMALL_DIFFERENCE
 
     def information(self) -> FloatArray:
@@ -306,8 +295,7 @@ class Solved:
         count, unit = self.directions.count, _DIFFERENCE * np.eye(self.directions.count)
         pairs = np.array([(a, b) for a in range(count) for b in range(a)], dtype=int).reshape(-1, 2)
         changes = np.concatenate([unit, -unit, unit[pairs[:, 0]] + unit[pairs[:, 1]]])
-        found = self.at(self.changed_variances(changes))
-        differences = np.array([each.log_det - self.log_det for each in found])
+        differences = np.array([each.log_det - self.log_det for each in self.with_factors(1.0 + changes)])
         up, down, both = np.split(differences, [count, 2 * count])
         second = np.diag(up + down)
         for (a, b), value in zip(pairs, both, strict=True):
@@ -315,41 +303,30 @@ class Solved:
         return np.asarray(-0.5 * second / _DIFFERENCE**2)
 
     def along(self, move: FloatArray) -> tuple[Solved, FloatArray]:
-        """As far along the move as the likelihood rises, and that move: Q exp(s) and F exp(S) F'."""
-        driven, covariance = list(self.directions.driven), self.iterate.covariance
+        """As far along the move of the logarithms as the likelihood rises, and that move."""
         for _ in range(_HALVINGS):
-            noise = self.problem.process_noise.copy()
-            noise[driven] *= np.exp(0.5 * move[: len(driven)])
-            power, rotation = np.linalg.eigh(_symmetric(self.directions, move, len(covariance)))
-            root = np.linalg.cholesky(covariance) @ rotation * np.exp(0.5 * power)
-            found = next(self.at([(noise, root @ root.T if self.directions.entries else covariance)]))
+            found = next(self.with_factors(np.exp(move)[None]))
             with suppress(SingularStatesError):
                 if found.nllf <= self.nllf + 1e-10 * abs(self.nllf):
                     return found, move
             move = 0.5 * move
         return self, np.zeros_like(move)
 
-    def changed_variances(self, changes: FloatArray) -> Variances:
-        """After changes (k, unknowns) of the variances on straight lines: Q (1 + s), F (1 + S) F'."""
-        process_noise, covariance = self.problem.process_noise, self.iterate.covariance
-        factor = np.ones((len(changes), process_noise.size))
-        factor[:, list(self.directions.driven)] += changes[:, : len(self.directions.driven)]
-        root = np.linalg.cholesky(covariance)
-        turned = np.array([_symmetric(self.directions, change, len(root)) for change in changes])
-        return list(zip(process_noise * np.sqrt(factor), covariance + root @ turned @ root.T, strict=True))
+    def variances(self, factors: FloatArray) -> Variances:
+        """The estimated variances times each of several factors (k, unknowns)."""
+        found, driven = [], list(self.directions.driven)
+        for factor in factors:
+            noise, variance = self.problem.process_noise.copy(), self.iterate.variance.copy()
+            noise[driven] *= np.sqrt(factor[: len(driven)])
+            variance[list(self.directions.outputs)] *= factor[len(driven) :]
+            found.append((noise, variance))
+        return found
 
-    def at(self, variances: Variances) -> Iterator[Solved]:
-        """The same with each of several variances, one at a time: their segments are large."""
-        for noise, covariance in variances:
-            problem, iterate = replace(self.problem, process_noise=noise), replace(self.iterate, covariance=covariance)
+    def with_factors(self, factors: FloatArray) -> Iterator[Solved]:
+        """The same with such variances, one at a time: their segments are large."""
+        for noise, variance in self.variances(factors):
+            problem, iterate = replace(self.problem, process_noise=noise), replace(self.iterate, variance=variance)
             yield Solved(problem, iterate, self.directions, self.linear)
-
-
-def _symmetric(directions: Directions, move: FloatArray, size: int) -> FloatArray:
-    found = np.zeros((size, size))
-    for (a, b), value in zip(directions.entries, move[len(directions.driven) :], strict=True):
-        found[a, b] = found[b, a] = value
-    return found
 
 
 def _log_det_information(problem: Problem, iterate: Iterate, segments: Sequence[Eliminated]) -> float:
@@ -381,10 +358,9 @@ def with_unknown_variances(
     axes, weight = axes[:, weight > 0.0].T, np.minimum(weight[weight > 0.0], _POOREST)
     if not known.size or not weight.size:
         return covariance
-    changes = _LOG_VARIANCE_STEP * np.concatenate([np.zeros((1, axes.shape[1])), axes])
-    variances = here.changed_variances(changes)
-    gradients = _determinant_gradients(here.problem, here.iterate, segments, variances)
-    for row, solved in zip(gradients, here.at(variances), strict=True):
+    factors = 1.0 + _LOG_VARIANCE_STEP * np.concatenate([np.zeros((1, axes.shape[1])), axes])
+    gradients = _determinant_gradients(here.problem, here.iterate, segments, here.variances(factors))
+    for row, solved in zip(gradients, here.with_factors(factors), strict=True):
         triangle = information_factor(solved.segments, row.size)
         row += triangle[:, :-1].T @ triangle[:, -1]  # of the objective, the states following
     if not np.all(np.isfinite(gradients)):
@@ -408,20 +384,13 @@ class NoiseErrors:
     covariance: FloatArray
     remarks: tuple[str, ...] = ()
 
-    @classmethod
-    def unknown(cls, problem: Problem, iterate: Iterate, covariance: FloatArray) -> NoiseErrors:
-        """None, `covariance` as it is."""
-        return cls(
-            np.full(problem.process_noise.size, np.nan), np.full(iterate.covariance.shape[0], np.nan), covariance
-        )
-
 
 def noise_errors(
     problem: Problem, iterate: Iterate, directions: Directions, segments: Sequence[Eliminated], covariance: FloatArray
 ) -> NoiseErrors:
     """Errors from the expected Hessian; `covariance` (p, p) is that of theta with the variances as they are."""
-    unknown = NoiseErrors.unknown(problem, iterate, covariance)
-    process, measurement = unknown.process, unknown.measurement
+    process, measurement = np.full(problem.process_noise.size, np.nan), np.full(iterate.variance.size, np.nan)
+    unknown = NoiseErrors(process, measurement, covariance)
     if not directions.count or not np.any(problem.process_noise):
         return unknown
     solved = Solved(problem, iterate, directions, linearised(problem, iterate))
@@ -431,29 +400,20 @@ def noise_errors(
             covariance = with_unknown_variances(solved, score, segments, covariance)
     except SingularStatesError:
         return unknown
-    gone, spread = score.vanished, score.spread
-    driven = list(directions.driven)
-    known = ~gone[: len(driven)]
-    error = 0.5 * problem.process_noise[driven] * np.sqrt(np.maximum(np.diag(spread)[: len(driven)], 0.0))
-    process[driven] = np.where(known, error, np.nan)
-    if directions.entries:
-        root = np.linalg.cholesky(iterate.covariance)
-        twice = [1.0 if a == b else 2.0 for a, b in directions.entries]
-        change = np.stack([w * root[:, a] * root[:, b] for w, (a, b) in zip(twice, directions.entries, strict=True)], 1)
-        variance = np.einsum("ij,jk,ik->i", change, spread[len(driven) :, len(driven) :], change)
-        measurement = np.sqrt(np.maximum(variance, 0.0) / np.diag(iterate.covariance)) / 2.0
-        measurement[measurement == 0.0] = np.nan
-    never_measured = ~np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
-    return NoiseErrors(process, measurement, covariance, _remarks(directions, gone, never_measured))
+    relative = 0.5 * np.sqrt(np.maximum(np.diag(score.spread), 0.0))
+    of_driven, of_outputs = np.split(np.where(score.vanished, np.nan, relative), [len(directions.driven)])
+    driven, outputs = list(directions.driven), list(directions.outputs)
+    process[driven] = problem.process_noise[driven] * of_driven
+    measurement[outputs] = np.sqrt(iterate.variance[outputs]) * of_outputs
+    return NoiseErrors(process, measurement, covariance, _remarks(problem, directions, score.vanished))
 
 
-def _remarks(directions: Directions, gone: BoolArray, never_measured: BoolArray) -> tuple[str, ...]:
+def _remarks(problem: Problem, directions: Directions, gone: BoolArray) -> tuple[str, ...]:
     """What went to 0, by state and output; outputs that were never measured have no noise that could."""
-    states = [state for state, lost in zip(directions.driven, gone, strict=False) if lost]
+    measured = np.any([grid.measured.any(axis=1) for grid in problem.grids], axis=0)
     lost = gone[len(directions.driven) :]
-    outputs = [
-        a for (a, b), each in zip(directions.entries, lost, strict=True) if each and a == b and not never_measured[a]
-    ]
+    states = [state for state, each in zip(directions.driven, gone, strict=False) if each]
+    outputs = [a for a, each in zip(directions.outputs, lost, strict=True) if each and measured[a]]
     found = []
     if states:
         found.append(
@@ -464,6 +424,6 @@ def _remarks(directions: Directions, gone: BoolArray, never_measured: BoolArray)
         found.append(
             f"the measurement noise of outputs {outputs} went to 0: process noise explains all that is left of them. "
             "Likely causes: sensors far better than the motion is smooth, or too slow a rate to tell the two apart. "
-            "Give noise_covariance where it is known"
+            "Give `noise` where it is known"
         )
     return tuple(found)

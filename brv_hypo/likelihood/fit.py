@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from brv_hypo.likelihood.result import FitResult, assess
 from brv_hypo.likelihood.search import Options, search
 from brv_hypo.likelihood.segment import Grid, Parameters, Segment, build_grid, build_parameters, check_consistent
 from brv_hypo.likelihood.starts import (
-    MOST_STEPS,
     begin,
     best_of,
     bridged,
@@ -28,7 +26,6 @@ from brv_hypo.likelihood.starts import (
     states_from_outputs,
     stretches,
 )
-from brv_hypo.likelihood.statistics import Shape, least_variance
 from brv_hypo.progress import Progress, report_to, silent
 
 
@@ -43,7 +40,7 @@ def fit(
     priors: Mapping[str, tuple[float, float]] | None = None,
     delays: Sequence[str] = (),
     reach: Mapping[str, float] | None = None,
-    noise: Shape | FloatArray = "diagonal",
+    noise: FloatArray | None = None,
     first_noise: FloatArray | None = None,
     estimate_process_noise: bool = False,
     max_iterations: int = 50,
@@ -78,9 +75,9 @@ def fit(
         `delayed[name].x` and `delayed[name].u` the states and inputs that much earlier (later, if negative).
     reach : mapping of str to float, optional
         Largest change in one step, for parameters whose effect is linear over a short way only.
-    noise : "diagonal", "full" or array
-        Shape of B, which is estimated by Eq. 3.11; or B itself where it is known, (n_outputs, n_outputs). Where the
-        residuals of an estimated B are not white, the search begins again from other first guesses of it, and the
+    noise : array_like, optional
+        (n_outputs,): variances of the outputs' noise, the diagonal of B, where they are known; else they are estimated
+        by Eq. 3.11, and where the residuals are not white, the search begins again from other first guesses, and the
         best likelihood wins (`starting_points`).
     estimate_process_noise : bool
         Take `process_noise` as a start and estimate its nonzero entries too.
@@ -88,7 +85,7 @@ def fit(
         Gauss-Newton steps at most; the step, as a fraction of the standard errors, at which the search ends.
     near_start, first_noise : bool, array, optional
         theta0 and the x0 histories are near the solution, from an earlier fit say: the search begins there, with that
-        fit's B, without the steps that bring a poor start near, and with one step between samples.
+        fit's `noise_variance`, without the steps that bring a poor start near, and with one step between samples.
     progress : callable, rich or tqdm bar, optional
         Called after each iteration with None and a text: `brv_hypo.progress`.
 
@@ -112,16 +109,12 @@ def fit(
     >>> round(fitted.theta["k"], 3)
     -0.7
     """
-    shape = noise if isinstance(noise, str) else None
-    if shape and shape not in get_args(Shape):
-        raise UsageError(f"noise is {noise!r}; expected one of {list(get_args(Shape))}, or a covariance")
     options = Options(
         max_iterations=max_iterations,
         tolerance=tolerance,
-        noise=shape,
+        estimate_noise=noise is None,
         estimate_process_noise=estimate_process_noise,
         report=silent if progress is None else report_to(progress),
-        draft=not near_start,
     )
     task = _Task(
         dynamics=dynamics,
@@ -132,7 +125,7 @@ def fit(
         priors=dict(priors or {}),
         delays=tuple(delays),
         reach=dict(reach or {}),
-        noise=None if isinstance(noise, str) else noise,
+        noise=noise,
         first_noise=first_noise,
         near_start=near_start,
         options=options,
@@ -152,7 +145,7 @@ class _Task:
     priors: Mapping[str, tuple[float, float]]
     delays: tuple[str, ...]
     reach: Mapping[str, float]
-    noise: FloatArray | None  # B where it is known
+    noise: FloatArray | None  # variances of the measurement noise where they are known
     first_noise: FloatArray | None
     near_start: bool
     options: Options
@@ -166,7 +159,7 @@ class _Task:
             theta = {name: before.theta[name] for name in self.theta0}
             driving = None if self.process_noise is None else before.process_noise
             near = replace(
-                self, theta0=theta, process_noise=driving, first_noise=before.noise_covariance, near_start=True
+                self, theta0=theta, process_noise=driving, first_noise=before.noise_variance, near_start=True
             )
             return near._solve(segments, steps)
         found = self._solve(segments, steps)
@@ -178,9 +171,9 @@ class _Task:
         part = self._solve(pieces, steps)
         if not part.converged:
             return found
-        times = [np.asarray(piece.t, dtype=float)[::steps] for piece in pieces]
         theta = {name: part.theta[name] for name in self.theta0}
-        whole = bridged(segments, between, times, part.states)
+        known = [(piece.t[::steps], states) for piece, states in zip(pieces, part.states, strict=True)]
+        whole = bridged(segments, between, known)
         again = replace(self, theta0=theta, near_start=True)._solve(whole, steps)
         return chosen({"the whole record": found, "the stretches between gaps": again})
 
@@ -204,21 +197,19 @@ class _Task:
             reach=parameters.spread(self.reach, np.inf),
         )
         y = np.concatenate([g.y for g in grids], axis=1)
-        draft = self.options.draft and steps < MOST_STEPS
-        options = replace(self.options, floor=least_variance(y), mesh_steps=steps, draft=draft)
-        known = None if self.noise is None else _covariance(self.noise, len(y))
+        known = None if self.noise is None else _variance(self.noise, len(y))
 
         def run(first: FloatArray) -> FitResult:
             begun, iterate = begin(problem, Iterate(histories, parameters.start, first), self.near_start)
             if known is not None:
-                iterate = replace(iterate, covariance=known)
-            return assess(search(begun, iterate, options), options)
+                iterate = replace(iterate, variance=known)
+            return assess(search(begun, iterate, self.options), self.options, steps)
 
         noises = first_noises(y)
         if known is not None:
             noises = {"the noise that was given": known} | noises
         if self.near_start and self.first_noise is not None:
-            noises = {"an earlier fit": _covariance(self.first_noise, len(y))} | noises
+            noises = {"an earlier fit": _variance(self.first_noise, len(y))} | noises
         alone = self.near_start or y.shape[1] > _LONGEST
         return best_of(noises, run, alone=alone, known=known is not None)
 
@@ -258,14 +249,12 @@ class _Task:
 _LONGEST = 100_000  # samples up to which a second starting point is tried
 
 
-def _covariance(given: FloatArray, n_outputs: int) -> FloatArray:
-    """B as given, (n_outputs, n_outputs)."""
+def _variance(given: FloatArray, n_outputs: int) -> FloatArray:
+    """The variances as given, (n_outputs,)."""
     found = np.asarray(given, dtype=float)
-    square = found.shape == (n_outputs, n_outputs) and np.all(np.isfinite(found)) and np.allclose(found, found.T)
-    if not square or np.linalg.eigvalsh(found)[0] <= 0.0:
+    if found.shape != (n_outputs,) or not np.all((found > 0.0) & np.isfinite(found)):
         raise UsageError(
-            f"the noise covariance is {found.tolist()}; expected a symmetric positive-definite matrix of shape "
-            f"{(n_outputs, n_outputs)}: variances of the outputs' noise on the diagonal. Noise-free outputs get a "
-            "small variance, such as that of rounding"
+            f"the noise variances are {found.tolist()}; expected {n_outputs} positive values, one per output. "
+            "Noise-free outputs get a small variance, such as that of rounding"
         )
     return found

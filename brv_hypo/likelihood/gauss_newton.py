@@ -11,14 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.likelihood.collocation import Linearisation, Model, evaluate_segment, linearise_segment
-from brv_hypo.likelihood.elimination import Eliminated, Quadratic, eliminate, upper_triangle
+from brv_hypo.likelihood.elimination import Eliminated, Quadratic, block_rows, eliminate, upper_triangle
 from brv_hypo.likelihood.segment import Grid, Parameters
 from brv_hypo.likelihood.statistics import whitening
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 # ---- One Gauss-Newton step: states eliminated by segment, then a small least-squares problem in theta ----
 
@@ -49,11 +53,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the search stands: states by segment, (n_states, n), theta, (p,), noise covariance."""
+    """Where the search stands: states by segment, (n_states, n), theta, (p,), variances of the noise, (n_outputs,)."""
 
     x: tuple[FloatArray, ...]
     theta: FloatArray
-    covariance: FloatArray
+    variance: FloatArray
 
 
 @dataclass(frozen=True)
@@ -113,20 +117,14 @@ def sensitivities(
     linear = linearised(problem, iterate) if linear is None else linear
     found = []
     for s, (grid, x, each) in enumerate(zip(problem.grids, iterate.x, linear, strict=True)):
-        quadratic = quadratic_of(problem, grid, x, each, iterate.covariance)
-        if np.any(problem.process_noise):  # delays meet noise on the way to a start, whose states are near: held
-            quadratic = replace(
-                quadratic,
-                by_state=replace(quadratic.by_state, couplings=()),
-                defect_by_state=replace(quadratic.defect_by_state, couplings=()),
-            )
+        quadratic = quadratic_of(problem, grid, x, each, iterate.variance)
         if anchored:
             free = np.isinf(quadratic.variance)
             defect, variance = np.where(free, 0.0, quadratic.defect), np.where(free, _ANCHOR**2, quadratic.variance)
             quadratic = replace(quadratic, defect=defect, variance=variance)
         eliminated = eliminate(quadratic)
         if eliminated is None:
-            raise SingularStatesError(s, float(np.abs(quadratic.defect_by_state.blocks).max()) > _STIFF)
+            raise SingularStatesError(s, float(abs(quadratic.defect_by_state).max()) > _STIFF)
         found.append(eliminated)
     return tuple(found)
 
@@ -199,8 +197,7 @@ def objective(problem: Problem, iterate: Iterate) -> tuple[float, float]:
     for grid, x in zip(problem.grids, iterate.x, strict=True):
         theta = problem.parameters.as_mapping(iterate.theta)
         defect, output = evaluate_segment(problem.model, grid, x, theta)
-        whitener = whitening(iterate.covariance, grid.measured)
-        residual = _whitened(whitener, grid, output)
+        residual = _whitened(whitening(iterate.variance, grid.measured), grid, output)
         scaled = np.concatenate([start_defect(problem, grid, x), defect / problem.size])
         variance = _variance(problem, grid)
         tight = variance == 0
@@ -218,29 +215,44 @@ def moved(problem: Problem, iterate: Iterate, step: Step, fraction: float) -> It
     return replace(iterate, theta=theta, x=tuple(x + fraction * dx for x, dx in zip(iterate.x, step.x, strict=True)))
 
 
-def quadratic_of(
-    problem: Problem, grid: Grid, x: FloatArray, linear: Linearisation, covariance: FloatArray
-) -> Quadratic:
-    """One segment's linearisation with outputs whitened and states divided by their size."""
-    size = problem.size
-    whitener = whitening(covariance, grid.measured)
+def quadratic_of(problem: Problem, grid: Grid, x: FloatArray, linear: Linearisation, variance: FloatArray) -> Quadratic:
+    """One segment's linearisation with outputs whitened, by their `variance`, and states divided by their size.
+
+    Delays meet process noise on the way to a start only, whose states are near: what they see is fixed then.
+    """
+    size, weight = problem.size, whitening(variance, grid.measured)
+    dynamics = block_rows(linear.defect_by_state / size[:, None] * size)
+    outputs = block_rows((weight[:, :, None] * linear.output_by_state * size)[:, None])
+    delayed = not np.any(problem.process_noise)
+    if delayed and linear.defect_by_delayed is not None:
+        dynamics = dynamics + _turned(linear.defect_by_delayed, np.tile(1.0 / size, grid.n - 1), size)
+    if delayed and linear.output_by_delayed is not None:
+        outputs = outputs + _turned(linear.output_by_delayed, weight.ravel(), size)
     by_parameter = linear.defect_by_parameter / size[:, None]
     return Quadratic(
         own=linear.own,
-        residual=_whitened(whitener, grid, linear.output),
-        by_state=linear.output_by_state.turned(whitener, size),
-        by_parameter=whitener @ linear.output_by_parameter,
+        residual=_whitened(weight, grid, linear.output),
+        by_state=outputs,
+        by_parameter=weight[:, :, None] * linear.output_by_parameter,
         defect=np.concatenate([start_defect(problem, grid, x), linear.defect / size]),
-        defect_by_state=linear.defect_by_state.turned(1.0 / size, size),
+        defect_by_state=dynamics,
         defect_by_parameter=np.concatenate([np.zeros_like(by_parameter[:1]), by_parameter]),
         variance=_variance(problem, grid),
+        delayed=delayed and bool(problem.model.delays),
     )
 
 
-def _whitened(whitener: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
+def _turned(matrix: csr_array[np.float64], left: FloatArray, size: FloatArray) -> csr_array[np.float64]:
+    """The rows times `left`, the columns times the size of their state."""
+    from scipy.sparse import csr_array, diags_array  # here, for a cheap import of the package
+
+    right = np.tile(size, matrix.shape[1] // size.size)
+    return csr_array(diags_array(left) @ matrix @ diags_array(right))
+
+
+def _whitened(weight: FloatArray, grid: Grid, output: FloatArray) -> FloatArray:
     """Whitened predicted minus measured output, (n, n_outputs), zero in gaps."""
-    difference = np.where(grid.measured.T, output - grid.y.T, 0.0)
-    return np.asarray((whitener @ difference[:, :, None])[:, :, 0])
+    return weight * np.where(grid.measured.T, output - grid.y.T, 0.0)
 
 
 def start_defect(problem: Problem, grid: Grid, x: FloatArray) -> FloatArray:

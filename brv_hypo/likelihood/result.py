@@ -11,21 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from brv_hypo.arrays import FloatArray, IntArray
-from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.collocation import Method, Points, evaluate
 from brv_hypo.likelihood.elimination import Eliminated
-from brv_hypo.likelihood.filter_error import NoiseErrors, directions_of, kalman_innovations, noise_errors
+from brv_hypo.likelihood.filter_error import directions_of, kalman_innovations, noise_errors
 from brv_hypo.likelihood.gauss_newton import Iterate, Problem, SingularStatesError, information_factor, sensitivities
-from brv_hypo.likelihood.search import Iteration, Options, Outcome, Status, residuals
+from brv_hypo.likelihood.search import Iteration, Options, Outcome, Segments, Status, residuals
 from brv_hypo.likelihood.segment import Grid
 from brv_hypo.likelihood.statistics import (
     Identifiability,
-    Linearised,
     Whitened,
     Whiteness,
     coloured_covariance,
@@ -34,12 +31,8 @@ from brv_hypo.likelihood.statistics import (
     inflation,
     negative_log_likelihood,
     whiteness,
-    whitening,
 )
 from brv_hypo.results import Row, Tabular
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 
 @dataclass(frozen=True)
@@ -79,13 +72,13 @@ class FitResult(Tabular):
     """Minus the NLLF of Eq. 3.10 with erratum E8, -1/2 sum(v' B^-1 v + log det B); the constant -1/2 N log(2 pi) is
     left out, as in the report.
     """
-    noise_covariance: FloatArray
-    """Covariance of the measurement noise, (n_outputs, n_outputs); in output error B of Eq. 3.11."""
+    noise_variance: FloatArray
+    """Variances of the measurement noise, (n_outputs,); in output error the diagonal of B of Eq. 3.11."""
     process_noise: FloatArray
     """Standard deviation that drives each state, (n_states,), per root second; zeros in output error."""
     noise_std_error: FloatArray
-    """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_covariance`'s
-    diagonal, (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
+    """With process noise, standard errors of the outputs' noise standard deviations, the roots of `noise_variance`,
+    (n_outputs,); nan where given, or where one went to 0 (see remarks), and in output error.
     """
     process_noise_std_error: FloatArray
     """The same of `process_noise`, (n_states,)."""
@@ -107,8 +100,6 @@ class FitResult(Tabular):
     """How the functions were differentiated."""
     samples: int
     """Number of measured values, all outputs and segments."""
-    linear: Linearised | None
-    """The linear model at the estimate, for `change_by`; None with process noise."""
     mesh_shift: float = float("nan")
     """How far the discretisation moves an estimate at most, in standard errors, by an estimate of the dynamics' errors
     between samples; nan where that is not known (delays, records of many thousand samples).
@@ -144,43 +135,32 @@ class FitResult(Tabular):
             for name, value in self.theta.items()
         ]
 
-    def change_by(self, measured_more: Sequence[FloatArray]) -> dict[str, float]:
-        """Change of the free parameters by name where the outputs were measured so much higher, (n_outputs, n) a
-        segment, to first order; what is not finite counts as nothing.
-
-        Raises:
-            UsageError: with process noise, or where the states are not determined.
-        """
-        if self.linear is None:
-            raise UsageError(
-                f"a fit of status {self.status!r} with process noise {self.process_noise} cannot say what it would be "
-                "of other measurements: expected one without process noise, whose states are determined"
-            )
-        gained = []
-        for more in measured_more:
-            observed = np.isfinite(more)
-            gained.append(
-                -np.einsum("nij,jn->ni", whitening(self.noise_covariance, observed), np.where(observed, more, 0.0))
-            )
-        return dict(zip(self.names, self.linear.change_by(gained).tolist(), strict=True))
-
     def report(self) -> str:
-        """The fit as text: status, noise, parameters with their errors, correlations, warnings."""
-        blocks = (
-            ["[[Fit]]", *_statistics(self)],
-            ["[[Noise]]", *_noise(self)],
-            ["[[Parameters]]", *_parameters(self)],
-            _correlations(self),
-            _warnings(self),
-        )
-        return "\n".join(line for block in blocks for line in block)
-
-    def to_dataframe(self) -> DataFrame:
-        """A table by parameter: value, std_error (the one to report), std_error_white, free, at_bound.
-
-        Needs pandas (extra "tables").
-        """
-        return super().to_dataframe().set_index("parameter")
+        """The fit as text, in the manner of lmfit's report: status, noise, parameters with their errors, warnings."""
+        lines = [
+            "[[Fit]]",
+            f"    status          = {self.status}: {self.message}",
+            f"    iterations      = {self.iterations}, with {self.mesh_steps} steps per sample",
+            f"    measured values = {self.samples}",
+            f"    log-likelihood  = {self.log_likelihood:.6g} (without its constant)",
+            "[[Noise]]",
+        ]
+        for i, test in enumerate(self.whiteness):
+            colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
+            size = _with_error(np.sqrt(self.noise_variance[i]), self.noise_std_error[i])
+            lines.append(f"    output {i}: {size}, innovations {colour}")
+        for i in np.flatnonzero(self.process_noise).tolist():
+            size = _with_error(self.process_noise[i], self.process_noise_std_error[i])
+            lines.append(f"    state {i} is driven by {size} per root second")
+        lines.append("[[Parameters]]")
+        width = max(len(name) for name in self.theta)
+        for row in self.rows():
+            note = f" (white {row['std_error_white']:.3g})" if np.isfinite(row["std_error"]) else " (not determined)"
+            note = (note if row["free"] else " (held)") + (" (at its bound)" if row["at_bound"] else "")
+            lines.append(f"    {row['parameter']:<{width}}  {_with_error(row['value'], row['std_error'])}{note}")
+        near_null = [str(self.identifiability)] if self.identifiability.near_null else []
+        warnings = [f"    {text}" for text in (*self.remarks, *near_null)]
+        return "\n".join([*lines, *(["[[Beware]]", *warnings] if warnings else [])])
 
     @property
     def converged(self) -> bool:
@@ -193,92 +173,14 @@ class FitResult(Tabular):
         return -self.log_likelihood
 
 
-# ---- A fit in words and numbers, in the manner of lmfit's report ----
-
-
-_CORRELATED = 0.5  # least correlation that is listed
-_MOST_CORRELATIONS = 10
-
-
-def correlations(result: FitResult) -> FloatArray:
-    """Correlation of the estimates (p, p), from the coloured covariance; nan where there is no error."""
-    error = np.sqrt(np.diag(result.covariance_coloured))
-    with np.errstate(all="ignore"):
-        return np.asarray(result.covariance_coloured / np.outer(error, error))
-
-
-def _statistics(result: FitResult) -> list[str]:
-    p = len(result.names)
-    aic = 2.0 * p + 2.0 * result.nllf
-    rows = [
-        ("status", f"{result.status}: {result.message}"),
-        ("iterations", f"{result.iterations}"),
-        ("measured values", f"{result.samples}"),
-        ("parameters", f"{p}"),
-        ("log-likelihood", f"{result.log_likelihood:.6g} (without its constant)"),
-        ("Akaike", f"{aic:.6g}"),
-        ("steps per sample", f"{result.mesh_steps}, mesh moves estimates by {result.mesh_shift:.2g} sigma at most"),
-    ]
-    return [f"    {name:<18}= {value}" for name, value in rows]
-
-
-def _noise(result: FitResult) -> list[str]:
-    found = []
-    for i, (variance, error, test) in enumerate(
-        zip(np.diag(result.noise_covariance), result.noise_std_error, result.whiteness, strict=True)
-    ):
-        spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
-        colour = "white" if test.white else f"not white (p {test.p_value:.1g}, lag {test.largest_lag})"
-        found.append(f"    output {i}: {np.sqrt(variance):.4g}{spread}, innovations {colour}")
-    for i, (size, error) in enumerate(zip(result.process_noise, result.process_noise_std_error, strict=True)):
-        if size > 0.0:
-            spread = f" +/- {error:.2g}" if np.isfinite(error) else ""
-            found.append(f"    state {i} is driven by {size:.4g}{spread} per root second")
-    return found
-
-
-def _parameters(result: FitResult) -> list[str]:
-    width = max(len(name) for name in result.theta)
-    found = []
-    for name, value in result.theta.items():
-        if name not in result.std_error:
-            found.append(f"    {name:<{width}}  {value: .6g} (held)")
-            continue
-        error, white = result.std_error_coloured[name], result.std_error[name]
-        note = f" +/- {error:.3g} (white {white:.3g})" if np.isfinite(error) else " (not determined)"
-        relative = f" ({abs(error / value):.2%})" if np.isfinite(error) and value != 0.0 else ""
-        kind = " (at its bound)" if name in result.at_bound else ""
-        found.append(f"    {name:<{width}}  {value: .6g}{note}{relative}{kind}")
-    return found
-
-
-def _correlations(result: FitResult) -> list[str]:
-    matrix = correlations(result)
-    i, j = np.triu_indices(len(result.names), 1)
-    size = np.abs(matrix[i, j])
-    order = [k for k in np.argsort(-np.nan_to_num(size), kind="stable") if size[k] >= _CORRELATED]
-    if not order:
-        return []
-    rows = [
-        f"    C({result.names[i[k]]}, {result.names[j[k]]}) = {matrix[i[k], j[k]]:+.3f}"
-        for k in order[:_MOST_CORRELATIONS]
-    ]
-    return [f"[[Correlations]] (of {_CORRELATED:g} and more)", *rows]
-
-
-def _warnings(result: FitResult) -> list[str]:
-    found = list(result.remarks)
-    if result.identifiability.near_null:
-        found.append(str(result.identifiability))
-    return ["[[Beware]]", *(f"    {text}" for text in found)] if found else []
+def _with_error(value: float, error: float) -> str:
+    return f"{value: .6g}" + (f" +/- {error:.3g}" if np.isfinite(error) else "")
 
 
 # ---- The result of a search: standard errors, likelihood, innovations, warnings ----
 
 
 _LAGS = 20  # lags of the whiteness test
-_LOOSER = 3.0  # how much more loosely an unseen initial state is tied, to see which errors depend on that
-_SAME_ERROR = 0.01  # relative change of a standard error at that which counts as none
 TOLERATED = 0.1  # shift by the mesh, in standard errors, at which it is fine enough
 _NOISE_FREE = 1e-4
 """Residual over signal, root mean squares, below which what is left and not white is no instrument's noise."""
@@ -286,14 +188,12 @@ _ROUNDING = 1e-12  # the same of rounding
 _MOST_JUDGED = 8192
 """Samples of a segment up to which the mesh is judged: longer records would be fitted on finer meshes for hours."""
 
-Segments = tuple[Eliminated, ...]
 
-
-def assess(outcome: Outcome, options: Options) -> FitResult:
-    """The result of a search; errors are nan where they cannot be had."""
+def assess(outcome: Outcome, options: Options, steps: int) -> FitResult:
+    """The result of a search with so many steps between samples; errors are nan where they cannot be had."""
     problem, iterate = outcome.problem, outcome.iterate
     parameters = problem.parameters
-    sampled = slice(None, None, options.mesh_steps)
+    sampled = slice(None, None, steps)
     refined, nllf = _innovations(problem, iterate)
     innovations = tuple(each[:, sampled] for each in refined)
     together = np.concatenate(innovations, axis=1)
@@ -305,22 +205,16 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
     estimated = np.flatnonzero(~at_bound)
     triangle = np.full((p, p), np.nan)
     white = coloured = np.full((p, p), np.nan)
-    segments, loose = _sensitivities(outcome)
+    segments = _sensitivities(outcome)
     rows = () if np.any(problem.process_noise) else tuple(segment.whitened(sampled) for segment in segments)
     if segments:
         triangle = information_factor(segments, p)[:p, :p]
         white, coloured = _covariances(problem, rows, triangle, samples, estimated, options)
-    if loose:
-        white, coloured = (_undisturbed(problem, loose, estimated, kind, triangle) for kind in (white, coloured))
-    wanted = directions_of(problem, options.noise, options.estimate_process_noise)
-    shift = mesh_shift(problem, iterate, segments, white)
-    if options.draft and np.max(np.abs(shift[estimated]), initial=0.0) > TOLERATED:
-        noise = NoiseErrors.unknown(problem, iterate, white)  # those on a finer mesh will count
-    else:
-        noise = noise_errors(problem, iterate, wanted, segments, white)
+    wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
+    noise = noise_errors(problem, iterate, wanted, segments, white)
     if np.any(problem.process_noise):
         white = coloured = noise.covariance
-        shift = mesh_shift(problem, iterate, segments, white)
+    shift = mesh_shift(problem, iterate, segments, white)
     determined = identifiability(np.nan_to_num(triangle), parameters.prior_std, parameters.names)
     hidden = outcome.status == Status.STALLED and bool(determined.near_null)
     tests = whiteness(innovations, min(_LAGS, together.shape[1] // 4))
@@ -335,7 +229,7 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         covariance=white,
         covariance_coloured=coloured,
         log_likelihood=-nllf,
-        noise_covariance=iterate.covariance,
+        noise_variance=iterate.variance,
         process_noise=problem.process_noise,
         noise_std_error=noise.measurement,
         process_noise_std_error=noise.process,
@@ -348,9 +242,8 @@ def assess(outcome: Outcome, options: Options) -> FitResult:
         at_bound=tuple(name for name, stuck in zip(parameters.names, at_bound, strict=True) if stuck),
         derivatives=problem.model.method,
         samples=samples,
-        linear=Linearised(rows, triangle, 1.0 / parameters.prior_std**2, estimated) if rows else None,
         mesh_shift=float(np.max(np.abs(shift[estimated]), initial=0.0)) if segments else float("nan"),
-        mesh_steps=options.mesh_steps,
+        mesh_steps=steps,
         remarks=(*_never_measured(measured), *_remarks(together, measured, tests, options), *noise.remarks),
     )
 
@@ -371,51 +264,25 @@ def _covariances(
     raw = covariance_from_information(triangle, parameters.prior_std, estimated)
     unknowns = len(estimated) + sum(int(np.isinf(g.start_std).sum()) for g in problem.grids)
     # The likelihood of states that noise drives makes up for it itself (`filter_error`).
-    white = raw * (samples / max(samples - unknowns, 1) if options.noise and rows else 1.0)
+    white = raw * (samples / max(samples - unknowns, 1) if options.estimate_noise and rows else 1.0)
     known = np.flatnonzero(np.isfinite(np.diag(raw)))
     if not rows or not known.size:
         return white, white
     block = np.ix_(known, known)
     corrected = coloured_covariance(np.nan_to_num(raw), 1.0 / parameters.prior_std**2, rows)[block]
-    if options.noise:
+    if options.estimate_noise:
         corrected = corrected * inflation(raw[block], corrected, unknowns, samples)
     coloured = np.full_like(raw, np.nan)
     coloured[block] = corrected
     return white, coloured
 
 
-def _sensitivities(outcome: Outcome) -> tuple[Segments, Segments]:
-    """The sensitivities at the end; where no output sees a state, with its start tied loosely, and then more loosely.
-
-    The second is empty where nothing had to be tied.
-    """
-    problem, iterate = outcome.problem, outcome.iterate
+def _sensitivities(outcome: Outcome) -> Segments:
+    """The sensitivities at the end; none where the states are not determined."""
     try:
-        return outcome.segments or sensitivities(problem, iterate), ()
+        return outcome.segments or sensitivities(outcome.problem, outcome.iterate)
     except SingularStatesError:
-        pass
-    try:
-        return (
-            sensitivities(problem, iterate, anchored=True),
-            sensitivities(replace(problem, size=_LOOSER * problem.size), iterate, anchored=True),
-        )
-    except SingularStatesError:
-        return (), ()
-
-
-def _undisturbed(
-    problem: Problem, loose: Segments, estimated: IntArray, covariance: FloatArray, triangle: FloatArray
-) -> FloatArray:
-    """The covariance of the parameters that do not notice how loosely an unseen state is tied; nan for others."""
-    p = covariance.shape[0]
-    both = [
-        np.sqrt(np.diag(covariance_from_information(each, problem.parameters.prior_std, estimated)))
-        for each in (triangle, information_factor(loose, p)[:p, :p])
-    ]
-    lost = ~(np.abs(both[1] / both[0] - 1.0) < _SAME_ERROR)
-    found = covariance.copy()
-    found[lost] = found[:, lost] = np.nan
-    return found
+        return ()
 
 
 def _never_measured(y: FloatArray) -> tuple[str, ...]:
@@ -424,7 +291,7 @@ def _never_measured(y: FloatArray) -> tuple[str, ...]:
     if not rows:
         return ()
     return (
-        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_covariance holds "
+        f"outputs {rows} have no samples in any segment: they had no part in the fit, and what noise_variance holds "
         "for them is no estimate. Likely cause: a channel that is missing from the record. Leave them out of y and of "
         "the outputs if that is meant",
     )
@@ -432,7 +299,7 @@ def _never_measured(y: FloatArray) -> tuple[str, ...]:
 
 def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], options: Options) -> tuple[str, ...]:
     """Outputs without noise: what is left of them is smooth, and tiny against the signal."""
-    if options.noise is None:
+    if not options.estimate_noise:
         return ()
     left, size = (
         np.sqrt(np.nansum(rows**2, axis=1) / np.maximum(np.isfinite(rows).sum(axis=1), 1)) for rows in (together, y)
@@ -447,7 +314,7 @@ def _remarks(together: FloatArray, y: FloatArray, tests: Sequence[Whiteness], op
     return (
         f"outputs {quiet} hold next to no noise: residuals are {np.max(left[quiet] / size[quiet]):.1g} of the signal, "
         "not white or mere rounding, so that they are the model's and the discretisation's errors. Standard errors say "
-        "nothing of these; likely cause: simulated data. Give noise_covariance, or add the instruments' noise",
+        "nothing of these; likely cause: simulated data. Give `noise`, or add the instruments' noise",
     )
 
 
@@ -460,7 +327,7 @@ def _innovations(problem: Problem, iterate: Iterate) -> tuple[tuple[FloatArray, 
         return kalman_innovations(problem, iterate)
     found = residuals(problem, iterate)
     together = np.concatenate(found, axis=1)
-    return found, negative_log_likelihood(together, np.isfinite(together), iterate.covariance)
+    return found, negative_log_likelihood(together, iterate.variance)
 
 
 def _by_name(names: Sequence[str], covariance: FloatArray) -> dict[str, float]:

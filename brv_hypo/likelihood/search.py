@@ -5,11 +5,10 @@ A merit function weighs the fit against violated dynamics. `search` is the entra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from brv_hypo.likelihood.gauss_newton import (
     objective,
     sensitivities,
 )
-from brv_hypo.likelihood.statistics import Shape, estimate_covariance, negative_log_likelihood
+from brv_hypo.likelihood.statistics import estimate_variance, least_variance, negative_log_likelihood
 from brv_hypo.progress import Report, silent
 
 
@@ -103,12 +102,14 @@ _CREEP = 0.1
 _CREEPING_STEPS = 3
 """Fraction of a step shorter than one standard error, and how many of them in a row, that count as no progress."""
 _NEAR = 0.3
-_HELD = 2.5
-"""Way, in tolerances, over which derivatives are held: with them the search ends where residuals are orthogonal to the
-derivatives of another place, off by less than that way."""
+_KEPT = 2.5
+"""Way, in tolerances, over which derivatives are kept: with them the search ends where residuals are orthogonal to the
+derivatives of another place, off by less than that way. Beside process noise, whose states may follow anything, none.
+"""
 _FAR = 1e-3
-"""The same, in standard errors, of the gradient of what integrating the states out adds: it turns with the logarithm of
-the information, so that the estimate is off by that way over the root of the samples."""
+"""Way, in standard errors, over which the gradient of what integrating the states out adds is kept: it turns with the
+logarithm of the information, so that the estimate is off by that way over the root of the samples.
+"""
 _TOO_SHORT = 1e-2
 """Length of a step, in standard errors, below which the merit cannot judge it beside process noise: the states follow
 the objective alone, and where they are not quite there the determinant may rise as they go.
@@ -117,6 +118,9 @@ _BLIND_STEPS = 4
 """Steps shorter than _NEAR standard errors that are taken against the merit (watchdog technique,
 Chamberlain et al. 1982): a kink, such as a knot that passes a sample, raises the violation for one step only.
 """
+
+
+Segments = tuple[Eliminated, ...]
 
 
 @dataclass(frozen=True)
@@ -136,13 +140,9 @@ class Options:
 
     max_iterations: int  # limit of Gauss-Newton steps
     tolerance: float  # step, as a fraction of the standard errors, at which the search ends
-    noise: Shape | None  # shape of the measurement noise's covariance, which is estimated; None where it is known
+    estimate_noise: bool  # whether the measurement noise is estimated
     estimate_process_noise: bool  # whether the process noise is, too
     report: Report = silent  # called after each iteration
-    mesh_steps: int = 1  # steps of the dynamics between samples
-    draft: bool = False  # whether the fit goes on on a finer mesh where this one is too coarse
-    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Least variance of each output's noise, (n_outputs,)."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Outcome:
     status: Status  # how it ended
     message: str  # the same in words, with cause and remedy
     history: tuple[Iteration, ...]  # every iteration
-    segments: tuple[Eliminated, ...] = ()
+    segments: Segments = ()
     """The sensitivities from which the last step came, where that step was negligible and they still hold."""
 
 
@@ -164,11 +164,12 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         problem, iterate = _noise_first(problem, iterate, options)
     history: list[Iteration] = []
     penalty, blind, creeping = 0.0, _BLIND_STEPS, 0
-    # Beside process noise, whose states may follow anything, derivatives hold where they were taken.
     noisy = bool(np.any(problem.process_noise))
-    derivatives: _Derivatives = _Nearby(0.0 if noisy else _HELD * options.tolerance)
-    turn: _Nearby[FloatArray] = _Nearby(_FAR)
-    extrapolation, noise = Extrapolation(problem), _Noise(options)
+    near: tuple[Linearisation, ...] = ()
+    gradient = None  # of the determinant; how far, in standard errors, the search has gone since it and `near`
+    since_gradient = since_near = np.inf
+    extrapolation = Extrapolation(problem)
+    known: Segments = ()  # the sensitivities where the search is, if the noise needed them
 
     def ended(status: Status, detail: str = "") -> Outcome:
         message = f"{detail}: {status.message}" if detail else status.message
@@ -176,17 +177,15 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
 
     for iteration in range(1, options.max_iterations + 1):
         try:
-            segments, unseen = noise.segments, None
-            if not segments:
-                near = derivatives.here(linearised, problem, iterate)
-                segments, unseen = _sensitivities(problem, iterate, moved_to(problem, iterate, near))
+            if not (known or (since_near <= _KEPT * options.tolerance and not noisy)):
+                near, since_near = linearised(problem, iterate), 0.0
+            segments, unseen = (known, None) if known else _sensitivities(problem, iterate, near)
         except SingularStatesError as error:
             return ended(_singular(error), str(error))
-        noisy = bool(np.any(problem.process_noise))
-        gradient = turn.here(determinant_gradient, problem, iterate, segments) if noisy else None
+        if noisy and not since_gradient <= _FAR:
+            gradient, since_gradient = determinant_gradient(problem, iterate, segments), 0.0
         step = gauss_newton_step(problem, iterate, segments, gradient)
-        derivatives.moved(step.length)
-        turn.moved(step.length)
+        since_gradient, since_near = since_gradient + step.length, since_near + step.length
         if not np.isfinite(step.length):
             return ended(Status.DIVERGED)
         penalty = max(penalty, 1.5 * step.multiplier)
@@ -204,7 +203,7 @@ def search(problem: Problem, iterate: Iterate, options: Options) -> Outcome:
         creeping = creeping + 1 if fraction < _CREEP and step.length < 1.0 else 0
         if creeping == _CREEPING_STEPS:
             return ended(Status.STALLED)
-        problem, iterate, noise_converged = noise.updated(problem, following, derivatives, step.length)
+        problem, iterate, known, noise_converged = _with_noise(problem, following, options, step.length)
         violation = objective(problem, iterate)[1] / sum(x.size for x in iterate.x)
         history.append(
             Iteration(
@@ -240,41 +239,17 @@ def residuals(problem: Problem, iterate: Iterate) -> tuple[FloatArray, ...]:
 def _nllf(problem: Problem, iterate: Iterate) -> float:
     """NLLF of Eq. 3.10 (E8) of the residuals; with process noise, of the states integrated out."""
     difference = np.concatenate(residuals(problem, iterate), axis=1)
-    fit = negative_log_likelihood(difference, np.isfinite(difference), iterate.covariance)
+    fit = negative_log_likelihood(difference, iterate.variance)
     if not np.any(problem.process_noise):
         return fit
     return fit + disturbance_cost(problem, iterate) + determinant(problem, iterate)
 
 
-T = TypeVar("T")
-
-
-class _Nearby(Generic[T]):
-    """A value that costs much, found anew once the search has gone `far` (standard errors) since."""
-
-    def __init__(self, far: float) -> None:
-        self._far = far
-        self._known: T | None = None
-        self._way = 0.0
-
-    def here(self, find: Callable[..., T], *arguments: Any) -> T:
-        """The one that holds where the search is, as `find` has it."""
-        if self._known is None or not self._way <= self._far:
-            self._known, self._way = find(*arguments), 0.0
-        return self._known
-
-    def moved(self, length: float) -> None:
-        """The search takes a step of this length, in standard errors."""
-        self._way += length
-
-
-_Derivatives = _Nearby[tuple[Linearisation, ...]]
-
-
 def _sensitivities(
-    problem: Problem, iterate: Iterate, linear: Sequence[Linearisation]
-) -> tuple[tuple[Eliminated, ...], SingularStatesError | None]:
+    problem: Problem, iterate: Iterate, near: Sequence[Linearisation]
+) -> tuple[Segments, SingularStatesError | None]:
     """The sensitivities, initial states anchored where no output sees them yet; and in that case why."""
+    linear = moved_to(problem, iterate, near)
     try:
         return sensitivities(problem, iterate, linear), None
     except SingularStatesError as error:
@@ -286,12 +261,12 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
 
     Process noise alone at first: beside one that is far too large, measurement noise seems to be none.
     """
-    for shape in (None, options.noise):
+    for estimate_noise in (False, options.estimate_noise):
         for _ in range(_NOISE_STEPS):
             linear = linearised(problem, iterate)
             try:
-                wanted = directions_of(problem, shape, options.estimate_process_noise)
-                found, lengths, _ = scored(problem, iterate, wanted, _NEAR_NOISE, linear)
+                wanted = directions_of(problem, estimate_noise, options.estimate_process_noise)
+                found, lengths = scored(problem, iterate, wanted, _NEAR_NOISE, linear)
             except SingularStatesError:
                 return problem, iterate  # the search says so if they stay undetermined
             problem = found.problem
@@ -303,38 +278,25 @@ def _noise_first(problem: Problem, iterate: Iterate, options: Options) -> tuple[
     return problem, iterate
 
 
-class _Noise:
-    """Noise covariance by Eq. 3.11 or, with process noise, the variances of both."""
+def _with_noise(
+    problem: Problem, iterate: Iterate, options: Options, length: float
+) -> tuple[Problem, Iterate, Segments, bool]:
+    """Both with new variances, by Eq. 3.11 or, with process noise, of both noises, after a step of this length.
 
-    def __init__(self, options: Options) -> None:
-        self._options = options
-        self._information: FloatArray | None = None
-        self.segments: tuple[Eliminated, ...] = ()
-        """Sensitivities where the search stands, if it is known."""
-
-    def updated(
-        self, problem: Problem, iterate: Iterate, derivatives: _Derivatives, length: float
-    ) -> tuple[Problem, Iterate, bool]:
-        """Both with new variances, after a step of this length, and whether these have settled."""
-        options = self._options
-        if not np.any(problem.process_noise):
-            if options.noise is None:
-                return problem, iterate, True
-            difference = np.concatenate(residuals(problem, iterate), axis=1)
-            old = iterate.covariance
-            new = estimate_covariance(difference, np.isfinite(difference), options.noise, old, options.floor)
-            change = float(np.max(np.abs(np.diag(new) / np.diag(old) - 1.0)))
-            return problem, replace(iterate, covariance=new), change < _CONVERGED_CHANGE
-        wanted = directions_of(problem, options.noise, options.estimate_process_noise)
-        if not wanted.count:
-            return problem, iterate, True
-        enough = max(_FEW, _FRACTION * length)
-        near = derivatives.here(linearised, problem, iterate)
-        try:
-            found, lengths, information = scored(problem, iterate, wanted, enough, near, self._information)
-        except SingularStatesError:
-            self.segments, self._information = (), None
-            return problem, iterate, True
-        self.segments = found.segments
-        self._information = information if lengths[0] < _NEAR_NOISE else None
-        return found.problem, found.iterate, lengths[0] < _CONVERGED_MOVE
+    Also the sensitivities there, where they are known, and whether the variances have settled.
+    """
+    if not np.any(problem.process_noise):
+        if not options.estimate_noise:
+            return problem, iterate, (), True
+        floor = least_variance(np.concatenate([grid.y for grid in problem.grids], axis=1))
+        new = estimate_variance(np.concatenate(residuals(problem, iterate), axis=1), floor)
+        change = float(np.max(np.abs(new / iterate.variance - 1.0)))
+        return problem, replace(iterate, variance=new), (), change < _CONVERGED_CHANGE
+    wanted = directions_of(problem, options.estimate_noise, options.estimate_process_noise)
+    if not wanted.count:
+        return problem, iterate, (), True
+    try:
+        found, lengths = scored(problem, iterate, wanted, max(_FEW, _FRACTION * length), linearised(problem, iterate))
+    except SingularStatesError:
+        return problem, iterate, (), True
+    return found.problem, found.iterate, found.segments, lengths[0] < _CONVERGED_MOVE

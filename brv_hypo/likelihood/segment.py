@@ -1,7 +1,7 @@
 """The checked input: a continuous measured record with its time grid for collocation, and the unknown parameters.
 
 A `Segment` holds times, inputs, outputs (nan where nothing was measured) and a first guess of the states. Inputs run
-between samples as `hold` says: constant, linear, or by the local cubic of `Interpolator`, whose nodal slopes are those
+between samples as `hold` says: constant, linear, or by the local cubic of `interpolation`, whose nodal slopes are those
 of the quartic through five samples: fourth-order accurate, with a continuous first derivative, so that a cost that
 depends on x(t - tau) is smooth in tau.
 
@@ -14,94 +14,65 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
 
-WIDTH = 6  # samples that take part in one interpolated value
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
+WIDTH = 6  # samples that take part in one interpolated value
 _SLOPE_WIDTH = 5
 
+Weights = tuple["csr_array[np.float64]", "csr_array[np.float64]"]
+"""What gives a signal at some times and its derivative there, 1/s, from its samples: each (times, samples)."""
 
-@dataclass(frozen=True)
-class Stencil:
-    """Interpolation at n query times as weights on samples.
 
-    `index` (n, WIDTH) are sample numbers, `value` (n, WIDTH) the weights of the signal and `rate`
-    (n, WIDTH), 1/s, those of its time derivative. Outside the samples the end value is held, rate 0.
+def interpolation(t: FloatArray, query: FloatArray) -> Weights:
+    """At the query times, (m,) s, of a signal sampled at t, (n,) s, increasing, at least six samples.
+
+    Outside the samples the end value is held, rate 0.
     """
+    from scipy.sparse import csr_array  # here, for a cheap import of the package
 
-    index: IntArray
-    value: FloatArray
-    rate: FloatArray
+    clipped = np.clip(query, t[0], t[-1])
+    left = np.clip(np.searchsorted(t, clipped, side="right") - 1, 0, t.size - 2)
+    step = t[left + 1] - t[left]
+    s, inside = (clipped - t[left]) / step, query == clipped
+    slopes, neighbours = _slopes(t), np.stack([left, left + 1], axis=1).ravel()
 
-    def part(self, where: slice | IntArray) -> Stencil:
-        """The stencil of some of the query times."""
-        return Stencil(self.index[where], self.value[where], self.rate[where])
+    def spread(*weights: FloatArray) -> csr_array[np.float64]:
+        """Weights of the samples before and after."""
+        rows = 2 * np.arange(query.size + 1)
+        return csr_array((np.stack(weights, axis=1).ravel(), neighbours, rows), shape=(query.size, t.size))
 
-    def apply(self, signal: FloatArray, *, rate: bool = False) -> FloatArray:
-        """The signal, (m, n_samples), or its time derivative, at the query times, (m, n)."""
-        weights = self.rate if rate else self.value
-        found = np.zeros((signal.shape[0], self.index.shape[0]), dtype=signal.dtype)
-        for index, weight in zip(self.index.T, weights.T, strict=True):
-            found += signal[:, index] * weight
-        return found
-
-
-class Interpolator:
-    """Builds stencils on one time base t, (n_samples,), s, increasing, at least six samples."""
-
-    def __init__(self, t: FloatArray) -> None:
-        self.t = t
-        n = t.size
-        nodes = np.arange(n)
-        self._slope_start = np.clip(nodes - _SLOPE_WIDTH // 2, 0, n - _SLOPE_WIDTH)
-        self._slope = _slope_weights(t, nodes, self._slope_start)
-
-    def stencil(self, query: FloatArray) -> Stencil:
-        """Weights at the query times, (n,), s."""
-        t = self.t
-        clipped = np.clip(query, t[0], t[-1])
-        left = np.clip(np.searchsorted(t, clipped, side="right") - 1, 0, t.size - 2)
-        step = t[left + 1] - t[left]
-        s = (clipped - t[left]) / step
-        hermite = (1 + 2 * s) * (1 - s) ** 2, s**2 * (3 - 2 * s), s * (1 - s) ** 2, s**2 * (s - 1)
-        slopes = 6 * s * (s - 1), -6 * s * (s - 1), (1 - s) * (1 - 3 * s), s * (3 * s - 2)
-        start = np.clip(left - 2, 0, t.size - WIDTH)
-        value = self._combine(left, start, (hermite[0], hermite[1], hermite[2] * step, hermite[3] * step))
-        rate = self._combine(left, start, (slopes[0] / step, slopes[1] / step, slopes[2], slopes[3]))
-        rate[query != clipped] = 0.0
-        return Stencil(start[:, None] + np.arange(WIDTH), value, rate)
-
-    def _combine(self, left: IntArray, start: IntArray, basis: tuple[FloatArray, ...]) -> FloatArray:
-        """Hermite basis (left and right values, left and right slopes) spread over the samples."""
-        weights = np.zeros((left.size, WIDTH))
-        rows = np.arange(left.size)
-        for node, at_node, at_slope in ((left, basis[0], basis[2]), (left + 1, basis[1], basis[3])):
-            weights[rows, node - start] += at_node
-            first = self._slope_start[node] - start
-            for j in range(_SLOPE_WIDTH):
-                weights[rows, first + j] += at_slope * self._slope[node, j]
-        return np.asarray(weights)
+    by_value = spread((1 + 2 * s) * (1 - s) ** 2, s**2 * (3 - 2 * s))
+    by_slope = spread(s * (1 - s) ** 2 * step, s**2 * (s - 1) * step)
+    rate_by_value = spread(6 * s * (s - 1) / step * inside, -6 * s * (s - 1) / step * inside)
+    rate_by_slope = spread((1 - s) * (1 - 3 * s) * inside, s * (3 * s - 2) * inside)
+    return by_value + by_slope @ slopes, rate_by_value + rate_by_slope @ slopes
 
 
-def _slope_weights(t: FloatArray, nodes: IntArray, start: IntArray) -> FloatArray:
-    """Weights, (n, 5), 1/s, of the derivative at each node of the quartic through five samples."""
-    z = t[start[:, None] + np.arange(_SLOPE_WIDTH)]
+def _slopes(t: FloatArray) -> csr_array[np.float64]:
+    """The derivative at each sample of the quartic through five samples, 1/s, (n, n)."""
+    from scipy.sparse import csr_array
+
+    rows = np.arange(t.size)
+    start = np.clip(rows - _SLOPE_WIDTH // 2, 0, t.size - _SLOPE_WIDTH)
+    columns = start[:, None] + np.arange(_SLOPE_WIDTH)
+    z, here = t[columns], rows - start
     apart = z[:, :, None] - z[:, None, :]
     apart[:, range(_SLOPE_WIDTH), range(_SLOPE_WIDTH)] = 1.0
     barycentric = 1.0 / apart.prod(axis=2)
-    rows = np.arange(nodes.size)
-    here = nodes - start
-    distance = t[nodes][:, None] - z
+    distance = t[:, None] - z
     distance[rows, here] = 1.0
     weights = barycentric / barycentric[rows, here][:, None] / distance
     weights[rows, here] = 0.0
     weights[rows, here] = -weights.sum(axis=1)
-    return np.asarray(weights)
+    return csr_array((weights.ravel(), columns.ravel(), _SLOPE_WIDTH * np.arange(t.size + 1)), shape=(t.size, t.size))
 
 
 @dataclass(frozen=True)
@@ -205,7 +176,6 @@ class Grid:
     step: FloatArray  # lengths of the intervals, (n - 1,), s
     start: FloatArray  # guess of the initial state, (n_states,), or of the history, (n_states, n)
     start_std: FloatArray  # standard deviation of the initial state, (n_states,), infinite where it is free
-    interpolator: Interpolator  # of the samples, for delays
     time_varying: tuple[SampledParameter, ...] = ()  # time-varying parameters at `t`
     ignores: frozenset[str] = frozenset()  # see `Segment`
     jumps: bool = False  # whether inputs jump at the samples
@@ -226,9 +196,9 @@ class Grid:
         """The guess of the initial state, (n_states,)."""
         return self.start if self.start.ndim == 1 else self.start[:, 0]
 
-    def delayed(self, delay: float) -> Stencil:
-        """How x(t - delay) and u(t - delay) come about at all samples and midpoints; delay in s."""
-        return self.interpolator.stencil(self.t - delay)
+    def delayed(self, delay: float) -> Weights:
+        """How x(t - delay) and u(t - delay) come about from the samples, at all times; delay in s."""
+        return interpolation(self.t[: self.n], self.t - delay)
 
 
 def inputs_of(segment: Segment) -> FloatArray:
@@ -274,7 +244,6 @@ def build_grid(segment: Segment, number: int) -> Grid:
         step=np.diff(t),
         start=x0,
         start_std=np.broadcast_to(given, x0.shape[:1]),
-        interpolator=Interpolator(t),
         time_varying=sampled(segment.time_varying, at, number),
         ignores=frozenset(segment.ignores),
         jumps=jumps,
@@ -295,7 +264,7 @@ def inputs_at(segment: Segment, at: FloatArray) -> FloatArray:
         return u[:, np.where(at >= t[-1], t.size - 1, before)]
     if segment.hold == "linear":
         return np.asarray((1.0 - s) * u[:, before] + s * u[:, before + 1])
-    return Interpolator(t).stencil(at).apply(u)
+    return np.asarray(u @ interpolation(t, at)[0].T)
 
 
 def check_consistent(grids: Sequence[Grid]) -> None:

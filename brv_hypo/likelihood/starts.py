@@ -10,8 +10,7 @@ across. Where the mesh moves the estimate by more than is tolerable, the fit is 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 
@@ -99,7 +98,7 @@ def states_from_outputs(
         x = np.repeat(grid.start[:, None], grid.n, axis=1)
         measured = _without_gaps(grid)
         linear = linearise_segment(model, grid, x, parameters.as_mapping(vector), ())
-        pseudo_inverse = np.linalg.pinv(linear.output_by_state.blocks[:, 0], rcond=1e-6)
+        pseudo_inverse = np.linalg.pinv(linear.output_by_state, rcond=1e-6)
         histories.append(x + np.einsum("nij,jn->in", pseudo_inverse, measured - linear.output.T))
     return tuple(histories)
 
@@ -189,62 +188,53 @@ _LONG = 8  # times the usual distance of measured samples from which a gap is br
 _LEAST = 2 * WIDTH  # samples of a stretch at least
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Samples first to last of a segment, both measured."""
+def stretches(segments: Sequence[Segment]) -> list[list[slice]]:
+    """What lies between long gaps, by segment: samples from a measured one to a measured one.
 
-    number: int
-    first: int
-    last: int
-
-
-def stretches(segments: Sequence[Segment]) -> tuple[Stretch, ...]:
-    """What lies between long gaps; empty where no segment has one."""
-    found = []
-    gaps = 0
-    for number, segment in enumerate(segments):
+    Empty where no segment has a long gap.
+    """
+    found, gaps = [], 0
+    for segment in segments:
         observed = np.flatnonzero(np.isfinite(np.atleast_2d(segment.y)).any(axis=0))
         apart = np.diff(observed)
         wide = np.flatnonzero(apart > _LONG * np.median(apart)) if apart.size else apart
         gaps += wide.size
-        edges = [0, *(wide + 1).tolist(), observed.size]
-        spans = [(int(observed[a]), int(observed[b - 1])) for a, b in pairwise(edges)]
-        found += [Stretch(number, a, b) for a, b in spans if b - a + 1 >= _LEAST]
-    return tuple(found) if gaps else ()
+        spans = [slice(int(run[0]), int(run[-1]) + 1) for run in np.split(observed, wide + 1) if run.size]
+        found.append([span for span in spans if span.stop - span.start >= _LEAST])
+    return found if gaps else []
 
 
-def pieces_of(segments: Sequence[Segment], between: Sequence[Stretch]) -> list[Segment]:
+def pieces_of(segments: Sequence[Segment], between: Sequence[Sequence[slice]]) -> list[Segment]:
     """The stretches as segments, their initial states free but where a segment's own is known."""
     found = []
-    for stretch in between:
-        segment = segments[stretch.number]
-        where = slice(stretch.first, stretch.last + 1)
+    for segment, spans in zip(segments, between, strict=True):
         x0 = np.asarray(segment.x0, dtype=float)
-        found.append(
+        found += [
             replace(
                 segment,
-                t=np.asarray(segment.t)[where],
+                t=np.asarray(segment.t, dtype=float)[where],
                 u=inputs_of(segment)[:, where],
                 y=np.atleast_2d(segment.y)[:, where],
                 x0=x0[:, where] if x0.ndim == 2 else x0,
-                x0_std=segment.x0_std if stretch.first == 0 else np.inf,
-                u_mid=None if segment.u_mid is None else segment.u_mid[:, stretch.first : stretch.last],
+                x0_std=segment.x0_std if where.start == 0 else np.inf,
+                u_mid=None if segment.u_mid is None else segment.u_mid[:, where.start : where.stop - 1],
             )
-        )
+            for where in spans
+        ]
     return found
 
 
 def bridged(
-    segments: Sequence[Segment], between: Sequence[Stretch], times: Sequence[FloatArray], states: Sequence[FloatArray]
+    segments: Sequence[Segment], between: Sequence[Sequence[slice]], known: Sequence[tuple[FloatArray, FloatArray]]
 ) -> list[Segment]:
-    """The segments with histories: the states of each stretch, (n_states, n) at `times`, straight lines between."""
-    found = []
-    for number, segment in enumerate(segments):
-        own = [i for i, stretch in enumerate(between) if stretch.number == number]
+    """The segments with histories: `known` of each stretch, times and states (n_states, n), straight lines between."""
+    found, following = [], iter(known)
+    for segment, spans in zip(segments, between, strict=True):
+        own = [next(following) for _ in spans]
         if own:
-            known = np.concatenate([states[i] for i in own], axis=1)
-            at, t = np.concatenate([times[i] for i in own]), np.asarray(segment.t, dtype=float)
-            segment = begun(segment, np.stack([np.interp(t, at, row) for row in known]))
+            at, states = (np.concatenate(each, axis=-1) for each in zip(*own, strict=True))
+            t = np.asarray(segment.t, dtype=float)
+            segment = begun(segment, np.stack([np.interp(t, at, row) for row in states]))
         found.append(segment)
     return found
 
@@ -260,15 +250,15 @@ _WINDOW = 9  # samples of the running mean whose residual is the third guess of 
 
 
 def first_noises(y: FloatArray) -> dict[str, FloatArray]:
-    """Guesses of the noise covariance (n_outputs, n_outputs), by where they are from, of outputs (n_outputs, n), nan in
-    gaps; the smallest first, which is right for a right model.
+    """Guesses of the noise variances (n_outputs,), by where they are from, of outputs (n_outputs, n), nan in gaps; the
+    smallest first, which is right for a right model.
     """
     floor = least_variance(y)
     variances = np.array([np.var(row[np.isfinite(row)]) if np.isfinite(row).any() else 1.0 for row in y])
     return {
         "differences of the outputs": noise_from_differences(y),
-        "residual of smoothed outputs": np.diag(np.maximum(_unsmooth(y), floor)),
-        "variances of the outputs": np.diag(np.maximum(variances, floor)),
+        "residual of smoothed outputs": np.maximum(_unsmooth(y), floor),
+        "variances of the outputs": np.maximum(variances, floor),
     }
 
 
@@ -312,7 +302,7 @@ def chosen(ends: Mapping[str, FitResult]) -> FitResult:
 def _as_small_as_known(found: FitResult) -> bool:
     """Whether residuals are no larger than the noise that they are weighed by, or process noise explains them."""
     together = np.concatenate(found.innovations, axis=1)
-    squares = np.nanmean(together**2, axis=1) / np.diag(found.noise_covariance)
+    squares = np.nanmean(together**2, axis=1) / found.noise_variance
     return bool(np.any(found.process_noise)) or not np.mean(squares) > _POOR_LIKELIHOOD
 
 

@@ -1,109 +1,61 @@
-"""Statistics of the fit: the noise's covariance, and how well the parameters are known.
+"""Statistics of the fit: the noise's variances, and how well the parameters are known.
 
-Noise: whitening with gaps, Eq. 3.11 and Eq. 3.10. White residuals: the covariance of the estimate is the inverse of the
-information, with near-null directions by name. Coloured residuals (Morelli and Klein, J. Aircraft 34, 1997):
+Noise, that of outputs independent of each other: whitening with gaps, Eq. 3.11 and Eq. 3.10. White residuals: the
+covariance of the estimate is the inverse of the information, with near-null directions by name. Coloured residuals
+(Morelli and Klein, J. Aircraft 34, 1997):
 
     C = D [sum_i sum_j S_i' B^-1 R(i - j) B^-1 S_j] D
 
 with D the covariance for white residuals, S the outputs' sensitivities, R the residuals' autocorrelation by an
 autoregressive model, its order by Akaike's criterion; the double sum is done over frequencies and cannot turn
-negative. `Linearised` gives the estimate from other measurements by one Gauss-Newton step: exact for a linear model.
+negative.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 
-# ---- Covariance of the measurement noise ----
+# ---- Variance of the measurement noise ----
 
-
-Shape = Literal["diagonal", "full"]  # of the noise covariance: outputs independent or not
 
 _ROUNDING = 1e-14
 _FIRST_GUESS = 100.0  # least first guess of a noise variance over the least plausible one
 _THIRD_DIFFERENCE = 20.0  # variance of the third difference of unit white noise: 1 + 9 + 9 + 1
 
 
-def whitening(covariance: FloatArray, measured: BoolArray) -> FloatArray:
-    """W (n, n_outputs, n_outputs) with W'W the inverse covariance of what was measured at each sample.
+def whitening(variance: FloatArray, measured: BoolArray) -> FloatArray:
+    """One over the noise of what was measured, (n, n_outputs), 0 in gaps; `measured` is (n_outputs, n)."""
+    return np.where(measured.T, 1.0 / np.sqrt(variance), 0.0)
 
-    `covariance` (n_outputs, n_outputs), `measured` (n_outputs, n). Rows of gaps are zero.
+
+def estimate_variance(residual: FloatArray, floor: FloatArray) -> FloatArray:
+    """Diagonal of B of Eq. 3.11, (n_outputs,): mean square of the residual, (n_outputs, n), nan in gaps.
+
+    `floor` (n_outputs,) is the least of each output: noise-free data must not end in a division by zero.
     """
-    n_outputs = len(covariance)
-    variance = np.diag(covariance)
-    if np.count_nonzero(covariance) == np.count_nonzero(variance):  # of outputs that are independent
-        return np.where(measured.T, 1.0 / np.sqrt(variance), 0.0)[:, :, None] * np.eye(n_outputs)
-    weights = np.zeros((measured.shape[1], n_outputs, n_outputs))
-    for pattern, where in _patterns(measured):
-        block = np.ix_(pattern, pattern)
-        of_pattern = np.zeros((n_outputs, n_outputs))
-        of_pattern[block] = np.linalg.inv(np.linalg.cholesky(covariance[block]))
-        weights[where] = of_pattern
-    return weights
+    count = np.maximum(np.isfinite(residual).sum(axis=1), 1)
+    return np.asarray(np.maximum(np.nansum(residual**2, axis=1) / count, floor))
 
 
-def estimate_covariance(
-    residual: FloatArray, measured: BoolArray, shape: Shape, previous: FloatArray, floor: FloatArray
-) -> FloatArray:
-    """B of Eq. 3.11, the mean of v v', (n_outputs, n_outputs), full or diagonal.
-
-    Args:
-        residual: v, (n_outputs, n); its value where nothing was measured is ignored.
-        measured: (n_outputs, n).
-        shape: "diagonal" averages each output over its own samples; "full" fills gaps by their conditional
-            expectation under `previous` (one step of expectation-maximisation; exact where there are none).
-        previous: the covariance before, (n_outputs, n_outputs).
-        floor: least variance of each output, (n_outputs,): noise-free data must not end in a division by
-            zero.
-    """
-    n_outputs = residual.shape[0]
-    v = np.where(measured, residual, 0.0)
-    if shape == "diagonal":
-        count = np.maximum(measured.sum(axis=1), 1)
-        return np.diag(np.maximum((v**2).sum(axis=1) / count, floor))
-    total = np.zeros((n_outputs, n_outputs))
-    for pattern, where in _patterns(measured):
-        observed, gap = np.flatnonzero(pattern), np.flatnonzero(~pattern)
-        filled = v[:, where].copy()
-        if gap.size:
-            gain = np.linalg.solve(previous[np.ix_(observed, observed)], previous[np.ix_(observed, gap)]).T
-            filled[gap] = gain @ filled[observed]
-            remaining = previous[np.ix_(gap, gap)] - gain @ previous[np.ix_(observed, gap)]
-            total[np.ix_(gap, gap)] += where.sum() * remaining
-        total += filled @ filled.T
-    covariance = total / max(int(measured.any(axis=0).sum()), 1)
-    covariance[np.diag_indices(n_outputs)] = np.maximum(np.diag(covariance), floor)
-    return np.asarray(covariance)
+def negative_log_likelihood(residual: FloatArray, variance: FloatArray) -> float:
+    """NLLF of Eq. 3.10 with erratum E8: 1/2 sum(v' B^-1 v + log det B), over what was measured, nan in gaps."""
+    squares = np.nansum(residual**2, axis=1) / variance
+    return 0.5 * (float(np.sum(squares)) + log_determinant_of(variance, np.isfinite(residual)))
 
 
-def negative_log_likelihood(residual: FloatArray, measured: BoolArray, covariance: FloatArray) -> float:
-    """NLLF of Eq. 3.10 with erratum E8: 1/2 sum(v' B^-1 v + log det B), over what was measured."""
-    v = np.where(measured, residual, 0.0)
-    total = 0.5 * log_determinants(measured, covariance)
-    for pattern, where in _patterns(measured):
-        part = v[pattern][:, where]
-        total += 0.5 * float(np.sum(part * np.linalg.solve(covariance[np.ix_(pattern, pattern)], part)))
-    return total
-
-
-def log_determinants(measured: BoolArray, covariance: FloatArray) -> float:
+def log_determinant_of(variance: FloatArray, measured: BoolArray) -> float:
     """Sum over samples of log det of the covariance of what was measured, `measured` (n_outputs, n)."""
-    return float(
-        sum(
-            where.sum() * np.linalg.slogdet(covariance[np.ix_(pattern, pattern)])[1]
-            for pattern, where in _patterns(measured)
-        )
-    )
+    return float(measured.sum(axis=1) @ np.log(variance))
 
 
 def noise_from_differences(y: FloatArray) -> FloatArray:
-    """A first guess of the noise covariance, diagonal, from third differences: blind to smooth motion.
+    """A first guess of the noise variances, (n_outputs,), from third differences: blind to smooth motion.
 
     `y` is (n_outputs, n), nan in gaps.
     """
@@ -115,24 +67,13 @@ def noise_from_differences(y: FloatArray) -> FloatArray:
             differences = np.diff(row[np.isfinite(row)], 3)
         if differences.size:
             variance[i] = max(variance[i], float(np.mean(differences**2)) / _THIRD_DIFFERENCE)
-    return np.diag(variance)
+    return variance
 
 
 def least_variance(y: FloatArray) -> FloatArray:
     """The least plausible noise variance of each output, (n_outputs,): that of rounding."""
     mean_square = np.array([np.mean(row[np.isfinite(row)] ** 2) if np.isfinite(row).any() else 1.0 for row in y])
     return np.asarray(_ROUNDING * np.where(mean_square > 0, mean_square, 1.0))
-
-
-def _patterns(measured: BoolArray) -> Iterator[tuple[BoolArray, BoolArray]]:
-    """Each distinct set of outputs measured together, (n_outputs,), and the samples where it holds, (n,)."""
-    if measured.all():
-        yield np.ones(measured.shape[0], bool), np.ones(measured.shape[1], bool)
-        return
-    patterns, number = np.unique(measured[::-1], axis=1, return_inverse=True)
-    for k, pattern in enumerate(patterns[::-1].T):
-        if pattern.any():
-            yield pattern, number.reshape(-1) == k
 
 
 # ---- How well the parameters are known: covariance, near-null directions, whiteness ----
@@ -174,11 +115,8 @@ class Identifiability:
 class Whiteness:
     """Ljung-Box test of one output's innovations."""
 
-    statistic: float  # Q, chi-square of `lags` degrees of freedom where they are white
-    p_value: float  # its p-value
-    lags: int  # lags that it is of
-    largest: float  # largest autocorrelation
-    largest_lag: int  # lag of that
+    p_value: float
+    largest_lag: int  # lag of the largest autocorrelation
 
     @property
     def white(self) -> bool:
@@ -242,11 +180,8 @@ def whiteness(innovations: Sequence[FloatArray], lags: int) -> tuple[Whiteness, 
         ]
         r = np.array(products) / power if power > 0 else np.zeros(lags)
         statistic = float(count * (count + 2) * np.sum(r**2 / np.maximum(count - np.arange(1, lags + 1), 1)))
-        worst = int(np.argmax(np.abs(r)))
         p_value = float(gammaincc(lags / 2, statistic / 2))
-        tests.append(
-            Whiteness(statistic=statistic, p_value=p_value, lags=lags, largest=float(r[worst]), largest_lag=worst + 1)
-        )
+        tests.append(Whiteness(p_value, int(np.argmax(np.abs(r))) + 1))
     return tuple(tests)
 
 
@@ -352,26 +287,3 @@ def _gain(coefficients: FloatArray, length: int) -> FloatArray:
     response = 1.0 / np.maximum(polynomial, _LEAST_POLYNOMIAL)
     power = np.concatenate([response**2, response[-2:0:-1] ** 2])
     return np.asarray(response / np.sqrt(power.mean()))
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """The fit's linear model at its solution, for `FitResult.change_by`."""
-
-    segments: tuple[Whitened, ...]
-    triangle: FloatArray  # factor of the information matrix, priors left out, (p, p)
-    precision: FloatArray  # inverse variance of the priors, (p,)
-    estimated: IntArray  # the parameters that are free and not at a bound
-
-    def change_by(self, gained: Sequence[FloatArray]) -> FloatArray:
-        """Change of the parameters (p,) where the whitened residual gains so much, (n, n_outputs) a segment."""
-        pull = np.zeros(self.precision.size)
-        for segment, gain in zip(self.segments, gained, strict=True):
-            pull[segment.own] += np.einsum("nap,na->p", segment.by_parameter, gain)
-        normal = self.triangle.T @ self.triangle + np.diag(self.precision)
-        size = np.sqrt(np.maximum(np.diag(normal)[self.estimated], 1e-300))
-        free = np.ix_(self.estimated, self.estimated)
-        scaled = np.linalg.pinv(normal[free] / np.outer(size, size), rcond=1e-12, hermitian=True)
-        change = np.zeros(self.precision.size)
-        change[self.estimated] = -(scaled @ (pull[self.estimated] / size)) / size
-        return change

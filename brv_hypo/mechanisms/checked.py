@@ -29,8 +29,6 @@ from brv_hypo.motion.motion import Motion
 ANSWER_SECONDS = 30.0  # a plugin that has said nothing for so long will not
 
 _ENGINE = Path(__file__).resolve().parents[1]
-# By top-level module or file, the distribution that brought it; the registry fills it.
-_packages: dict[str, str] = {}
 
 Item = TypeVar("Item", bound=Mechanism | RecordEffect)
 Data = TypeVar("Data", bound=Motion | Flight)
@@ -140,19 +138,20 @@ def _place(call: Callable[..., Any] | None, error: BaseException | None) -> str:
     return "".join(f" ({file}, line {line})" for file, line in (at_home or places)[-1:])
 
 
-def known_as(module: str, package: str) -> None:
-    """Note which distribution a module comes from, for messages."""
-    _packages[module.partition(".")[0]] = package
-
-
 # ---- A mechanism or record effect whose answers are checked ----
 
 
-class Wrapped:
-    """Stands for a mechanism or record effect, an instance of its class, in all that a subclass does not replace."""
+_METHODS = {
+    *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
+    *("variants", "components", "perturb", "shapes"),
+}
 
-    def __init__(self, item: Any) -> None:
-        self.item = item
+
+class Checked:
+    """Stands for an item of a package, or plugin's file, an instance of its class, each of whose answers is checked."""
+
+    def __init__(self, item: Any, package: str) -> None:
+        self.item, self.package = item, package
 
     @property  # type: ignore[misc]
     def __class__(self) -> type[Any]:
@@ -162,10 +161,10 @@ class Wrapped:
     def __getattr__(self, name: str) -> Any:
         if name in ("item", "__copy__", "__deepcopy__"):
             raise AttributeError(name)
-        return getattr(self.item, name)
+        return partial(_answer_of, self, name) if name in _METHODS else getattr(self.item, name)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Wrapped) and vars(self) == vars(other)
+        return isinstance(other, Checked) and vars(self) == vars(other)
 
     def __hash__(self) -> int:
         return hash(self.item)
@@ -173,32 +172,19 @@ class Wrapped:
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(vars(self).values())
 
-
-_METHODS = {
-    *("parameters", "terms", "knots", "derived", "tolerance", "of_each_flight"),
-    *("variants", "components", "plantable", "perturb", "shapes"),
-}
-
-
-class Checked(Wrapped):
-    """The same item, each of whose answers is checked."""
-
-    def __getattr__(self, name: str) -> Any:
-        value = super().__getattr__(name)
-        return partial(_answer_of, self.item, name) if name in _METHODS else value
-
     def model_copy(self, **changes: Any) -> Any:
         """A copy of the item, its answers checked too."""
-        return checked(self.item.model_copy(**changes))
+        return checked(self.item.model_copy(**changes), self.package)
 
 
-def checked(item: Item) -> Item:
+def checked(item: Item, package: str = "") -> Item:
     """The same mechanism or record effect, which cannot change what it is given, and whose every answer is checked.
 
     A method raises MechanismError where it raises, gives no answer, or anything but what the contract says, such as
-    terms of finite columns on the motion's shape.
+    terms of finite columns on the motion's shape. It names the `package`, or the class's module where none is given.
     """
-    return item if is_checked(item) else cast(Item, Checked(item))
+    module = type(item).__module__.partition(".")[0]
+    return item if is_checked(item) else cast(Item, Checked(item, package or module))
 
 
 def is_checked(item: Mechanism | RecordEffect) -> bool:
@@ -211,17 +197,15 @@ def unchecked(item: Item) -> Item:
     return cast(Item, vars(item)["item"]) if is_checked(item) else item
 
 
-def _answer_of(item: Mechanism | RecordEffect, method: str, *arguments: Any) -> Any:
+def _answer_of(self: Checked, method: str, *arguments: Any) -> Any:
     """What a method answers, found sound, to arguments that it cannot change; raises MechanismError otherwise."""
     shown = [
         read_only(each) if isinstance(each, Motion | Flight) else dict(each) if isinstance(each, Mapping) else each
         for each in arguments
     ]
     problem = partial(_problem, method, arguments[0].time.shape if method in ("terms", "perturb", "shapes") else ())
-    module = item.__class__.__module__.partition(".")[0]
-    package = _packages.get(module, module)  # the module's name where no distribution is known
-    given = answer(item.name, package, getattr(item, method), *shown, problem=problem)
-    return tuple(map(checked, given)) if method == "variants" else given
+    given = answer(self.item.name, self.package, getattr(self.item, method), *shown, problem=problem)
+    return tuple(checked(each, self.package) for each in given) if method == "variants" else given
 
 
 def _problem(method: str, shape: tuple[int, ...], given: Any) -> str:

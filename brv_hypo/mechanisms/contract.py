@@ -61,15 +61,13 @@ TimeVariation = Literal["constant", "jump", "ramp"]
 FAMILIES = ("stiffness", "rate", "side", "body", "harmonic", "air", "gyros", "accelerometers", "data quality")
 """What kind of thing a record effect or a process is."""
 
-_EARLIER_NAMES = {"C_N0": "C_m0", "C_Nalpha": "C_malpha", "C_Nalpha3": "C_malpha3"}
-
 
 def current_name(name: str) -> str:
     """The name of a term as files have it today: the static moment's coefficients were once C_N0, C_Nalpha, C_Nalpha3.
 
-    Settings, models and flights written before are read by this; no term may have one of the three names any more.
+    Models written before are read by this; no term may have one of the three names any more.
     """
-    return re.sub(r"\bC_N(0|alpha3?)\b", lambda found: _EARLIER_NAMES[found[0]], name)
+    return re.sub(r"\bC_N(0|alpha3?)\b", r"C_m\1", name)
 
 
 @dataclass(frozen=True)
@@ -228,10 +226,6 @@ class RecordEffect(BaseModel, ABC):
     @abstractmethod
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """Each value that the effect has, with its tolerance on this flight (`flight.instruments`)."""
-
-    def plantable(self, flight: Flight) -> tuple[str, ...]:
-        """Names of all that `perturb` knows: components, and what no record distinguishes from them."""
-        return tuple(component.name for component in self.components(flight))
 
     @abstractmethod
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:

@@ -28,7 +28,7 @@ from brv_hypo.errors import MechanismError, UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.files import check_regular
 from brv_hypo.io.text import meant, one_line
-from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, known_as, unchecked
+from brv_hypo.mechanisms.checked import answer, checked, fault, is_checked, unchecked
 from brv_hypo.mechanisms.contract import (
     ENTRY_POINT_GROUP,
     Mechanism,
@@ -87,7 +87,6 @@ def load_file(path: str) -> Found:
     if file.suffix != ".py":
         raise UsageError(f"{path}: found a file of type '{file.suffix}', expected .py or .yaml. Give a plugin.")
     module = f"brv_hypo_plugin_{file.stem}"
-    known_as(module, path)
 
     def imported() -> Any:
         specification = importlib.util.spec_from_file_location(module, file)
@@ -110,7 +109,7 @@ def _check(item: Any, plugin: str, package: str) -> None:
 
     for check in relied_on(item):
         try:
-            check(checked(item))
+            check(checked(item, package))
         except Nonconformity as broken:
             name = getattr(item, "name", plugin)
             raise fault(name, package, str(broken), unchecked(item).__class__) from None
@@ -168,7 +167,6 @@ def _loaded() -> tuple[Mapping[str, Installed], tuple[str, ...]]:
     found: dict[str, Installed] = {}
     left: list[str] = []
     for (_, package, name), (point, version) in sorted(points.items(), key=lambda each: each[0]):
-        known_as(point.module, package)
         wrong = _add(found, package, version, partial(items_of, name, package, point.load))
         left += [f"a plugin is left out: {problem}" for problem in wrong]
     for path in _files:
@@ -190,7 +188,7 @@ def _add(found: dict[str, Installed], package: str, version: str, load: Callable
                 "Uninstall or rename one of them."
             )
         else:
-            found[item.name] = Installed(item if package == OWN else checked(item), package, version)
+            found[item.name] = Installed(item if package == OWN else checked(item, package), package, version)
     return problems
 
 
@@ -235,7 +233,7 @@ def find(name: str, options: Mapping[str, Any] | None = None) -> Mechanism:
                 f"bad options for mechanism '{name}': {problems_of(error.__cause__)}. It has: {known}."
             ) from None
         raise
-    return checked(made) if is_checked(item) else made
+    return checked(made, package) if is_checked(item) else made
 
 
 def find_installed(name: str) -> Mechanism | RecordEffect:

@@ -1,25 +1,17 @@
 """A user's aerodynamic table: the static slope C_malpha by Mach number and angle of attack, with its uncertainty.
 
-As CSV, one line a place, angles in rad (`alpha`) or degrees (`alpha_deg`), or left out where nothing depends on it:
+A CSV file, one line a place, angles in rad (`alpha`) or degrees (`alpha_deg`), or left out where nothing depends on it:
 
     mach,alpha_deg,slope,std_error
     2.0,0.0,-0.11,0.005
-
-or as YAML, with `slope` and `std_error` a number, a list by Mach number, or a list of lists by Mach number and alpha:
-
-    mach: [2.0, 5.0]
-    slope: [-0.11, -0.14]
-    std_error: 0.005
 """
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
@@ -28,7 +20,6 @@ from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Flight
 from brv_hypo.io.files import read_text
-from brv_hypo.io.mappings import YAML_ENDINGS, read_yaml
 from brv_hypo.io.text import one_line
 from brv_hypo.mechanisms.contract import Term
 from brv_hypo.model.baseline import DesignMoment
@@ -126,58 +117,40 @@ class TableIncrements(_OfTable):
 
 
 def read_aero_table(path: str | Path) -> AeroTable:
-    """The table in a CSV or YAML file; see the module's description.
+    """The table in a CSV file; see the module's description.
 
     Raises UsageError that says what is wrong and where.
     """
-    path = Path(path)
-    content = _of_yaml(path) if path.suffix in YAML_ENDINGS else _of_csv(path)
+    import pandas as pd
+
+    text = io.StringIO(read_text(path, _EXPECTED, _CSV_BYTES))
     try:
-        return AeroTable.model_validate(content)
-    except ValidationError as error:
-        raise UsageError(f"{path} is not {_EXPECTED}: {problems_of(error)}.") from None
-
-
-def _of_yaml(path: Path) -> dict[str, Any]:
-    content = read_yaml(path, _EXPECTED)
-    if "alpha_deg" in content:
-        content["alpha"] = [np.radians(float(value)) for value in _listed(content.pop("alpha_deg"))]
-    machs, alphas = len(_listed(content.get("mach"))), len(_listed(content.get("alpha", [0.0])))
-    for name in {"slope", "std_error"} & content.keys():
-        # A number, or a list by Mach number, as a list of lists.
-        rows = content[name] if isinstance(content[name], list) else [content[name]] * machs
-        content[name] = [row if isinstance(row, list) else [row] * alphas for row in rows]
-    return content
-
-
-def _listed(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
-
-
-def _of_csv(path: Path) -> dict[str, Any]:
-    rows = list(csv.DictReader(io.StringIO(read_text(path, _EXPECTED, _CSV_BYTES)), skipinitialspace=True))
-    names = set(rows[0]) if rows else set()
-    angle = next((name for name in ("alpha", "alpha_deg") if name in names), None)
-    if not {"mach", "slope", "std_error"} <= names or names > {"mach", "slope", "std_error", angle}:
-        raise UsageError(f"{path} has the columns {sorted(map(str, names))}, expected {_EXPECTED}. Correct its head.")
-    places: dict[tuple[float, float], tuple[float, float]] = {}
-    for number, row in enumerate(rows, start=2):
-        try:
-            alpha = 0.0 if angle is None else float(row[angle])
-            place = (float(row["mach"]), np.radians(alpha) if angle == "alpha_deg" else alpha)
-            values = (float(row["slope"]), float(row["std_error"]))
-        except (TypeError, ValueError):
-            raise UsageError(
-                f"{path}, line {number}: got {one_line(repr(row))}, expected numbers in every column."
-            ) from None
-        if place in places:
-            raise UsageError(f"{path}, line {number}: Mach {place[0]:g} and this alpha stand there twice.")
-        places[place] = values
-    machs, alphas = (tuple(sorted({place[k] for place in places})) for k in (0, 1))
-    if len(places) != len(machs) * len(alphas):
+        rows = pd.read_csv(text, skipinitialspace=True, dtype=str)
+    except ValueError as error:
+        raise UsageError(f"{path} is not {_EXPECTED}: {error}.") from None
+    angle = next((name for name in ("alpha", "alpha_deg") if name in rows), None)
+    if {*rows} != {"mach", "slope", "std_error", *([angle] if angle else [])}:
+        raise UsageError(f"{path} has the columns {[*rows]}, expected {_EXPECTED}. Correct its head.")
+    numbers = rows.apply(pd.to_numeric, errors="coerce")
+    wrong = np.flatnonzero(numbers.isna().any(axis=1))
+    if wrong.size:
+        found = one_line(repr([*rows.iloc[wrong[0]]]))
+        raise UsageError(f"{path}, line {wrong[0] + 2}: got {found}, expected numbers in every column.")
+    alpha = 0.0 if angle is None else numbers[angle]
+    numbers["alpha"] = np.radians(alpha) if angle == "alpha_deg" else alpha
+    twice = np.flatnonzero(numbers.duplicated(["mach", "alpha"]))
+    if twice.size:
+        place = f"Mach {numbers['mach'].iloc[twice[0]]:g}"
+        raise UsageError(f"{path}, line {twice[0] + 2}: {place} and this alpha stand there twice.")
+    tables = {name: numbers.pivot(index="mach", columns="alpha", values=name) for name in ("slope", "std_error")}
+    places = tables["slope"]
+    if places.isna().any(axis=None):
         raise UsageError(
-            f"{path} has {len(places)} places, expected every alpha ({len(alphas)}) at every Mach number "
-            f"({len(machs)}). Fill in what is missing."
+            f"{path} has {len(rows)} places, expected every alpha ({places.shape[1]}) at every Mach number "
+            f"({places.shape[0]}). Fill in what is missing."
         )
-    slope, error = (tuple(tuple(places[m, a][k] for a in alphas) for m in machs) for k in (0, 1))
-    return {"mach": machs, "alpha": alphas, "slope": slope, "std_error": error}
+    content = {name: table.to_numpy().tolist() for name, table in tables.items()}
+    try:
+        return AeroTable.model_validate({"mach": [*places.index], "alpha": [*places.columns], **content})
+    except ValidationError as wrong_table:
+        raise UsageError(f"{path} is not {_EXPECTED}: {problems_of(wrong_table)}.") from None

@@ -385,16 +385,12 @@ def read_structure(path: Path) -> SavedModel:
     """The model in a file, with coefficients or without. Raises UsageError where the file holds none."""
     content = read_yaml(path, _EXPECTED) if path.suffix in YAML_ENDINGS else read_json(path, _EXPECTED)
     try:
-        return SavedModel.model_validate(content if is_model(content) else content["model"]["definition"])
+        own = content.get("format") == "brv-model"  # else a trace's JSON
+        return SavedModel.model_validate(content if own else content["model"]["definition"])
     except ValidationError as error:
         raise UsageError(f"{path} is not {_EXPECTED}: {problems_of(error)}.") from None
     except (KeyError, TypeError) as error:
         raise UsageError(f"{path} holds no model ({type(error).__name__}: {error}); expected {_EXPECTED}.") from None
-
-
-def is_model(content: dict[str, Any]) -> bool:
-    """Whether a file's content is a model itself."""
-    return content.get("format") == "brv-model"
 
 
 def model_text(model: SavedModel) -> str:

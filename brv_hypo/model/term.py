@@ -162,15 +162,9 @@ def term_column(
     )
 
 
-Evaluated = dict[tuple[str, Theta], dict[str, Term]]
-"""Terms by name, of mechanisms at their nonlinear parameters, on one motion."""
-
-
-def evaluated(
-    columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion, known: Evaluated | None = None
-) -> list[Term]:
-    """The term of each column; a mechanism is evaluated once at each of its thetas, and then `known`."""
-    known = {} if known is None else known
+def evaluated(columns: Sequence[Regressor], mechanisms: Mapping[str, Mechanism], motion: Motion) -> list[Term]:
+    """The term of each column; a mechanism is evaluated once at each of its thetas."""
+    known: dict[tuple[str, Theta], dict[str, Term]] = {}
     for column in columns:
         key = (column.mechanism, column.theta)
         if key not in known:

@@ -1,4 +1,4 @@
-"""A study as a document: confusion matrix, calibration, detection limits, coverage of the planted parameters.
+"""A study as a document: confusion matrix, calibration, detection limits, faults of records.
 
 Its tables, its chart, then `study_document`, the entrance.
 """
@@ -12,15 +12,11 @@ import numpy as np
 from brv_hypo.io.text import NOT_A_NUMBER, hypothesis, number
 from brv_hypo.io.text import share as percent
 from brv_hypo.report.document import Block, Chart, Document, Line, Panel, Shown, Table, Texts
-from brv_hypo.study.statistics import SIGMAS, Calibration, ConfusionRow, Share, StudySummary
+from brv_hypo.study.statistics import Calibration, ConfusionRow, Share, StudySummary
 
 MOST_MISTAKES = 12  # mistakes that the terminal lists; -v, the page and the CSV file hold them all
 _CONFUSION = "Rows: what was planted; columns: what ranks first. right: it ranks first; won: the verdict names it too."
 _LIMITS = "Effects that are named in 50 and 90 % of flights, in % of the moment's rms while they last."
-_COVERAGE = (
-    "Of flights in which the planted mechanism ranks first: how often 2 sigma hold the planted value, rms of their "
-    "errors in sigma without the farthest tenth, median absolute error in the unit."
-)
 
 
 # ---- Tables ----
@@ -95,24 +91,6 @@ def detection_table(summary: StudySummary) -> Table:
     return Table(rows, "Detection limits", ("planted", "vehicle", "status"))
 
 
-def coverage_table(summary: StudySummary) -> Table:
-    """One row for each planted parameter; "error" is the median of the absolute errors."""
-    rows = [
-        {
-            "planted": item.planted,
-            "parameter": item.parameter,
-            "unit": item.units,
-            "known": str(item.covered.total),
-            "missing": str(item.missing),
-            f"in {SIGMAS:g} sigma": percent(item.covered.value),
-            "rms/sigma": number(item.rms_sigmas),
-            "error": number(item.median_error, 2),
-        }
-        for item in summary.coverage
-    ]
-    return Table(rows, "Planted parameters", ("planted", "parameter", "unit"))
-
-
 def fault_table(summary: StudySummary) -> Table:
     """One row for each fault of the record: how often it is named, and what becomes of the verdict."""
     rows = [
@@ -132,12 +110,12 @@ def mistake_table(summary: StudySummary) -> Table:
     """One row for each flight with a visible effect that something else than the truth leads."""
     rows = [
         {
-            "flight": item.key,
-            "size": number(item.size),
+            "flight": item.draw.key,
+            "size": number(item.draw.size),
             "effect": percent(item.effect),
-            "ranked first": hypothesis(item.first),
+            "ranked first": hypothesis(item.first or ""),
             "verdict": hypothesis(item.winner or "undecided"),
-            "prob.": number(item.probability),
+            "prob.": number(item.probability.get(item.first or "")),
             "lead": number(item.lead),
         }
         for item in summary.mistakes
@@ -168,7 +146,7 @@ def calibration_chart(calibration: Calibration) -> Chart:
 
 
 def study_document(summary: StudySummary) -> Document:
-    """Confusion, calibration, detection limits, coverage; in detail each vehicle and every mistake."""
+    """Confusion, calibration, detection limits; in detail each vehicle and every mistake."""
     least = percent(summary.visible_effect)
     pace = "" if summary.seconds_per_flight is None else f", {summary.seconds_per_flight:.1f} s each"
     flown = f"{summary.compared} of {summary.flights} flights compared{pace}"
@@ -193,10 +171,8 @@ def study_document(summary: StudySummary) -> Document:
             calibration_chart(summary.calibration_visible),
             detection_table(summary),
             Texts((_LIMITS,) if summary.detection else (), bullets=False, shown="page"),
-            coverage_table(summary),
-            Texts((_COVERAGE,) if summary.coverage else (), bullets=False, shown="page"),
             fault_table(summary),
             mistake_table(summary),
-            Texts([f"{f.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),
+            Texts([f"{f.draw.key}, {f.status}: {f.reason}" for f in summary.failures], "Failed", warning=True),
         ],
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypedDict, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import Vehicle
@@ -14,7 +14,7 @@ from brv_hypo.flight.tolerances import DEFAULT_GRADE, Instruments, of_grade, tol
 from brv_hypo.io.files import kind_of
 from brv_hypo.io.mappings import read_yaml
 from brv_hypo.io.text import meant, nearest
-from brv_hypo.mechanisms.contract import TimeVariation, current_name
+from brv_hypo.mechanisms.contract import TimeVariation
 from brv_hypo.mechanisms.registry import record_effects
 from brv_hypo.settings import problems_of
 from brv_hypo.thresholds import MINIMUM_SAMPLES
@@ -42,8 +42,6 @@ class VehicleConfig(Section):
     reference_length: Positive  # m
     reference_area: Positive  # m^2
     accelerometer_position: Vector = (0.0, 0.0, 0.0)  # from the c.g., body axes, m
-    ixy: float = 0.0  # product of inertia (of x y dm), kg m^2: imbalance
-    ixz: float = 0.0  # product of inertia (of x z dm), kg m^2: imbalance
 
     @model_validator(mode="after")
     def _inertia_of_a_real_body(self) -> VehicleConfig:
@@ -55,23 +53,8 @@ class VehicleConfig(Section):
         return self
 
     def declared(self) -> Vehicle:
-        """What a record without errors says of the vehicle: it knows nothing of products of inertia."""
-        return Vehicle(**self.model_dump(exclude={"ixy", "ixz"}))
-
-
-def _with_current_names(data: Any) -> Any:
-    """A mapping from names of terms with the names of today; a name that is there twice is refused."""
-    if not isinstance(data, Mapping):
-        return data
-    names = [current_name(name) if isinstance(name, str) else name for name in data]
-    twice = sorted({name for name in names if names.count(name) > 1}, key=str)
-    if twice:
-        raise ValueError(f"{twice[0]} is given twice, once by its earlier name: keep one")
-    return dict(zip(names, data.values(), strict=True))
-
-
-Coefficients = Annotated[dict[str, float], BeforeValidator(_with_current_names)]
-"""By the names of terms."""
+        """What a record without errors says of the vehicle."""
+        return Vehicle(**self.model_dump())
 
 
 class AerodynamicsConfig(Section):
@@ -89,17 +72,11 @@ class AerodynamicsConfig(Section):
     C_l0: float = 0.0  # rolling moment
     C_lp: float = 0.0  # roll damping
 
-    @model_validator(mode="before")
-    @classmethod
-    def _earlier_names(cls, data: Any) -> Any:
-        return _with_current_names(data)
-
 
 class StartConfig(Section):
     """The first instant, relative to the air.
 
-    The transverse rates are given either as `q`, `r`, or by `alpha_rate` and `coning_rate`: a coning rate of the
-    natural frequency is a circle, zero a plane oscillation.
+    A coning rate of the natural frequency is a circle, zero a plane oscillation.
     """
 
     time: float = 0.0  # s
@@ -111,16 +88,6 @@ class StartConfig(Section):
     roll_rate: float = 0.0  # rad/s
     alpha_rate: float = 0.0  # rad/s
     coning_rate: float = 0.0  # how fast the plane of alpha turns about the velocity, rad/s
-    q: float | None = None  # pitch rate, rad/s
-    r: float | None = None  # yaw rate, rad/s
-
-    @model_validator(mode="after")
-    def _one_choice_of_rates(self) -> StartConfig:
-        if (self.q is None) != (self.r is None):
-            raise ValueError("q and r belong together: give both, or neither and coning_rate")
-        if self.q is not None and (self.coning_rate or self.alpha_rate):
-            raise ValueError("give either q and r, or coning_rate and alpha_rate, not both")
-        return self
 
 
 class EnvironmentConfig(Section):
@@ -141,7 +108,7 @@ class PlantedConfig(Section):
     mechanism: str  # name of an installed mechanism
     options: dict[str, Any] = Field(default_factory=dict)  # its options
     theta: dict[str, float] = Field(default_factory=dict)  # its nonlinear parameters
-    terms: Coefficients = Field(min_length=1)
+    terms: dict[str, float] = Field(min_length=1)
     kind: TimeVariation = "jump"  # how the coefficients vary in time, as in Eq. 3.6
     start: float | None = None  # s; None: from the beginning
     stop: float | None = None  # s; None: to the end
@@ -151,14 +118,6 @@ class SensorConfig(Section):
     """Noise of an instrument (1 sigma, white). Its errors are record effects: `InstrumentsConfig.errors`."""
 
     noise: NotNegative = 0.0
-
-
-class GaugeConfig(SensorConfig):
-    """One scalar channel, with errors of its own: bias, scale error, and delay (s)."""
-
-    bias: float = 0.0
-    scale: float = 0.0
-    delay: float = 0.0
 
 
 Channel = Literal["p", "q", "r", "ax", "ay", "az", "velocity", "dynamic_pressure", "altitude"]
@@ -214,15 +173,13 @@ class InstrumentsConfig(TolerancesConfig):
 
     gyro: SensorConfig = SensorConfig()  # all three, rad/s
     accelerometer: SensorConfig = SensorConfig()  # all three, m/s^2
-    velocity: GaugeConfig = GaugeConfig()  # m/s
-    dynamic_pressure: GaugeConfig = GaugeConfig()  # Pa
-    altitude: GaugeConfig = GaugeConfig()  # m
-    roll_rate_mag: GaugeConfig | None = None  # roll rate by magnetometer, rad/s; None where none is carried
+    velocity: SensorConfig = SensorConfig()  # m/s
+    dynamic_pressure: SensorConfig = SensorConfig()  # Pa
+    altitude: SensorConfig = SensorConfig()  # m
     errors: dict[str, dict[str, float]] = Field(default_factory=dict)
     """By record effect and component, SI; planted in the order given."""
     draw: NotNegative = 0.0
     """Errors, and asymmetries of the vehicle, are drawn besides from so many times the tolerances stated."""
-    averaged: bool = False  # samples are means over the interval before them
     spikes: tuple[SpikesConfig, ...] = ()  # samples that are off
     gaps: tuple[GapConfig, ...] = ()  # samples that are missing
 

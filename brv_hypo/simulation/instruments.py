@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
@@ -20,7 +19,7 @@ from brv_hypo.io.text import meant
 from brv_hypo.mechanisms.contract import RecordEffect
 from brv_hypo.mechanisms.registry import find_installed, nuisance_effects, nuisance_mechanisms
 from brv_hypo.motion.motion import Motion
-from brv_hypo.simulation.config import GaugeConfig, PlantedConfig, SimulationConfig
+from brv_hypo.simulation.config import PlantedConfig, SimulationConfig
 from brv_hypo.simulation.vehicle import RATES, AirData, WindProfile, cross, initial_state, system, transform
 
 Errors = Mapping[str, Mapping[str, float]]
@@ -33,15 +32,14 @@ def true_channels(state: FloatArray, air: AirData) -> dict[str, FloatArray]:
 
 
 def sensed_channels(
-    channels: Mapping[str, FloatArray], angular: FloatArray, place: Sequence[float]
+    state: FloatArray, air: AirData, angular: FloatArray, place: Sequence[float]
 ) -> dict[str, FloatArray]:
     """What perfect instruments read, accelerometers at their `place` (m), at angular accelerations (3, n) rad/s^2."""
     # f = a_cg + omega_dot x r + omega x (omega x r), no gravity (errata E10, E11)
-    rates, force = (np.array([channels[name] for name in names]) for names in (GYROS, ACCELEROMETERS))
-    arm = np.array(place)[:, np.newaxis] * np.ones_like(rates[0])
+    rates, arm = state[RATES], np.array(place)[:, np.newaxis] * np.ones_like(state[0])
     swing = cross(rates, cross(rates, arm))
-    force = force + cross(angular, arm) + swing
-    return {**channels, **dict(zip(ACCELEROMETERS, force, strict=True)), "roll_rate_mag": channels["p"]}
+    force = air.specific_force + cross(angular, arm) + swing
+    return true_channels(state, air) | dict(zip(ACCELEROMETERS, force, strict=True))
 
 
 def drawn(config: SimulationConfig, seed: int) -> SimulationConfig:
@@ -76,7 +74,7 @@ def with_errors(flight: Flight, errors: Errors) -> Flight:
         effect = find_installed(name)
         if not isinstance(effect, RecordEffect):
             raise UsageError(f"'{name}' is no error of the record but a mechanism: plant it under `mechanisms`.")
-        known = effect.plantable(flight)
+        known = [each.name for each in effect.components(flight)]
         for component, value in values.items():
             if component not in known:
                 hint = meant(component, known, f"it has {', '.join(known)}", cutoff=0.5)
@@ -106,10 +104,8 @@ def start_of(config: SimulationConfig) -> tuple[Flight, Motion, FloatArray]:
     instant = np.array([config.start.time])
     air = equations.air_data(instant, state)
     time = config.start.time + np.arange(config.samples) / config.sample_rate
-    lasting: dict[str, Any] = {name: np.full(time.size, value) for name, value in true_channels(state, air).items()}
-    vehicle, instruments = config.vehicle.declared(), config.instruments.declared()
-    record = Flight(time=time, vehicle=vehicle, instruments=instruments, **lasting)
-    return record, equations.motion(instant, state, air), air.rotation
+    lasting = {name: np.full(time.size, value) for name, value in true_channels(state, air).items()}
+    return _perfect(time, lasting, config), equations.motion(instant, state, air), air.rotation
 
 
 def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list[float]:
@@ -121,28 +117,27 @@ def _values(name: str, sizes: Sequence[float], factor: float, seed: int) -> list
 # ---- What the instruments say of a flight: Appendix B of the report, with errata E10 and E11 ----
 
 
-_GAUGES = ("velocity", "dynamic_pressure", "altitude", "roll_rate_mag")
-_STREAMS = ("gyro", "accelerometer", *_GAUGES, "spikes", "gaps")
+_GAUGES = ("velocity", "dynamic_pressure", "altitude")
+# Streams of random numbers by their place in a seed, which stays so that a seed's flight stays the same.
+_STREAMS = {"gyro": 0, "accelerometer": 1, **{name: k for k, name in enumerate(_GAUGES, 2)}, "spikes": 6, "gaps": 7}
 
 
-def recorded(
-    nodes: FloatArray, sensed: Mapping[str, FloatArray], config: SimulationConfig, time: FloatArray, seed: int
-) -> Record:
-    """The flight record at `time` (m,) s, NaN in gaps; `sensed` are the channels at the nodes (n,) s."""
+def recorded(time: FloatArray, sensed: Mapping[str, Any], config: SimulationConfig, seed: int) -> Record:
+    """The flight record at `time` (n,) s, NaN in gaps, of instruments that sense these channels (n,)."""
     instruments = config.instruments
     streams = {
-        name: np.random.default_rng(child)
-        for name, child in zip(_STREAMS, np.random.SeedSequence(seed).spawn(len(_STREAMS)), strict=True)
+        name: np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(place,)))
+        for name, place in _STREAMS.items()
     }
-    flight = with_errors(_perfect(nodes, sensed, config, time), instruments.errors)
+    flight = with_errors(_perfect(time, sensed, config), instruments.errors)
     channels: dict[str, FloatArray] = {}
     for names, stream in ((GYROS, "gyro"), (ACCELEROMETERS, "accelerometer")):
         readings = np.array([getattr(flight, name) for name in names])
         readings += getattr(instruments, stream).noise * streams[stream].standard_normal(readings.shape)
         channels |= dict(zip(names, readings, strict=True))
-    for name, gauge in _gauges(config).items():
-        noise = gauge.noise * streams[name].standard_normal(time.shape)
-        channels[name] = (1.0 + gauge.scale) * getattr(flight, name) + gauge.bias + noise
+    for name in _GAUGES:
+        noise = getattr(instruments, name).noise * streams[name].standard_normal(time.shape)
+        channels[name] = getattr(flight, name) + noise
     for name in ("velocity", "dynamic_pressure"):
         channels[name] = np.maximum(channels[name], 0.0)  # their gauges have a stop at zero
     for spikes in instruments.spikes:
@@ -168,32 +163,6 @@ def recorded(
     return validated(Record, content)
 
 
-def _perfect(nodes: FloatArray, sensed: Mapping[str, FloatArray], config: SimulationConfig, time: FloatArray) -> Flight:
-    """What perfect instruments say at `time` (m,) s, of a vehicle that is as it was built."""
-    averaging = float(time[1] - time[0]) if config.instruments.averaged else 0.0
-    delays = {name: gauge.delay for name, gauge in _gauges(config).items()}
-    channels: dict[str, Any] = {
-        name: _sampled(nodes, sensed[name], time, delays.get(name, 0.0), averaging)
-        for name in (*GYROS, *ACCELEROMETERS, *delays)
-    }
-    return Flight(time=time, vehicle=config.vehicle.declared(), instruments=config.instruments.declared(), **channels)
-
-
-def _sampled(nodes: FloatArray, values: FloatArray, time: FloatArray, delay: float, averaging: float) -> FloatArray:
-    """`values` (n,) as a clock `delay` s late reads them at `time`, averaged over the interval before.
-
-    Before the first node the end of the spline is extended: a delay or interval of a few samples.
-    """
-    if delay == 0.0 and averaging == 0.0:
-        return values[np.searchsorted(nodes, time - 1e-9)]
-    spline = CubicSpline(nodes, values)
-    if averaging == 0.0:
-        return np.asarray(spline(time - delay), dtype=float)
-    total = spline.antiderivative()
-    return np.asarray((total(time - delay) - total(time - delay - averaging)) / averaging, dtype=float)
-
-
-def _gauges(config: SimulationConfig) -> dict[str, GaugeConfig]:
-    """The scalar instruments that are carried, by channel."""
-    carried = {name: getattr(config.instruments, name) for name in _GAUGES}
-    return {name: gauge for name, gauge in carried.items() if gauge is not None}
+def _perfect(time: FloatArray, sensed: Mapping[str, Any], config: SimulationConfig) -> Flight:
+    """What perfect instruments say at `time` (n,) s, of a vehicle that is as it was built."""
+    return Flight(time=time, vehicle=config.vehicle.declared(), instruments=config.instruments.declared(), **sensed)

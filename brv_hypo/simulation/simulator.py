@@ -29,7 +29,7 @@ from brv_hypo.progress import Progress, Report, report_to, silent
 from brv_hypo.results import Histories
 from brv_hypo.settings import takes_settings
 from brv_hypo.simulation.config import ConfigSource, SimulationConfig, SimulationSettings, load_config, numbers
-from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, true_channels, wind_profile
+from brv_hypo.simulation.instruments import drawn, recorded, sensed_channels, wind_profile
 from brv_hypo.simulation.vehicle import ATTITUDE, RATES, STATES, AirData, System, dot, initial_state, planted, system
 
 
@@ -317,12 +317,12 @@ def simulate(
     chosen = drawn(load_config(config, plant=plant, keywords=settings), seed)
     equations = replace(system(chosen), wind_profile=wind_profile(chosen))
     trajectory = flown(equations, report_to(progress))
-    states, rates = trajectory.states[..., 0].T, trajectory.rates[..., 0].T
-    air = equations.air_data(trajectory.nodes, states)
-    truth = _truth(equations, trajectory, states, air, rates[RATES])
-    sensed = sensed_channels(true_channels(states, air), rates[RATES], chosen.vehicle.accelerometer_position)
-    record = recorded(trajectory.nodes, sensed, chosen, truth.time, seed)
-    return SimulatedFlight(record, truth, chosen, seed)
+    time = trajectory.nodes[trajectory.samples]
+    states, rates = (each[trajectory.samples, :, 0].T for each in (trajectory.states, trajectory.rates))
+    air = equations.air_data(time, states)
+    sensed = sensed_channels(states, air, rates[RATES], chosen.vehicle.accelerometer_position)
+    truth = _truth(equations, time, states, air, rates[RATES])
+    return SimulatedFlight(recorded(time, sensed, chosen, seed), truth, chosen, seed)
 
 
 def flown(equations: System, report: Report = silent) -> Trajectory:
@@ -350,15 +350,13 @@ def flown(equations: System, report: Report = silent) -> Trajectory:
     return trajectory
 
 
-def _truth(equations: System, trajectory: Trajectory, states: FloatArray, air: AirData, angular: FloatArray) -> Truth:
-    """What was flown, at the samples; what is planted is the moment less that without it."""
-    config, chosen = equations.config, trajectory.samples
-    time, state = trajectory.nodes[chosen], states[:, chosen]
-    here = AirData(**{name: value[..., chosen] for name, value in vars(air).items()})
+def _truth(equations: System, time: FloatArray, state: FloatArray, air: AirData, angular: FloatArray) -> Truth:
+    """What was flown; what is planted is the moment less that without it."""
+    config = equations.config
     bare = replace(equations, planted=planted(config, config.asymmetries))
-    motion = bare.motion(time, state, here)
+    motion = bare.motion(time, state, air)
     without = bare.plane_moments(motion)
-    _, pitch, yaw = equations.body_moments(state, angular[:, chosen], here)
+    _, pitch, yaw = equations.body_moments(state, angular, air)
     plane = motion.to_plane(pitch + 1j * yaw)
     return Truth(
         time=time,

@@ -199,15 +199,8 @@ class System:
 
     @cached_property
     def inertia(self) -> FloatArray:
-        """Tensor (3, 3, 1) kg m^2."""
-        body = self.config.vehicle
-        rows = [[body.ixx, -body.ixy, -body.ixz], [-body.ixy, body.iyy, 0.0], [-body.ixz, 0.0, body.iyy]]
-        return np.array(rows, dtype=float)[:, :, np.newaxis]
-
-    @cached_property
-    def inertia_inverse(self) -> FloatArray:
-        """Inverse of the tensor (3, 3, 1)."""
-        return np.asarray(np.linalg.inv(self.inertia[..., 0])[:, :, np.newaxis], dtype=float)
+        """About body x, y and z, (3, 1) kg m^2."""
+        return np.array([[self.config.vehicle.ixx], [self.config.vehicle.iyy], [self.config.vehicle.iyy]])
 
     def air_data(self, time: FloatArray, state: FloatArray) -> AirData:
         """Forces and air-relative kinematics; the moments have no part in them."""
@@ -285,20 +278,18 @@ class System:
         return in_plane, out_of_plane
 
     def state_rate(self, state: FloatArray, air: AirData, motion: Motion) -> FloatArray:
-        """d/dt of the state (13, ...): a rigid body with its full inertia tensor (Eq. 2.2 to 2.4)."""
+        """d/dt of the state (13, ...): a rigid body of revolution (Eq. 2.2 to 2.4)."""
         rates, aerodynamics = state[RATES], self.config.aerodynamics
         transverse = body_from_plane(*self.plane_moments(motion), motion.windward_meridian)
         scale = air.dynamic_pressure * self.config.vehicle.reference_area * self.config.vehicle.reference_length
         roll = aerodynamics.C_l0 + aerodynamics.C_lp * motion.p * motion.rate_factor
         moment = scale * np.array([roll, transverse.real, transverse.imag])
-        momentum = transform(self.inertia, rates)
-        angular = transform(self.inertia_inverse, moment - cross(rates, momentum))
+        angular = 1.0 / self.inertia * (moment - cross(rates, self.inertia * rates))
         return np.concatenate([state[VELOCITY], air.acceleration, attitude_rate(state[ATTITUDE], rates), angular])
 
     def body_moments(self, state: FloatArray, angular: FloatArray, air: AirData) -> FloatArray:
         """C_l, C_m, C_n (3, ...) from angular accelerations (3, ...) rad/s^2: Euler's equations, inverted."""
-        momentum = transform(self.inertia, state[RATES])
-        moment = transform(self.inertia, angular) + cross(state[RATES], momentum)
+        moment = self.inertia * angular + cross(state[RATES], self.inertia * state[RATES])
         scale = air.dynamic_pressure * self.config.vehicle.reference_area * self.config.vehicle.reference_length
         return np.asarray(np.divide(moment, scale, out=np.zeros_like(moment), where=scale > 0.0))
 
@@ -341,11 +332,9 @@ def initial_state(equations: System) -> FloatArray:
     """State (13, 1) at the start; alpha lies in the vertical plane of the track."""
     start = equations.config.start
     path, meridian = np.array([start.flight_path_angle]), np.array([start.windward_meridian])
-    if start.q is not None and start.r is not None:
-        transverse = complex(start.q, start.r)
-    else:  # such that alpha and its plane turn as asked on a straight path
-        turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
-        transverse = complex(turned * np.exp(-1j * start.windward_meridian))
+    # such that alpha and its plane turn as asked on a straight path
+    turned = complex(start.alpha_rate, start.coning_rate * np.tan(start.alpha))
+    transverse = complex(turned * np.exp(-1j * start.windward_meridian))
     state = np.zeros((STATES, 1))
     state[2] = -start.altitude
     state[VELOCITY] = start.velocity * np.array([np.cos(path), np.zeros(1), -np.sin(path)])

@@ -2,7 +2,7 @@
 
 config       what a study flies: the schema of configs/studies/*.yaml, faults of records, each flight's draw
 run          entrance: `run_study`, on this machine or on a Dask cluster; each flight an `Outcome`, on disk at once
-statistics   `summarise`: confusion, calibration, detection limits, coverage, faults
+statistics   `summarise`: confusion, calibration, detection limits, faults
 """
 
 from brv_hypo.study.config import StudyConfig, read_study

@@ -8,14 +8,12 @@ as it is known, and an interrupted study goes on with the others. `spread` calls
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 import signal
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
 from importlib import import_module
@@ -26,16 +24,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from brv_hypo.comparison import compare
-from brv_hypo.comparison.result import DerivedEstimate, RankedHypothesis, TermEstimate
 from brv_hypo.errors import BrvHypoError, UnanswerableError, UsageError, missing_package
 from brv_hypo.flight.format import assemble
 from brv_hypo.io.files import check_target, make_folder
-from brv_hypo.mechanisms import find, plugin_files, use_plugin_files
+from brv_hypo.mechanisms import plugin_files, use_plugin_files
 from brv_hypo.motion.signals import rms
 from brv_hypo.progress import Progress, report_to
 from brv_hypo.settings import takes_settings
 from brv_hypo.simulation import Truth, simulate
-from brv_hypo.simulation.config import PlantedConfig
 from brv_hypo.study.config import (
     NONE,
     Draw,
@@ -53,30 +49,8 @@ from brv_hypo.study.config import (
 
 ABSENT = 1e-6  # part of its largest value below which what is planted counts as absent: rounding of the moments
 
-EstimateKind = Literal["theta", "knot", "coefficient", "derived"]
-Item = TypeVar("Item", TermEstimate, DerivedEstimate)
 Work = TypeVar("Work")
 Result = TypeVar("Result")
-
-
-class Estimate(BaseModel):
-    """A planted value and its estimate; None where the fit holds no such parameter."""
-
-    model_config = ConfigDict(frozen=True, ser_json_inf_nan="constants")
-
-    name: str
-    kind: EstimateKind  # `theta` (a delay), `knot` (onset or end, s), `coefficient`, or `derived` (phi_b)
-    units: str  # of the truth, the estimate and its standard error
-    truth: float
-    value: float | None = None
-    std_error: float | None = None
-
-    @property
-    def sigmas(self) -> float | None:
-        """Error over standard error; None where there is no estimate, or no standard error."""
-        if self.value is None or not self.std_error:
-            return None
-        return (self.value - self.truth) / self.std_error
 
 
 class Outcome(BaseModel):
@@ -98,7 +72,6 @@ class Outcome(BaseModel):
     equivalent: tuple[str, ...] = ()
     probability: dict[str, float] = {}
     information: dict[str, float] = {}  # -2 ln evidence of each hypothesis, over that of the baseline only
-    estimates: tuple[Estimate, ...] = ()  # of the planted mechanism's own fit
     alpha_sigma_rad: float | None = None
     phi_w_sigma_rad: float | None = None
     seconds: float = 0.0
@@ -128,6 +101,12 @@ class Outcome(BaseModel):
         """True where the verdict names a mechanism that was not planted."""
         return self.winner not in (None, NONE, self.planted)
 
+    @property
+    def lead(self) -> float | None:
+        """By how much the first leads what was planted by -2 ln evidence; None where that was not compared."""
+        known = self.information
+        return known[self.planted] - known[self.first] if self.first in known and self.planted in known else None
+
 
 def effect_size(truth: Truth) -> tuple[float, float]:
     """Rms of what is planted in and out of plane over the rms of the whole moment, while it lasts.
@@ -140,71 +119,6 @@ def effect_size(truth: Truth) -> tuple[float, float]:
     lasts = planted > ABSENT * planted.max()
     whole = rms(np.hypot(truth.C_N, truth.C_Z)[lasts])
     return rms(truth.planted_in_plane[lasts]) / whole, rms(truth.planted_out_of_plane[lasts]) / whole
-
-
-# ---- Planted parameters and what the planted mechanism's own fit makes of them ----
-
-
-def estimates(planted: Sequence[PlantedConfig], fitted: RankedHypothesis) -> tuple[Estimate, ...]:
-    """Each planted parameter beside its estimate, which may be missing."""
-    return tuple(each for entry in planted for each in _estimates(entry, fitted))
-
-
-def _estimates(entry: PlantedConfig, fitted: RankedHypothesis) -> Iterator[Estimate]:
-    """Those of one planted mechanism: theta, knots, coefficients, and what is derived from these."""
-    mechanism = find(entry.mechanism, entry.options)
-    terms = [term for term in fitted.terms if term.mechanism == entry.mechanism]
-    leading = max(terms, key=lambda term: term.f_ratio, default=None)
-    # The delay of the term with the greatest F; another parameter's first value.
-    declared = {parameter.name: parameter for parameter in mechanism.parameters()}
-    for name, truth in entry.theta.items():
-        found = [item for item in fitted.derived if item.name == f"{entry.mechanism} {name}"]
-        if declared[name].is_delay and leading is not None and leading.delay_s is not None:
-            delay = leading.delay_s / declared[name].seconds
-            found.sort(key=lambda item: abs(item.value - delay))
-        yield _estimate(name, "theta", declared[name].units, truth, found[0] if found else None)
-    # Onset and end, each with the nearest knot of the fit, no knot serving for both.
-    knots = [item for item in fitted.derived if item.name == f"{entry.mechanism} knot"]
-    for name, time_of in (("onset", entry.start), ("end", entry.stop)):
-        if time_of is not None:
-            knot = min(knots, key=lambda knot: abs(knot.value - time_of), default=None)
-            knots = [each for each in knots if each is not knot]
-            yield _estimate(name, "knot", "s", time_of, knot)
-    # The change of each coefficient at the onset.
-    of_the_delay = [term for term in terms if leading and term.delay_s == leading.delay_s]
-    for name, truth in entry.terms.items():
-        label = name if entry.start is None else f"{entry.kind} in {name}"
-        term = _nearest(entry, (term for term in of_the_delay if term.name == label))
-        yield _estimate(name, "coefficient", "" if term is None else term.units, truth, term)
-    # What the mechanism derives from its coefficients; an angle is taken on the branch next to the truth.
-    for derived in mechanism.derived(entry.terms, np.zeros((len(entry.terms), len(entry.terms)))):
-        item = _nearest(entry, (item for item in fitted.derived if item.name == derived.name))
-        beside = _estimate(derived.name, "derived", derived.units, derived.value, item)
-        if beside.value is not None and derived.units == "rad":
-            turned = derived.value + float(np.angle(np.exp(1j * (beside.value - derived.value))))
-            beside = beside.model_copy(update={"value": turned})
-        yield beside
-
-
-def _estimate(
-    name: str, kind: EstimateKind, units: str, truth: float, item: TermEstimate | DerivedEstimate | None
-) -> Estimate:
-    """A planted value beside what the fit has of it, if anything."""
-    value, error = (None, None) if item is None else (item.value, item.std_error)
-    return Estimate(name=name, kind=kind, units=units, truth=truth, value=value, std_error=error)
-
-
-def _nearest(entry: PlantedConfig, items: Iterable[Item]) -> Item | None:
-    """The item whose region begins nearest the planted onset; None where none begins nearer than the end."""
-    reach = np.inf if entry.start is None or entry.stop is None else 0.5 * (entry.stop - entry.start)
-
-    def distance(item: Item) -> float:
-        if item.region_s is None or entry.start is None:
-            return 0.0 if item.region_s is None and entry.start is None else np.inf
-        return abs(item.region_s[0] - entry.start)
-
-    found = min(items, key=distance, default=None)
-    return found if found is not None and distance(found) < reach else None
 
 
 def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) -> Outcome:
@@ -232,7 +146,6 @@ def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) ->
     known["seconds"] = time.perf_counter() - begun
     if not ranking:
         return Outcome(**known, status="refused", reason=verdict.reason)
-    own = next((row for row in ranking if row.mechanism == draw.planted), None)
     return Outcome(
         **known,
         status="compared",
@@ -241,7 +154,6 @@ def fly(study: StudyConfig, draw: Draw, plugins: Sequence[str] | None = None) ->
         equivalent=verdict.equivalent,
         probability=verdict.probability,
         information={row.mechanism: -2.0 * row.log_evidence for row in ranking},
-        estimates=() if own is None else estimates(flown.config.mechanisms, own),
         alpha_sigma_rad=found.reconstruction.alpha_rms_sigma_rad,
         phi_w_sigma_rad=found.reconstruction.phi_w_rms_sigma_rad,
     )
@@ -344,31 +256,25 @@ def _refusals(path: Path) -> Iterator[None]:
 
 def results_csv(outcomes: Sequence[Outcome]) -> str:
     """One row for each flight: what was drawn, the verdict, and every hypothesis's probability."""
-    names = list(dict.fromkeys(name for outcome in outcomes for name in outcome.probability))
+    import pandas as pd
+
     rows = [
         {
             **outcome.draw.model_dump(),
-            **{name: getattr(outcome, name) for name in _COLUMNS},
+            **outcome.model_dump(include=_COLUMNS),
             "equivalent": " ".join(outcome.equivalent),
-            **{
-                f"{score}_{name}": getattr(outcome, score).get(name)
-                for name in names
-                for score in ("probability", "information")
-            },
+            **{f"probability_{name}": value for name, value in outcome.probability.items()},
+            **{f"information_{name}": value for name, value in outcome.information.items()},
         }
         for outcome in outcomes
     ]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return pd.DataFrame(rows).to_csv(index=False)
 
 
-_COLUMNS = (
-    *("effect_in_plane", "effect_out_of_plane", "status", "first", "winner", "equivalent", "reason"),
+_COLUMNS = {
+    *("effect_in_plane", "effect_out_of_plane", "status", "first", "winner", "reason"),
     *("alpha_sigma_rad", "phi_w_sigma_rad", "seconds"),
-)
+}
 
 
 # ---- Every flight of a study, in parallel ----

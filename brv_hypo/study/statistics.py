@@ -2,7 +2,7 @@
 
 Shares with exact intervals (Clopper and Pearson 1934); the confusion matrix and false alarms; calibration of the
 probabilities (Brier 1950; log loss); detection limits, a logistic curve of "won" over the logarithm of the effect
-(Firth 1993); coverage of the planted parameters by two standard errors; verdicts on records with an injected fault.
+(Firth 1993); verdicts on records with an injected fault.
 """
 
 from __future__ import annotations
@@ -20,13 +20,12 @@ from statsmodels.stats.proportion import proportion_confint
 
 from brv_hypo.arrays import FloatArray
 from brv_hypo.study.config import NONE, StudyConfig
-from brv_hypo.study.run import Estimate, Outcome
+from brv_hypo.study.run import Outcome
 
 CONFIDENCE = 0.95
 EDGES = (0.0, 0.5, 0.7, 0.9, 0.99, 1.0)  # of the bins of probability
 LEAST = 1e-6  # probability that a log loss counts
 FEWEST = 5  # flights that a detection limit needs
-SIGMAS = 2.0  # standard errors that should hold the truth
 
 
 class Statistic(BaseModel):
@@ -215,44 +214,6 @@ def logistic(x: FloatArray, won: FloatArray) -> tuple[float, float]:
     return float(level - slope * centre / spread), float(slope / spread)
 
 
-class Coverage(Statistic):
-    """One parameter of one planted mechanism, over flights in which that mechanism ranks first."""
-
-    planted: str
-    parameter: str
-    kind: str
-    units: str
-    covered: Share  # within two standard errors: 95.4 % where errors are Gaussian and right
-    missing: int  # flights whose fit has no such parameter
-    rms_sigmas: float | None  # rms error in standard errors, without the farthest tenth
-    median_error: float | None  # absolute, in `units`
-
-
-def coverages(outcomes: Sequence[Outcome]) -> tuple[Coverage, ...]:
-    """One entry for each planted mechanism and parameter."""
-    groups: dict[tuple[str, str, str], list[Estimate]] = {}
-    for outcome in outcomes:
-        for estimate in outcome.estimates if outcome.right else ():
-            groups.setdefault((outcome.planted, estimate.name, estimate.kind), []).append(estimate)
-    found = []
-    for (planted, parameter, kind), estimates in groups.items():
-        sigmas = np.abs([e.sigmas for e in estimates if e.sigmas is not None])
-        errors = [abs(e.value - e.truth) for e in estimates if e.value is not None]
-        nearest = np.sort(sigmas)[: int(np.ceil(0.9 * sigmas.size))]
-        coverage = Coverage(
-            planted=planted,
-            parameter=parameter,
-            kind=kind,
-            units=next((e.units for e in estimates if e.units), "1"),
-            covered=share(int(np.sum(sigmas < SIGMAS)), sigmas.size),
-            missing=len(estimates) - sigmas.size,
-            rms_sigmas=float(np.sqrt(np.mean(nearest**2))) if sigmas.size else None,
-            median_error=float(np.median(errors)) if errors else None,
-        )
-        found.append(coverage)
-    return tuple(found)
-
-
 class FaultRow(Statistic):
     """Flights whose record has one kind of fault."""
 
@@ -284,28 +245,6 @@ def faulty(outcomes: Iterable[Outcome]) -> tuple[FaultRow, ...]:
 # ---- The statistics of a study, gathered ----
 
 
-class Failure(Statistic):
-    """A flight that could not be simulated or compared."""
-
-    key: str
-    status: str
-    reason: str
-
-
-class Mistake(Statistic):
-    """A flight whose planted mechanism did not rank first, though its effect is visible."""
-
-    key: str
-    seed: int
-    size: float
-    effect: float
-    first: str
-    winner: str | None
-    probability: float  # of the hypothesis that ranked first
-    lead: float | None
-    """By how much the first leads the planted one by -2 ln evidence; None where that was not compared."""
-
-
 class StudySummary(Statistic):
     """What a study found.
 
@@ -320,19 +259,16 @@ class StudySummary(Statistic):
     flights: int
     compared: int
     visible_effect: float  # part of the moment's rms while the effect lasts
-    right: Share  # what was planted ranks first
-    right_visible: Share
+    right_visible: Share  # what was planted ranks first
     confusion: tuple[ConfusionRow, ...]
     confusion_visible: tuple[ConfusionRow, ...]
     by_vehicle: dict[str, tuple[ConfusionRow, ...]]  # visible effects, each vehicle by itself
-    calibration: Calibration
     calibration_visible: Calibration
     detection: tuple[DetectionLimit, ...]
-    coverage: tuple[Coverage, ...]  # of visible effects
     false_alarms: Share
     faults: tuple[FaultRow, ...]
-    mistakes: tuple[Mistake, ...]
-    failures: tuple[Failure, ...]  # a corrupted record that is refused is none
+    mistakes: tuple[Outcome, ...]  # visible effects that something else than the truth leads
+    failures: tuple[Outcome, ...]  # not simulated or compared; a corrupted record that is refused is none
     seconds_per_flight: float | None
 
 
@@ -346,7 +282,6 @@ def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
         flights=len(outcomes),
         compared=len(compared),
         visible_effect=study.visible_effect,
-        right=_share_of(compared, lambda outcome: outcome.right),
         right_visible=_share_of(visible, lambda outcome: outcome.right),
         confusion=confusion(compared, study.planted),
         confusion_visible=confusion(visible, study.planted),
@@ -354,31 +289,11 @@ def summarise(study: StudyConfig, outcomes: Sequence[Outcome]) -> StudySummary:
             vehicle: confusion([o for o in visible if o.draw.vehicle == vehicle], study.planted)
             for vehicle in dict.fromkeys(outcome.draw.vehicle for outcome in visible)
         },
-        calibration=calibration(compared),
         calibration_visible=calibration(visible),
         detection=detection_limits(compared),
-        coverage=coverages(visible),
         false_alarms=false_alarms(compared),
         faults=faulty(outcomes),
-        mistakes=tuple(_mistake(outcome) for outcome in visible if not outcome.right),
-        failures=tuple(
-            Failure(key=o.draw.key, status=o.status, reason=o.reason)
-            for o in outcomes
-            if o.status != "compared" and not (o.draw.fault and o.status == "refused")
-        ),
+        mistakes=tuple(o for o in visible if not o.right),
+        failures=tuple(o for o in outcomes if o.status != "compared" and not (o.draw.fault and o.status == "refused")),
         seconds_per_flight=sum(o.seconds for o in compared) / len(compared) if compared else None,
-    )
-
-
-def _mistake(outcome: Outcome) -> Mistake:
-    first, known = outcome.first or "", outcome.information
-    return Mistake(
-        key=outcome.draw.key,
-        seed=outcome.draw.seed,
-        size=outcome.draw.size,
-        effect=outcome.effect,
-        first=first,
-        winner=outcome.winner,
-        probability=outcome.probability[first],
-        lead=known[outcome.planted] - known[first] if outcome.planted in known else None,
     )

@@ -82,8 +82,6 @@ class Certificate:
     """Wall-clock time."""
     kernel: str
     """``numpy`` or ``numba-schur``: the last that was used."""
-    condition: float
-    """Condition number of the scaled candidates."""
     status: str
     """How it ended, in words."""
 
@@ -142,11 +140,10 @@ def fitted_result(board: Board, certificate: Certificate) -> SubsetResult:
     def fitted(columns: tuple[int, ...]) -> Subset:
         terms = frame.forced + columns
         fit = least_squares(frame.X[:, list(terms)], frame.y)
-        criteria, powers = evaluate(fit, reference), frame.powers[list(terms)]
-        std_errors = np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal)
+        criteria = evaluate(fit, reference)
         return Subset(
-            columns=columns, rss=fit.rss, terms=terms, coefficients=np.ldexp(fit.coefficients, powers),
-            std_errors=np.ldexp(std_errors, powers), criteria=criteria,
+            columns=columns, rss=fit.rss, terms=terms, coefficients=fit.coefficients,
+            std_errors=np.sqrt(criteria.adjusted_rss * fit.inverse_diagonal), criteria=criteria,
         )  # fmt: skip
 
     return SubsetResult(
@@ -194,7 +191,6 @@ def search(board: Board, threads: int = 1, time_limit_s: float | None = None) ->
         gaps=gaps,
         seconds=time.perf_counter() - started,
         kernel=kernel,
-        condition=board.frame.condition,
         status="complete" if not left else f"stopped by the time limit of {time_limit_s} s",
     )
 

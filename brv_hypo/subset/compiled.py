@@ -1,40 +1,139 @@
 """The compiled tree search on Schur complements, for well-conditioned columns, and its calls.
 
 The column to branch on is moved to the last place; including it is a rank-one step on S into the next level, dropping
-it one on H in place. Both are stored in full, as `kernel` reads rows; a level copies H from its parent when it first
-branches. `search_compiled` is the entrance: it builds the working arrays of each subproblem, runs the kernel on and
-reads out what is left. Imported when the compiled kernel is wanted: numba takes longer than most searches.
+it one on H in place. Both are stored in full; a level copies H from its parent when it first branches. Nodes that take
+two more columns are scored in closed form. `search_compiled` is the entrance: it builds the working arrays of each
+subproblem, runs the compiled loops on and reads out what is left. Imported when the compiled search is wanted:
+importing numba costs more than most searches.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from math import prod
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numba import njit
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.subset.kernel import (
-    HITS,
-    LEVEL,
-    NODES,
-    NONE,
-    Work,
-    compiled,
-    compiled_part,
-    packed_quota,
-    padded,
-    quota_of,
-    record,
-    score,
-    score_triples,
-    whole_vectors,
-)
 from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_node
+
+# ---- The state of a search, and how its loops are compiled ----
+
+# Scalars of the search, by position in ``Work.state``.
+LEVEL, NODES, HITS = 0, 1, 2
+# An argument as numpy scalar: numba would compile a function anew for every literal.
+NONE: Any = np.int64(-1)
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+# Without references counted (nothing is made here): counting those of arrays handed on took a fifth of the time.
+_jit: Any = njit
+_OPTIONS = {"cache": True, "nogil": True, "fastmath": True, "error_model": "numpy", "_nrt": False}
+compiled: Callable[[Function], Function] = _jit(**_OPTIONS)
+"""Compile on first call, keep on disk, run without the interpreter lock."""
+compiled_part: Callable[[Function], Function] = _jit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)
+"""The same for what compiled functions alone call: a wrapper for Python would take as long again to compile."""
+
+
+class Work(NamedTuple):
+    """The state of one search, which stops and goes on at any node. A level is a number of included columns."""
+
+    S: Any  # (levels, m, m): normal matrix of the undecided columns, the included ones projected out
+    H: Any  # (levels, m, m): its inverse
+    c: Any  # (levels, m): its right-hand side
+    beta: Any  # (levels, m): coefficients with all undecided columns in
+    ids: Any  # (levels, m): the undecided columns
+    count: Any  # (levels,): how many they are
+    branched: Any  # (levels,): whether the include branch of the last column is taken
+    owns: Any  # (levels,): whether H is the level's own
+    rss: Any  # (levels,): residual without the undecided columns
+    bound: Any  # (levels,): residual with all of them
+    most: Any  # (levels,): no larger subset below the level can get under its limit
+    chosen: Any  # the included columns
+    hits: Any  # rows of (size, columns...)
+    rise: Any  # (m,): rises of the bound
+    diagonal: Any  # (m,): that of S
+    state: Any  # LEVEL, NODES, HITS
+    base: int  # columns included before the search
+    slack: float  # allowance for rounding in a determinant
+
+
+# ---- Nodes ruled out, and scored ----
+
+
+@compiled_part
+def quota_of(rise: Any, m: int, bound: float, limits: Any, size: int, most: int) -> int:
+    """Largest number t of further columns, to no more than ``most`` in all, that may still get under the limit.
+
+    Such a subset leaves out at least one of the t + 1 columns of the largest rise, so no more than t
+    columns may have a rise that breaks the limit.
+    """
+    t: int = min(most - size, m)
+    while t > 0:
+        allowance = limits[size + t] - bound
+        if allowance >= 0.0:
+            above = 0
+            for i in range(m):
+                above += 1 if rise[i] > allowance else 0
+            if above <= t:
+                return t
+        t -= 1
+    return 0
+
+
+@compiled_part
+def record(w: Work, size: int, a: Any, b: Any) -> None:
+    """Note the chosen columns, with up to two more, as a subset to be looked at."""
+    row = w.hits[w.state[HITS]]
+    for i in range(size):
+        row[i + 1] = w.chosen[i]
+    if a >= 0:
+        size += 1
+        row[size] = a
+    if b >= 0:
+        size += 1
+        row[size] = b
+    row[0] = size
+    w.state[HITS] += 1
+
+
+@compiled_part
+def score(w: Work, level: int, m: int, pairs: bool, limits: Any) -> None:
+    """Record every column of a node, and every pair, whose gain reaches what its size needs, without a division.
+
+    S is the normal matrix (its lower triangle is read), d its diagonal, c its right-hand side. A pair gains enough
+    where d_k (c_i^2 - D d_i) + c_k^2 d_i + v (D v - 2 c_i c_k) >= 0, with v its entry and D what is needed.
+    """
+    S, d, c, ids, size, rss = w.S[level], w.diagonal, w.c[level], w.ids[level], w.base + level, w.rss[level]
+    needed = rss - limits[size + 1]
+    for i in range(m):
+        d[i] = S[i, i]
+        if c[i] * c[i] >= needed * d[i]:
+            record(w, size, ids[i], NONE)
+    if not pairs:
+        return
+    needed = rss - limits[size + 2]
+    relaxed = needed - abs(needed) * w.slack
+    for i in range(1, m):
+        di, ci = d[i], c[i]
+        a = ci * ci - relaxed * di
+        b = 2.0 * ci
+        row = S[i]
+        # Counting vectorises better than taking the maximum; the row is gone over again only on a hit.
+        enough = 0
+        for k in range(i):
+            v = row[k]
+            enough += 1 if d[k] * a + c[k] * c[k] * di + v * (needed * v - b * c[k]) >= 0.0 else 0
+        if enough > 0:
+            for k in range(i):
+                v = row[k]
+                if d[k] * a + c[k] * c[k] * di + v * (needed * v - b * c[k]) >= 0.0:
+                    record(w, size, ids[i], ids[k])
+
 
 # ---- Steps on Schur complements ----
 
@@ -42,21 +141,20 @@ from brv_hypo.subset.search import Board, Node, NumpyTree, OpenSubtree, make_nod
 @compiled_part
 def rises(w: Work, level: int, m: int, out: Any) -> None:
     """Rise of the bound on dropping each undecided column: beta^2 / H_jj."""
-    H = w.B[level] if w.owns[level] else w.B[level - 1]
+    H = w.H[level] if w.owns[level] else w.H[level - 1]
     beta = w.beta[level]
     for i in range(m):
         out[i] = beta[i] * beta[i] / H[i, i]
-    out[m : padded(m)] = 0.0
 
 
 @compiled_part
 def place(w: Work, level: int, j: int, m: int) -> None:
     """Move the column to branch on to the last place."""
-    S, H, c, beta, ids = w.A[level], w.B[level], w.x[level], w.beta[level], w.ids[level]
+    S, H, c, beta, ids = w.S[level], w.H[level], w.c[level], w.beta[level], w.ids[level]
     if not w.owns[level]:
-        source = w.B[level - 1]
+        source = w.H[level - 1]
         for i in range(m):
-            for k in range(padded(m)):
+            for k in range(m):
                 H[i, k] = source[i, k]
         w.owns[level] = True
     last = m - 1
@@ -71,7 +169,7 @@ def place(w: Work, level: int, j: int, m: int) -> None:
 @compiled_part
 def drop(w: Work, level: int, last: int) -> None:
     """Drop the last column: a rank-one step on H, S as it stands."""
-    H, beta = w.B[level], w.beta[level]
+    H, beta = w.H[level], w.beta[level]
     w.bound[level] += beta[last] * beta[last] / H[last, last]
     _downdate(H, beta, H, beta, last)
 
@@ -79,8 +177,8 @@ def drop(w: Work, level: int, last: int) -> None:
 @compiled_part
 def include(w: Work, level: int, last: int) -> None:
     """Include the last column: a rank-one step on S into the next level, H as it stands."""
-    S, c = w.A[level], w.x[level]
-    _downdate(S, c, w.A[level + 1], w.x[level + 1], last)
+    S, c = w.S[level], w.c[level]
+    _downdate(S, c, w.S[level + 1], w.c[level + 1], last)
     w.rss[level + 1] = w.rss[level] - c[last] * c[last] / S[last, last]
     for i in range(last):
         w.beta[level + 1, i] = w.beta[level, i]
@@ -101,10 +199,9 @@ def _downdate(M: Any, v: Any, out: Any, out_v: Any, last: int) -> None:
     """Schur complement on the last row: out = M - q q' / q_last, out_v = v - q v_last / q_last."""
     scale = 1.0 / M[last, last]
     shift = v[last] * scale
-    width = padded(last + 1)
     for i in range(last):
         factor = M[last, i] * scale
-        for k in range(width):
+        for k in range(last + 1):
             out[i, k] = M[i, k] - factor * M[last, k]
     for i in range(last):
         out_v[i] = v[i] - M[last, i] * shift
@@ -121,7 +218,7 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
     ``limits[k]``: a subset of size k is of interest below it; ``loosest[k]``: the largest limit from size k
     on. The level in ``w.state`` is -1 when the tree is done.
     """
-    rise = w.scratch[0]
+    rise = w.rise
     stop = w.state[NODES] + budget
     while w.state[LEVEL] >= 0 and w.state[NODES] < stop:
         level = w.state[LEVEL]
@@ -141,16 +238,7 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
         w.state[NODES] += 1
         rises(w, level, m, rise)
         quota = quota_of(rise, m, w.bound[level], limits, size, w.most[level])
-        quota = packed_quota(w, level, m, rise, quota, limits)
         w.most[level] = size + quota
-        if quota == 3:
-            hits = w.state[HITS]
-            pairs = quota_of(rise, m, w.bound[level], limits, size, size + 2) == 2
-            score(w, level, m, pairs, limits)
-            if score_triples(w, level, m, limits):
-                w.state[LEVEL] = level - 1
-                continue
-            w.state[HITS] = hits
         if quota <= 2:
             if quota > 0:
                 score(w, level, m, quota == 2, limits)
@@ -180,8 +268,6 @@ def search(w: Work, limits: Any, loosest: Any, budget: int) -> None:
 HIT_ROOM = 512
 # Nodes between looks at the clock and the board, and of a thread's turn: some tens of milliseconds.
 TURN = 10_000
-# Bytes of a cache line.
-LINE = 64
 
 
 def _run(w: Work, limits: FloatArray) -> list[tuple[int, ...]]:
@@ -208,14 +294,11 @@ def _open_subtrees(w: Work) -> list[OpenSubtree]:
 def _working_arrays(board: Board, piece: Node) -> Work:
     base, m = len(piece.included), piece.undecided.size
     levels = board.max_size - base + 2
-    width = whole_vectors(m)
-    A = _aligned(levels, m, width)
-    B = _aligned(levels, m, width)
-    x, beta = _aligned(levels, width), _aligned(levels, width)
+    S, H, c, beta = np.zeros((levels, m, m)), np.zeros((levels, m, m)), np.zeros((levels, m)), np.zeros((levels, m))
     # H from the inverse of R, never from the inverse of S, which would square the condition number.
     inverse = piece.inverse
-    A[0, :, :m], x[0, :m] = piece.R.T @ piece.R, piece.R.T @ piece.z
-    B[0, :, :m], beta[0, :m] = inverse @ inverse.T, inverse @ piece.z
+    S[0], c[0] = piece.R.T @ piece.R, piece.R.T @ piece.z
+    H[0], beta[0] = inverse @ inverse.T, inverse @ piece.z
     ids = np.empty((levels, m), dtype=np.int64)
     ids[0] = piece.undecided
     count, rss, bound = np.zeros(levels, dtype=np.int64), np.empty(levels), np.empty(levels)
@@ -225,20 +308,11 @@ def _working_arrays(board: Board, piece: Node) -> Work:
     chosen = np.full(board.max_size + 1, -1, dtype=np.int64)
     chosen[:base] = piece.included
     return Work(
-        A=A, B=B, x=x, beta=beta, ids=ids, count=count, branched=np.zeros(levels, dtype=np.bool_),
-        owns=owns, rss=rss, bound=bound, chosen=chosen,
-        hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), scratch=_aligned(5, width),
-        most=np.full(levels, board.max_size, dtype=np.int64), packing=_aligned(5, width), factor=_aligned(m, width),
-        sets=np.empty((3, m), dtype=np.int64), place=np.arange(float(width)),
-        state=np.zeros(3, dtype=np.int64), base=base, slack=board.margin,
+        S=S, H=H, c=c, beta=beta, ids=ids, count=count, branched=np.zeros(levels, dtype=np.bool_),
+        owns=owns, rss=rss, bound=bound, most=np.full(levels, board.max_size, dtype=np.int64), chosen=chosen,
+        hits=np.empty((HIT_ROOM + m * m, board.max_size + 4), dtype=np.int64), rise=np.empty(m),
+        diagonal=np.empty(m), state=np.zeros(3, dtype=np.int64), base=base, slack=board.margin,
     )  # fmt: skip
-
-
-def _aligned(*shape: int) -> FloatArray:
-    """Zeros that begin where a cache line does: a vector across two lines takes as long as two."""
-    room = np.zeros(prod(shape) + LINE // 8)
-    start = -room.ctypes.data % LINE // 8
-    return room[start : start + prod(shape)].reshape(shape)
 
 
 def search_compiled(

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg.lapack import dgeqrf, dtrtrs
+from scipy.linalg.lapack import dtrtrs
 
 from brv_hypo.arrays import BoolArray, FloatArray, IntArray
 from brv_hypo.errors import UsageError
@@ -62,14 +62,6 @@ class Constraints:
     def active(self) -> bool:
         """Whether there is any rule at all."""
         return bool(self.requires.any() or self.excludes.any() or not self.possible.all())
-
-    def allows(self, subset: IntArray | Sequence[int]) -> bool:
-        """Whether the subset (positions among the candidates) obeys every rule."""
-        members = np.zeros(self.possible.size, dtype=np.bool_)
-        members[list(subset)] = True
-        if not self.possible[members].all():
-            return False
-        return not (self.requires[members] & ~members).any() and not (self.excludes[members] & members).any()
 
     def propagated(
         self, included: Sequence[int], undecided: Sequence[int]
@@ -173,8 +165,6 @@ WEAK_DIAGONAL = 1e-6
 # second fewer than five digits of it mean anything (NIST's Filip, the worst of its certified sets, has 1e6).
 ROUNDING_MULTIPLE = 64.0
 MEANINGFUL_MULTIPLE = 2.0**16
-# Columns up to which a factor is had without work in blocks.
-_SMALL = 48
 # Largest size, and inverse of the smallest, of a column whose sums of squares are well within double precision.
 MOST_SQUARED = 1e140
 # Relative size of the terms of a combination that are named.
@@ -203,8 +193,7 @@ class Refusal(NamedTuple):
 class Frame:
     """The least-squares problem that is searched: n rows, p columns, m of them candidates."""
 
-    X: FloatArray  # the weighted columns (n, p), in the precision given, each times 2 to its power
-    powers: IntArray  # (p,), zero but where squares of the column as given would be beyond double precision
+    X: FloatArray  # the weighted columns (n, p), in the precision given
     y: FloatArray  # the weighted response (n,)
     forced: tuple[int, ...]  # columns in every subset, independent of each other
     candidates: IntArray  # columns of X to choose from (m,); everywhere else candidates go by their positions in it
@@ -228,12 +217,8 @@ class Frame:
 
     @property
     def aliases(self) -> tuple[Alias, ...]:
-        """Columns that are combinations of others, as given."""
-        power = self.powers.tolist()
-        return tuple(
-            Alias(column, tuple((other, float(np.ldexp(w, power[other] - power[column]))) for other, w in combination))
-            for column, combination in (*self.set_aside, *self._names[0])
-        )
+        """Columns that are combinations of others."""
+        return (*self.set_aside, *self._names[0])
 
     @property
     def refused(self) -> tuple[Refusal, ...]:
@@ -268,7 +253,6 @@ def build_frame(
     Raises UsageError for shapes that do not fit, values that are not finite, negative weights or columns out of range.
     """
     X_given, y_given, forced_columns = _checked(X, y, forced, weights)
-    X_given, powers = _with_squares(X_given)
     X64, y64 = X_given.astype(np.float64), y_given.astype(np.float64)
     basis, kept_forced, aliases = _forced_basis(X64, forced_columns)
     free = np.array([j for j in range(X64.shape[1]) if j not in set(forced_columns)], dtype=np.int64)
@@ -291,7 +275,7 @@ def build_frame(
     if len(independent) == m > 0:
         condition = float(np.linalg.cond(R))
     return Frame(
-        X=X_given, powers=powers, y=y_given, forced=kept_forced, candidates=free, R=R, z=factor[:m, m].copy(),
+        X=X_given, y=y_given, forced=kept_forced, candidates=free, R=R, z=factor[:m, m].copy(),
         noise=noise,
         rss_forced=float(rest @ rest), rss_full=float(factor[m, m] ** 2), rank=len(independent),
         condition=condition,
@@ -305,11 +289,7 @@ def build_frame(
 
 def triangle(columns: FloatArray) -> FloatArray:
     """The triangular factor R of the columns, by Householder reflections."""
-    rows, count = columns.shape
-    if count > _SMALL or not columns.size:
-        return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
-    factor = dgeqrf(columns)[0][: min(rows, count)]
-    return np.asarray(np.where(_upper(*factor.shape), factor, 0.0), dtype=np.float64)
+    return np.asarray(np.linalg.qr(columns, mode="r"), dtype=np.float64)
 
 
 def square_triangle(columns: FloatArray) -> FloatArray:
@@ -318,12 +298,6 @@ def square_triangle(columns: FloatArray) -> FloatArray:
     square = np.zeros((columns.shape[1], columns.shape[1]))
     square[: factor.shape[0]] = factor
     return square
-
-
-@lru_cache(maxsize=4 * _SMALL)
-def _upper(rows: int, columns: int) -> BoolArray:
-    """Where the upper triangle of a matrix of this shape is."""
-    return np.triu(np.ones((rows, columns), dtype=bool))
 
 
 def dependency(R: FloatArray, noise: FloatArray) -> list[int]:
@@ -383,21 +357,14 @@ def _checked(
         raise UsageError(
             f"forced names columns {outside}, but X has columns 0..{X_array.shape[1] - 1}; use forced=() for none"
         )
-    largest = float(np.max(np.abs(y_array), initial=0.0))
-    if largest > MOST_SQUARED or 0.0 < largest < 1.0 / MOST_SQUARED:
-        raise UsageError(
-            f"y reaches {largest:.3g}, expected {1.0 / MOST_SQUARED:g} to {MOST_SQUARED:g}: the sum of its squares is "
-            "beyond double precision. Give y in another unit"
-        )
+    for name, values in (*((f"column {j} of X", column) for j, column in enumerate(X_array.T)), ("y", y_array)):
+        largest = float(np.max(np.abs(values), initial=0.0))
+        if largest > MOST_SQUARED or 0.0 < largest < 1.0 / MOST_SQUARED:
+            raise UsageError(
+                f"{name} reaches {largest:.3g}, expected {1.0 / MOST_SQUARED:g} to {MOST_SQUARED:g}: the sum of its "
+                "squares is beyond double precision. Give it in another unit"
+            )
     return X_array, y_array, columns
-
-
-def _with_squares(X: FloatArray) -> tuple[FloatArray, IntArray]:
-    """The columns, times 2 to the powers (p,), whose squares are within double precision."""
-    largest = np.max(np.abs(X), axis=0, initial=0.0)
-    beyond = (largest > MOST_SQUARED) | ((largest > 0.0) & (largest < 1.0 / MOST_SQUARED))
-    powers = np.where(beyond, -np.frexp(largest)[1], 0)
-    return np.ldexp(X, powers) if beyond.any() else X, powers
 
 
 def _forced_basis(X: FloatArray, forced: tuple[int, ...]) -> tuple[FloatArray, tuple[int, ...], list[Alias]]:

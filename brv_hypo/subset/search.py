@@ -1,7 +1,7 @@
 """The search in numpy: the best subsets so far, and the include/drop tree over subproblems of independent columns.
 
 A `Board` holds the incumbents, size by size, and the thresholds that they set for pruning. `seed_board` fills it by
-forward selection and best swaps, which are quick and not always right: the exact search starts from there.
+forward selection, which is quick and not always right: the exact search starts from there.
 
 A `Node` holds what is in, what is undecided and what the included columns leave of the undecided ones and of the
 response, R and z. Dropping column j raises the bound (the residual with all undecided columns in) by beta_j^2 / H_jj,
@@ -36,8 +36,8 @@ TIE = 1e-11
 LEAST_MARGIN = 1e-10
 # A limit that nothing can get under.
 CLOSED = -1.0
-# Exchanges of one column for another that are tried in a row.
-MOST_SWAPS = 30
+# What forward selection must find left of a unit column.
+LEAST_LENGTH = 3e-6
 
 
 class Board:
@@ -77,7 +77,7 @@ class Board:
         if not 0 < size <= self.max_size or key in self._offered:
             return
         self._offered.add(key)
-        if self.frame.constraints.active and not self.frame.constraints.allows(key):
+        if self.frame.constraints.propagated(key, ()) is None:
             return
         rss = residual(self.frame, key)
         if rss is None or rss > self._ceiling:
@@ -125,7 +125,7 @@ def residual(frame: Frame, subset: Sequence[int]) -> float | None:
     return frame.rss_full + float(tail @ tail)
 
 
-# ---- Good subsets found quickly: forward, then best swaps ----
+# ---- Good subsets found quickly: forward selection ----
 
 
 def seed_board(board: Board) -> None:
@@ -133,73 +133,16 @@ def seed_board(board: Board) -> None:
     frame = board.frame
     if frame.constraints.active:
         return
-    work = _Workspace(frame)
     chosen: list[int] = []
     for _ in range(board.max_size):
-        ranked = work.additions(chosen)
-        board.offer_all([[*chosen, int(j)] for j in ranked[: board.capacity]])
-        chosen = work.swapped([*chosen, int(ranked[0])], board)
-
-
-class _Workspace:
-    """Gains of adding and of exchanging columns, from the Gram matrix of the candidates."""
-
-    def __init__(self, frame: Frame) -> None:
-        self._G = frame.R.T @ frame.R
-        self._b = frame.R.T @ frame.z
-        self._known: dict[tuple[int, ...], tuple[FloatArray, FloatArray, FloatArray]] = {}
-
-    def additions(self, chosen: list[int]) -> IntArray:
-        """Candidates, best addition first."""
-        W, _, _ = self._regression(chosen)
-        gains = _gain(*self._left(chosen, W))
+        basis = np.linalg.qr(frame.R[:, chosen])[0]
+        columns, lengths = project_out(basis, frame.R)
+        solid = lengths > LEAST_LENGTH
+        gains = np.where(solid, (frame.z @ columns / np.where(solid, lengths, 1.0)) ** 2, -1.0)
         gains[chosen] = -np.inf
-        return np.argsort(-gains, kind="stable")
-
-    def swapped(self, chosen: list[int], board: Board) -> list[int]:
-        """Take the best exchange of one column, again and again, until none helps."""
-        for _ in range(MOST_SWAPS):
-            W, beta, spread = self._regression(chosen)
-            d, c = self._left(chosen, W)
-            # With column i of the subset out, S_jj and c_j of every column j outside grow by rank one.
-            net = _gain(d + W**2 / spread[:, None], c + W * (beta / spread)[:, None])
-            net -= (beta**2 / spread)[:, None]
-            net[:, chosen] = -np.inf
-            i, j = np.unravel_index(int(net.argmax()), net.shape)
-            if net[i, j] <= 1e-10 * board.frame.rss_full:
-                break
-            chosen = [*chosen[:i], *chosen[i + 1 :], int(j)]
-        board.offer(chosen)
-        return chosen
-
-    def _regression(self, chosen: list[int]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Coefficients of all columns and of y on the chosen ones, and the diagonal of the inverse."""
-        known = self._known.get(tuple(chosen))
-        if known is None:
-            inverse = _inverse(self._G[np.ix_(chosen, chosen)])
-            known = (
-                inverse @ self._G[chosen],
-                inverse @ self._b[chosen],
-                np.asarray(inverse.diagonal(), dtype=np.float64),
-            )
-            self._known[tuple(chosen)] = known
-        return known
-
-    def _left(self, chosen: list[int], W: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Squared length of what is left of every column, and its product with what is left of y."""
-        return self._G.diagonal() - np.sum(self._G[chosen] * W, axis=0), self._b - self._b[chosen] @ W
-
-
-def _inverse(M: FloatArray) -> FloatArray:
-    try:
-        return np.asarray(np.linalg.inv(M), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.pinv(M, hermitian=True), dtype=np.float64)
-
-
-def _gain(d: FloatArray, c: FloatArray) -> FloatArray:
-    solid = d > 1e-11
-    return np.asarray(np.where(solid, c**2 / np.where(solid, d, 1.0), -1.0))
+        ranked = np.argsort(-gains, kind="stable").tolist()
+        board.offer_all([[*chosen, j] for j in ranked[: board.capacity]])
+        chosen.append(ranked[0])
 
 
 # ---- Nodes: what is in, what is undecided, and the factor of what is left ----
@@ -226,7 +169,7 @@ class Node:
 
     included: tuple[int, ...]  # candidates already in
     undecided: IntArray  # candidates to decide on (u,)
-    R: FloatArray  # what the included leave of the undecided columns (u, u), triangular; in a leaf as it is (m, u)
+    R: FloatArray  # what the included leave of the undecided columns (u, u), triangular
     z: FloatArray  # what they leave of the response, on the same rows
     bound: float  # residual sum of squares of nothing but what these rows do not hold: no subset has less
     dependency: tuple[int, ...] = ()  # undecided columns in a linear dependency, where there is one
@@ -304,21 +247,6 @@ def make_node(frame: Frame, included: tuple[int, ...], undecided: tuple[int, ...
     )
 
 
-def make_leaf(frame: Frame, part: OpenSubtree, room: int) -> Node | None:
-    """A node with `room` places left, only to be scored: its undecided columns may be dependent.
-
-    None where the included columns are dependent.
-    """
-    included = list(part.included)
-    basis, factor = np.linalg.qr(frame.R[:, included])
-    if dependency(factor, frame.noise[included]):
-        return None
-    undecided = np.array(part.undecided if room else (), dtype=np.int64)
-    columns, _ = project_out(basis, frame.R[:, undecided])
-    z = project_out(basis, frame.z[:, None])[0][:, 0]
-    return Node(included=part.included, undecided=undecided, R=columns, z=z, bound=frame.rss_full)
-
-
 def independent_pieces(frame: Frame, max_size: int) -> Iterator[Node | OpenSubtree]:
     """Cut the whole tree into nodes whose undecided columns are independent, and parts that are leaves.
 
@@ -380,7 +308,7 @@ class NumpyTree:
         """Score a part with at most two places left."""
         size = len(part.included)
         room = min(self._board.max_size - size, CLOSED_FORM)
-        leaf = make_leaf(self._board.frame, part, room)
+        leaf = make_node(self._board.frame, part.included, part.undecided if room else ())
         if leaf is None:
             return
         if leaf.rss <= self._board.limits[size]:

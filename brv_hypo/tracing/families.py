@@ -15,7 +15,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 
@@ -250,13 +249,7 @@ def beside_processes(
 
 def _finer_processes() -> tuple[MomentProcess, ...]:
     """The processes of the moment, each shape with `FAMILY_SPLINES` at least."""
-    finer = []
-    for each in moment_processes():
-        own = type(each)
-        count = {"splines": max(own.splines, FAMILY_SPLINES), "__module__": own.__module__}
-        kind = cast(type[MomentProcess], type(own.__name__, (own,), count))
-        finer.append(kind.model_validate(each.model_dump()))
-    return tuple(finer)
+    return tuple(each.model_copy(update={"splines": max(each.splines, FAMILY_SPLINES)}) for each in moment_processes())
 
 
 def _of_record(x: FloatArray, searched: int) -> Terms:

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -35,82 +35,46 @@ def _rates(motion: Motion) -> ComplexArray:
     return np.asarray((motion.alpha_rate + 1j * across) * motion.rate_factor)
 
 
-class Static(MomentProcess):
-    """C_malpha(t) alpha."""
+class Listed(MomentProcess):
+    """One of the processes that `brv_hypo_mechanisms` lists, by what it is called and how many splines it has."""
 
-    name, family, splines = "static_change", "stiffness", 16
-    title = "static moment that changes along the flight"
-    turn: ClassVar[complex] = 1.0
-    powers: ClassVar[tuple[int, ...]] = (1,)
+    name: str = "listed"  # type: ignore[misc]
+    title: str = "a process of the list"  # type: ignore[misc]
+    family: str = "stiffness"  # type: ignore[misc]
+    splines: int = 16  # type: ignore[misc]
+
+    @classmethod
+    def of(cls, name: str, family: str, splines: int, title: str, **shape: Any) -> Self:
+        """The process of that name and title, of a family, with so many splines for each shape."""
+        return cls(name=name, family=family, splines=splines, title=title, **shape)
+
+
+class Powers(Listed):
+    """Powers of alpha, in its plane or across it."""
+
+    across: bool = False
+    powers: tuple[int, ...] = (1,)
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """Powers of alpha, in its plane, or across it by `turn`."""
-        return tuple(np.asarray(self.turn * motion.alpha**power) for power in self.powers)
+        """One for each power."""
+        turn = 1j if self.across else 1.0
+        return tuple(np.asarray(turn * motion.alpha**power) for power in self.powers)
 
 
-class Bend(Static):
-    """Static moment that is not linear in alpha."""
+class Rates(Listed):
+    """The transverse rates, or these turned by a right angle, times a power of alpha."""
 
-    name, splines, powers = "static_bend", 5, (2, 3)
-    title = "static moment that bends with the angle of attack"
-
-
-class Side(Static):
-    """C_n,side proportional to alpha."""
-
-    name, family, turn = "side_change", "side", 1j
-    title = "side moment that changes along the flight"
-
-
-class SideBend(Bend):
-    """C_n,side that is not linear in alpha."""
-
-    name, family, turn = "side_bend", "side", 1j
-    title = "side moment that bends with the angle of attack"
-
-
-class Damping(MomentProcess):
-    """C_mq(t) times the transverse rates, or these turned by a right angle."""
-
-    name, family, splines = "damping_change", "rate", 12
-    title = "damping that changes along the flight"
-    turn: ClassVar[complex] = 1.0
+    across: bool = False
+    power: int = 0
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """The rates."""
-        return (np.asarray(self.turn * _rates(motion)),)
+        turn = 1j if self.across else 1.0
+        return (np.asarray(motion.alpha**self.power * (turn * _rates(motion))),)
 
 
-class CrossDamping(Damping):
-    """The rates turned by a right angle."""
-
-    name, turn = "cross_damping_change", 1j
-    title = "cross-damping moment that changes along the flight"
-
-
-class DampingBend(Damping):
-    """Damping by angle of attack."""
-
-    name, splines = "damping_bend", 5
-    title = "damping that changes with the angle of attack"
-
-    def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
-        """The rates, by the square of alpha."""
-        return tuple(motion.alpha**2 * shape for shape in super().shapes(motion))
-
-
-class CrossDampingBend(DampingBend):
-    """Cross-damping moment by angle of attack."""
-
-    name, turn = "cross_damping_bend", 1j
-    title = "cross-damping moment that changes with the angle of attack"
-
-
-class Body(MomentProcess):
-    """A moment in body axes that changes slowly: the centre of gravity, the nose tip."""
-
-    name, family, splines = "body_change", "body", 16
-    title = "moment fixed in the body that grows or fades"
+class Body(Listed):
+    """A moment in body axes."""
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """Pitch and yaw, as the plane of alpha has them."""
@@ -118,19 +82,10 @@ class Body(MomentProcess):
         return turn, 1j * turn
 
 
-class Flow(Body):
-    """The same, faster: separated flow, transition front, slosh."""
+class Lobes(Listed):
+    """A moment of a cross-section of so many lobes; of two, unequal stiffness in pitch and yaw."""
 
-    name, splines = "flow", 40
-    title = "random moment of the flow"
-
-
-class TwoLobes(MomentProcess):
-    """Unequal stiffness in pitch and yaw."""
-
-    name, family, splines = "two_lobes", "harmonic", 5
-    title = "moment of a two-lobed cross-section"
-    lobes: ClassVar[int] = 2
+    lobes: int = 2
 
     def shapes(self, motion: Motion) -> Sequence[ComplexArray]:
         """Cosine and sine of so many times the meridian."""
@@ -138,11 +93,32 @@ class TwoLobes(MomentProcess):
         return turn, 1j * turn
 
 
-class ThreeLobes(TwoLobes):
-    """The next harmonic of the cross-section."""
-
-    name, lobes = "three_lobes", 3
-    title = "moment of a three-lobed cross-section"
+@hookimpl
+def brv_hypo_mechanisms() -> Sequence[MomentProcess]:
+    """Every process of the moment."""
+    return [
+        Powers.of("static_change", "stiffness", 16, "static moment that changes along the flight"),
+        Powers.of("static_bend", "stiffness", 5, "static moment that bends with the angle of attack", powers=(2, 3)),
+        Powers.of("side_change", "side", 16, "side moment that changes along the flight", across=True),
+        Powers.of(
+            "side_bend", "side", 5, "side moment that bends with the angle of attack", across=True, powers=(2, 3)
+        ),
+        Rates.of("damping_change", "rate", 12, "damping that changes along the flight"),
+        Rates.of("cross_damping_change", "rate", 12, "cross-damping moment that changes along the flight", across=True),
+        Rates.of("damping_bend", "rate", 5, "damping that changes with the angle of attack", power=2),
+        Rates.of(
+            "cross_damping_bend",
+            "rate",
+            5,
+            "cross-damping moment that changes with the angle of attack",
+            across=True,
+            power=2,
+        ),
+        Body.of("body_change", "body", 16, "moment fixed in the body that grows or fades"),
+        Body.of("flow", "body", 40, "random moment of the flow"),
+        Lobes.of("two_lobes", "harmonic", 5, "moment of a two-lobed cross-section"),
+        Lobes.of("three_lobes", "harmonic", 5, "moment of a three-lobed cross-section", lobes=3),
+    ]
 
 
 # ---- Drifts of instruments and air ----
@@ -197,15 +173,6 @@ class Turbulence(RecordProcess):
         wind = np.zeros((flight.samples, 3)) if flight.wind is None else flight.wind.copy()
         wind[:, self.axes.index(channel)] -= history
         return replace(flight, wind=wind)
-
-
-@hookimpl
-def brv_hypo_mechanisms() -> Sequence[MomentProcess]:
-    """Every process of the moment."""
-    return [
-        *(Static(), Bend(), Side(), SideBend(), Damping(), CrossDamping()),
-        *(DampingBend(), CrossDampingBend(), Body(), Flow(), TwoLobes(), ThreeLobes()),
-    ]
 
 
 @hookimpl

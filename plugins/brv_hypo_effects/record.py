@@ -168,14 +168,9 @@ class AccelMisalignment(Triad):
         return turned(flight, ACCELEROMETERS, component, value)
 
 
-_INSTRUMENTS = {
-    "gyros": GYROS,
-    "accelerometers": ACCELEROMETERS,
-    "air data": ("velocity", "dynamic_pressure", "mach", "reynolds"),
-}
-# Its clock is the record's: all instruments late together are a motion that much later, which nothing tells but the
-# ends of the record, where a shifted channel has to be continued.
-_CLOCK = "gyros"
+# The gyros' clock is the record's: all instruments late together are a motion that much later, which nothing tells but
+# the ends of the record, where a shifted channel has to be continued.
+_ON_OTHER_CLOCKS = {"accelerometers": ACCELEROMETERS, "air data": ("velocity", "dynamic_pressure", "mach", "reynolds")}
 
 
 class TimeSkew(RecordEffect):
@@ -189,11 +184,7 @@ class TimeSkew(RecordEffect):
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """One delay for each instrument beside the gyros; the tolerance is that of one clock against another."""
         size = float(flight.instruments.time_skew[0])
-        return tuple(Component(name, "s", size) for name in _INSTRUMENTS if name != _CLOCK)
-
-    def plantable(self, flight: Flight) -> tuple[str, ...]:
-        """Any instrument may be late, the gyros too: the others are early against them then."""
-        return tuple(_INSTRUMENTS)
+        return tuple(Component(name, "s", size) for name in _ON_OTHER_CLOCKS)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
         """The record with that instrument late by `value` s more.
@@ -202,7 +193,7 @@ class TimeSkew(RecordEffect):
         """
         late: dict[str, FloatArray] = {
             name: _late(channel, flight.segments, value / flight.step)
-            for name in _INSTRUMENTS[component]
+            for name in _ON_OTHER_CLOCKS[component]
             if (channel := getattr(flight, name)) is not None
         }
         return replace(flight, **late)  # type: ignore[arg-type]

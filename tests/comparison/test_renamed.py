@@ -19,13 +19,13 @@ from brv_hypo.comparison import CompareConfig, Comparison, compare
 from brv_hypo.comparison.result import RankedHypothesis
 from brv_hypo.inference.fit import fit_hypothesis
 from brv_hypo.mechanisms import Mechanism, find
-from brv_hypo.mechanisms.conformance import Alias, renamed
 from brv_hypo.model.model import Model, SavedModel, model_text, restored
 from brv_hypo.report.comparison import comparison_document
 from brv_hypo.report.terminal import terminal_view
 from brv_hypo.simulation import load_config, simulate
 from tests.chains import prepared
 from tests.flights import flown, nominal
+from tests.renamed import Alias, renamed
 
 LATE = Alias("τ [of the wake]", "ms", 1e-3)
 NAMED = Alias("x", "s")

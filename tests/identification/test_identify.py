@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from brv_hypo.identification import identify
-from brv_hypo.identification.parameters import tolerated_mechanisms
 from brv_hypo.mechanisms import record_effects
+from brv_hypo.mechanisms.registry import nuisance_mechanisms
 from tests.studies.identification.study import errors, flights, regress, trial
 
 
@@ -38,7 +38,7 @@ def test_errors_of_a_perfect_record_stay_within_their_tolerances(bodyfixed):
     components = {f"{effect.name} {c.name}" for effect in carried for c in effect.components(flight)}
     assert set(sizes) - components == {
         f"{mechanism.name} {term.name}"
-        for mechanism, _ in tolerated_mechanisms(flight)
+        for mechanism in nuisance_mechanisms(flight)
         for term in mechanism.terms(work.frame.motions[0], {})
     }
     for estimate in found.instruments:

@@ -14,7 +14,7 @@ from brv_hypo.errors import UsageError
 from brv_hypo.flight.record import CHANNEL_DIMENSIONS
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.guess import guess_map
-from brv_hypo.importing.guess_rules import by_name, turning_units, units_in
+from brv_hypo.importing.guess_rules import by_name, units_in
 from brv_hypo.simulation import simulate
 from tests.flight.records import UNITS, VEHICLE
 from tests.importing import rockets
@@ -100,30 +100,6 @@ def test_the_axis_that_stands_up_becomes_x_and_the_axes_stay_right_handed(
     for name in ("ax", "ay", "az", "p", "q", "r"):
         entry = channels[name]
         np.testing.assert_allclose(entry.get("scale", 1.0) * columns[entry["column"]], log[name], err_msg=name)
-
-
-@pytest.mark.parametrize(("units", "size"), [("deg/s", DEGREE), ("rad/s", 1.0), ("revolution/s", 2.0 * np.pi)])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_magnetometer_tells_units_and_sign_of_the_roll_rate(units: str, size: float, sign: float) -> None:
-    time = np.arange(0.0, 20.0, 0.01)
-    rate = 3.0 + np.sin(0.3 * time)
-    angle = np.cumsum(rate) * 0.01
-    found = turning_units(time, sign * rate / size, (20.0 + 5.0 * np.cos(-angle), 5.0 * np.sin(-angle) - 9.0))
-    assert found == (units, sign)
-
-
-def test_a_field_that_hardly_turns_tells_nothing() -> None:
-    time = np.arange(0.0, 20.0, 0.01)
-    assert turning_units(time, np.full(time.size, 0.1), (np.cos(0.1 * time), np.sin(0.1 * time))) is None
-
-
-def test_columns_without_names_are_found_by_gravity_and_order(tmp_path: Path) -> None:
-    log = logged()
-    order = ("time", "p", "q", "r", "ax", "ay", "az")
-    guess = guess_map(write_csv(tmp_path / "a.csv", {f"ch{i}": log[name] for i, name in enumerate(order)}))
-    channels = channels_of(guess.text)
-    assert {name: channels[name]["column"] for name in order} == {name: f"ch{i}" for i, name in enumerate(order)}
-    assert any("order of the columns" in doubt for doubt in guess.unsure)
 
 
 def test_other_delimiters_and_text_columns_are_no_obstacle(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 import yaml
@@ -13,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from brv_hypo.errors import UsageError
-from brv_hypo.flight import find_phases, inspect_flight, load_flight, save_flight
+from brv_hypo.flight import find_phases, inspect_flight, save_flight
 from brv_hypo.flight.record import Record
 from brv_hypo.importing import bring_in
 from brv_hypo.importing.rocket_log import (
@@ -99,18 +98,6 @@ def test_the_whole_log_becomes_a_record_of_its_coast(folder: Path) -> None:
     assert flight.vehicle.mass == pytest.approx(122.0)
     assert flight.instruments.inertia[0] > 0.02  # iyy changes over the window
     assert flight.instruments.dynamic_pressure_scale[0] > 0.02
-
-
-def test_raw_values_stay_beside_the_cleaned_ones(folder: Path, tmp_path: Path, unit: dict[str, Any]) -> None:
-    found = bring_in(folder / "unit.csv", write_map(folder, rocket_map()))
-    save_flight(found.flight, tmp_path / "f.h5", raw=found.raw)
-    with h5py.File(tmp_path / "f.h5") as file:
-        np.testing.assert_array_equal(file["raw/main/q"], unit["q"])
-        assert file["raw/main/q"].attrs["units"] == "rad/s"
-        assert set(file["raw/altimeter"]) == {"time", "altitude", "acceleration"}
-    again = load_flight(tmp_path / "f.h5")
-    np.testing.assert_array_equal(again.q, found.flight.q)
-    assert not any("raw" in note for note in again.notes)
 
 
 def test_a_record_with_thrust_is_offered_its_coast(folder: Path, tmp_path: Path) -> None:

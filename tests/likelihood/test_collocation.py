@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from brv_hypo.likelihood.collocation import Model, evaluate_segment, linearise_segment
+from brv_hypo.likelihood.elimination import block_rows
 from brv_hypo.likelihood.segment import Segment, build_grid
 from tests.studies.likelihood.problems import ModelProblem, lagging_body, spinning_body
 
@@ -16,6 +18,12 @@ def late_output() -> ModelProblem:
     """An instrument that is late: the delay stands in the outputs."""
     body = lagging_body()
     return replace(body, outputs=lambda x, u, theta, t, delayed: np.stack([delayed["delay"].x[0] + x[1], x[1]]))
+
+
+def by_state(blocks: Any, delayed: Any, dx: Any) -> Any:
+    """Change by that of the states (n, n_states)."""
+    whole = block_rows(blocks) if delayed is None else block_rows(blocks) + delayed
+    return (whole @ dx.ravel()).reshape(len(blocks), -1)
 
 
 @pytest.mark.parametrize("problem", [spinning_body(), lagging_body(), late_output()], ids=["no delay", "delay", "late"])
@@ -40,9 +48,12 @@ def test_derivatives_by_states_and_parameters(problem: ModelProblem) -> None:
 
     (defect_up, output_up), (defect_down, output_down) = ends(1), ends(-1)
     by_parameter = np.array(list(dp.values()))
-    got = linear.defect_by_state.dot(dx.T) + linear.defect_by_parameter @ by_parameter
+    got = by_state(linear.defect_by_state, linear.defect_by_delayed, dx.T) + linear.defect_by_parameter @ by_parameter
     np.testing.assert_allclose(got, (defect_up - defect_down) / (2 * step), atol=1e-6)
-    got = linear.output_by_state.dot(dx.T) + linear.output_by_parameter @ by_parameter
+    got = (
+        by_state(linear.output_by_state[:, None], linear.output_by_delayed, dx.T)
+        + linear.output_by_parameter @ by_parameter
+    )
     scale = np.abs(got).max()
     np.testing.assert_allclose(got, (output_up - output_down) / (2 * step), atol=1e-6 * scale)
 

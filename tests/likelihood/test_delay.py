@@ -35,7 +35,7 @@ def test_it_is_at_the_minimum_of_the_likelihood_in_the_delay() -> None:
         aside = free.theta | {"delay": free.theta["delay"] + side * spread}
         held = fit(
             BODY.dynamics, BODY.outputs, [segment], aside,
-            delays=("delay",), bounds={"delay": (aside["delay"],) * 2}, noise=free.noise_covariance,
+            delays=("delay",), bounds={"delay": (aside["delay"],) * 2}, noise=free.noise_variance,
         )  # fmt: skip
         assert held.nllf - free.nllf == pytest.approx(0.5, rel=0.15)
 

@@ -8,20 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import csr_array, eye_array, kron
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.likelihood.elimination import BlockRows, Coupling, Quadratic, eliminate, log_determinant
-
-
-def dense(rows: BlockRows, n: int) -> FloatArray:
-    """The block rows as one dense matrix acting on n stacked states."""
-    count, width, m, n_states = rows.blocks.shape
-    matrix = np.zeros((count * m, n * n_states))
-    for k in range(count):
-        for w in range(width):
-            column = k + w
-            matrix[k * m : (k + 1) * m, column * n_states : (column + 1) * n_states] = rows.blocks[k, w]
-    return matrix
+from brv_hypo.likelihood.elimination import Quadratic, block_rows, eliminate, log_determinant
 
 
 def random_problem(seed: int, n: int, n_states: int, variance: float) -> Quadratic:
@@ -35,10 +25,10 @@ def random_problem(seed: int, n: int, n_states: int, variance: float) -> Quadrat
     return Quadratic(
         own=np.arange(p),
         residual=rng.standard_normal((n, n_outputs)),
-        by_state=BlockRows(30 * rng.standard_normal((n, 1, n_outputs, n_states))),
+        by_state=block_rows(30 * rng.standard_normal((n, 1, n_outputs, n_states))),
         by_parameter=rng.standard_normal((n, n_outputs, p)),
         defect=rng.standard_normal((n, n_states)),
-        defect_by_state=BlockRows(blocks),
+        defect_by_state=block_rows(blocks),
         defect_by_parameter=rng.standard_normal((n, n_states, p)),
         variance=spread,
     )
@@ -49,12 +39,7 @@ def dense_matrix(problem: Quadratic, held: bool = False) -> tuple[FloatArray, Fl
     held.
     """
     n, n_states = problem.defect.shape
-    j = dense(problem.by_state, n)
-    d = (
-        problem.defect_by_state.matrix(n).toarray()
-        if problem.defect_by_state.couplings
-        else dense(problem.defect_by_state, n)
-    )
+    j, d = problem.by_state.toarray(), problem.defect_by_state.toarray()
     first = np.eye(n_states, n * n_states)
     q = problem.variance[1:].ravel()
     right = np.concatenate([problem.residual[:, :, None], problem.by_parameter], axis=2).reshape(j.shape[0], -1)
@@ -104,15 +89,15 @@ def test_it_stays_accurate_where_the_motion_grows_or_decays_beyond_the_range_of_
     blocks = np.zeros((n - 1, 2, 1, 1))
     blocks[:, 0], blocks[:, 1] = -(1 + rate * h / 2), 1 - rate * h / 2
     truth = np.sin(np.arange(n) * h)[:, None]
-    rows = BlockRows(blocks)
+    rows = block_rows(blocks)
     variance = np.zeros((n, 1))
     variance[0] = np.inf
     problem = Quadratic(
         own=np.arange(0),
         residual=-truth,
-        by_state=BlockRows(np.ones((n, 1, 1, 1))),
+        by_state=block_rows(np.ones((n, 1, 1, 1))),
         by_parameter=np.zeros((n, 1, 0)),
-        defect=np.concatenate([[[0.0]], -rows.dot(truth)]),
+        defect=np.concatenate([[[0.0]], -(rows @ truth)]),
         defect_by_state=rows,
         defect_by_parameter=np.zeros((n, 1, 0)),
         variance=variance,
@@ -125,9 +110,9 @@ def test_it_stays_accurate_where_the_motion_grows_or_decays_beyond_the_range_of_
 def test_a_state_that_no_output_sees_is_reported() -> None:
     problem = random_problem(1, 10, 2, 0.0)
     blocks = np.tile(np.stack([-np.eye(2), np.eye(2)]), (9, 1, 1, 1))
-    by_state = problem.by_state.blocks.copy()
-    by_state[..., 1] = 0.0
-    unseen = Quadratic(**{**problem.__dict__, "defect_by_state": BlockRows(blocks), "by_state": BlockRows(by_state)})
+    by_state = problem.by_state.toarray()
+    by_state[:, 1::2] = 0.0
+    unseen = replace(problem, defect_by_state=block_rows(blocks), by_state=csr_array(by_state))
     assert eliminate(unseen) is None
 
 
@@ -144,8 +129,9 @@ def delayed_problem(n: int, delay: float) -> Quadratic:
     at = np.arange(1, n) - delay
     index = np.clip(np.floor(at).astype(int) - 2, 0, n - 6)[:, None] + np.arange(6)
     weight = np.where(at[:, None] > 0, rng.standard_normal(6), 0.0)
-    late = Coupling(index, weight, 0.05 * rng.standard_normal((n - 1, 3, 3)))
-    return replace(problem, defect_by_state=BlockRows(problem.defect_by_state.blocks, (late,)))
+    seen = csr_array((weight.ravel(), index.ravel(), 6 * np.arange(n)), shape=(n - 1, n))
+    late = block_rows(0.05 * rng.standard_normal((n - 1, 1, 3, 3))) @ kron(seen, eye_array(3), format="csr")
+    return replace(problem, defect_by_state=csr_array(problem.defect_by_state + late), delayed=True)
 
 
 def test_a_delay_is_eliminated_as_by_dense_algebra() -> None:
@@ -159,9 +145,9 @@ def test_a_delay_is_eliminated_as_by_dense_algebra() -> None:
     )
 
 
-def test_a_block_row_with_couplings_is_its_matrix() -> None:
-    rows = delayed_problem(40, 5.5).defect_by_state
-    x = np.random.default_rng(0).standard_normal((40, 3, 2))
-    expected = (rows.matrix(40) @ x.reshape(120, 2)).reshape(39, 3, 2)
-    np.testing.assert_allclose(rows.dot(x), expected, atol=1e-12)
-    np.testing.assert_allclose(rows.turned(np.full(3, 2.0), np.ones(3)).dot(x), 2.0 * expected, atol=1e-12)
+def test_rows_of_blocks_stand_where_their_samples_do() -> None:
+    blocks = np.random.default_rng(0).standard_normal((4, 2, 3, 2))
+    expected = np.zeros((12, 10))
+    for k, (before, after) in enumerate(blocks):
+        expected[3 * k : 3 * k + 3, 2 * k : 2 * k + 4] = np.hstack([before, after])
+    np.testing.assert_array_equal(block_rows(blocks).toarray(), expected)

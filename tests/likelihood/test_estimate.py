@@ -120,7 +120,7 @@ def test_covariance_and_likelihood_against_their_formulas() -> None:
 
     x_true = model(truth["a"], truth["b"], 0.0, 0.9)
     y = x_true + truth["c"] + sigma * rng.standard_normal(t.size)
-    known = np.array([[sigma**2]])
+    known = np.array([sigma**2])
     result = fit(
         dynamics, outputs, [Segment(t, u[None], y[None], np.array([0.0]))], {"a": 0.4, "b": 1.0, "c": 0.0},
         noise=known,
@@ -189,20 +189,6 @@ def test_gaps_cost_information_and_nothing_else() -> None:
     np.testing.assert_array_equal(np.isnan(result.innovations[0]), np.isnan(y))
 
 
-@pytest.mark.slow
-def test_a_full_noise_covariance_is_found() -> None:
-    segment = SHORT.simulate(3000, seed=9)
-    rng = np.random.default_rng(0)
-    mixing = np.array([[0.002, 0.0], [0.004, 0.003]])
-    clean = replace(SHORT, noise=np.zeros(2)).simulate(3000, seed=9)
-    y = clean.y + mixing @ rng.standard_normal(segment.y.shape)
-    result = fit(SHORT.dynamics, SHORT.outputs, [replace(segment, y=y)], scaled(SHORT, 0.8), noise="full")
-    assert result.converged
-    np.testing.assert_allclose(result.noise_covariance, mixing @ mixing.T, rtol=0.1)
-    mean = result.innovations[0] @ result.innovations[0].T / 3000
-    np.testing.assert_allclose(result.noise_covariance, mean, rtol=2e-3)
-
-
 def test_several_segments_share_parameters_and_keep_their_own() -> None:
     """Each flight has its own initial state; one coefficient set."""
     flights = [SHORT.simulate(300 + 50 * i, seed=i) for i in range(3)]
@@ -225,7 +211,7 @@ def test_a_fixed_parameter_stays_and_a_prior_pulls() -> None:
     mean = free.theta["M_q"] + 2 * spread
     pulled = fit(
         SHORT.dynamics, SHORT.outputs, [segment], start, priors={"M_q": (mean, spread)},
-        noise=free.noise_covariance,
+        noise=free.noise_variance,
     )  # fmt: skip
     assert pulled.theta["M_q"] == pytest.approx(free.theta["M_q"] + spread, abs=0.05 * spread)
     assert pulled.std_error["M_q"] == pytest.approx(spread / np.sqrt(2), rel=0.02)
@@ -314,8 +300,8 @@ GOOD = SHORT.simulate(50, seed=0)
         ({"segments": [replace(GOOD, x0_std=-1.0)]}, "none negative"),
         ({"segments": [GOOD, replace(GOOD, y=GOOD.y[:1])]}, "the same number in each"),
         ({"theta0": {}}, "theta0 is empty"),
-        ({"noise": np.zeros((2, 2))}, "positive-definite"),
-        ({"noise": np.eye(3)}, r"shape \(2, 2\)"),
+        ({"noise": np.zeros(2)}, "positive values"),
+        ({"noise": np.ones(3)}, "expected 2"),
         ({"bounds": {"M_x": (0.0, 1.0)}}, "M_x"),
         ({"bounds": {"M_q": (1.0, 0.0)}}, "expected lower <= upper"),
         ({"bounds": {"M_q": (5.0, 9.0)}}, "outside its bounds"),
@@ -323,7 +309,6 @@ GOOD = SHORT.simulate(50, seed=0)
         ({"bounds": {name: (value, value) for name, value in SHORT.truth.items()}}, "nothing to estimate"),
         ({"process_noise": [0.1]}, "2 values"),
         ({"delays": ("late",)}, "late"),
-        ({"noise": "student"}, "expected one of"),
         ({"dynamics": lambda x, u, theta, t: x[0]}, "dynamics returned an array of shape"),
         ({"outputs": lambda x, u, theta, t: x * np.nan}, "outputs is not finite"),
     ],

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from brv_hypo.likelihood import Segment, fit
-from brv_hypo.likelihood.result import correlations
 
 TIMES = np.linspace(0.0, 5.0, 101)
 
@@ -39,8 +38,6 @@ def test_the_report_says_what_a_reader_needs() -> None:
     text = held.report()
     for part in ("[[Fit]]", "status", "converged", "[[Noise]]", "output 0", "[[Parameters]]", "(held)"):
         assert part in text
-    assert "C(rate, gain) = +" in text
-    assert correlations(held)[0, 1] > 0.5
     assert max(map(len, repr(held).splitlines())) < 200
     assert "<table>" in held._repr_html_()
 
@@ -56,7 +53,7 @@ def test_the_report_warns() -> None:
 
 
 def test_a_table_by_parameter_and_a_pickle() -> None:
-    table = PLAIN.to_dataframe()
+    table = PLAIN.to_dataframe().set_index("parameter")
     assert list(table.index) == ["rate", "gain"]
     assert table.loc["rate", "value"] == PLAIN.theta["rate"]
     assert table.loc["gain", "std_error"] == PLAIN.std_error_coloured["gain"]
@@ -64,5 +61,3 @@ def test_a_table_by_parameter_and_a_pickle() -> None:
     assert again.theta == PLAIN.theta
     assert again.status == "converged"
     np.testing.assert_array_equal(again.states[0], PLAIN.states[0])
-    more = [np.ones((1, TIMES.size))]
-    assert again.change_by(more) == PLAIN.change_by(more)

@@ -84,10 +84,10 @@ def test_a_known_noise_that_residuals_exceed_is_begun_from_others_too() -> None:
     body = oscillator(2.0)
     segment = body.simulate(120, seed=0)
     y = segment.y + 0.3 * segment.y**3
-    known = np.array([[1e-4]])
+    known = np.array([1e-4])
     bent = fit(body.dynamics, body.outputs, [Segment(segment.t, segment.u, y, segment.x0)], body.truth, noise=known)
     straight = fit(body.dynamics, body.outputs, [segment], body.truth, noise=known)
     assert len(straight.starting_points) == 1
     assert len(bent.starting_points) == 4
     assert straight.status is Status.CONVERGED
-    np.testing.assert_array_equal(bent.noise_covariance, known)
+    np.testing.assert_array_equal(bent.noise_variance, known)

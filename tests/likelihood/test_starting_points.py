@@ -60,7 +60,7 @@ def test_of_ends_equally_good_one_that_converged_is_taken() -> None:
 
 
 def test_first_noises_rise() -> None:
-    noises = [np.diag(each) for each in first_noises(SHORT.simulate(400, seed=1).y).values()]
+    noises = [*first_noises(SHORT.simulate(400, seed=1).y).values()]
     assert np.all(noises[0] <= 1.2 * noises[1])
     assert np.all(noises[1] < noises[2])
 

@@ -16,9 +16,10 @@ from brv_hypo.comparison.verdict import OTHER, probabilities
 from brv_hypo.inference.fit import HypothesisFit, fit_hypothesis, renewed, with_errors
 from brv_hypo.inference.problem import Problem
 from brv_hypo.mechanisms import Mechanism, Parameter, Term, find
-from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS, Alias, renamed
+from brv_hypo.mechanisms.conformance import MECHANISM_CHECKS
 from brv_hypo.motion.motion import Motion
 from tests.chains import prepared
+from tests.renamed import Alias, renamed
 from tests.texts import CHARACTERS
 
 APART = 1e-9
@@ -145,7 +146,7 @@ def test_names_and_units_of_parameters_change_no_number(name: str, data: st.Data
 def test_under_other_names_and_units_it_conforms(name: str, data: st.DataObject) -> None:
     mechanism = MECHANISMS[name]
     other = renamed(mechanism, data.draw(aliases(mechanism.parameters())))
-    checks = {str(check): check for check in MECHANISM_CHECKS}
+    checks = {check.__name__: check for check in MECHANISM_CHECKS}
     for check in ("has_sane_parameters", "flags_its_delays", "has_the_same_terms_for_every_theta"):
         checks[check](other)
 

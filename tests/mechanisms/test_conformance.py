@@ -18,13 +18,13 @@ def installed_as(kind):
     return [entry.item for entry in installed().values() if isinstance(entry.item, kind)]
 
 
-@pytest.mark.parametrize("check", MECHANISM_CHECKS, ids=str)
+@pytest.mark.parametrize("check", MECHANISM_CHECKS)
 @pytest.mark.parametrize("mechanism", installed_as(Mechanism), ids=lambda mechanism: mechanism.name)
 def test_the_installed_mechanisms_conform(mechanism, check):
     check(mechanism)
 
 
-@pytest.mark.parametrize("check", EFFECT_CHECKS, ids=str)
+@pytest.mark.parametrize("check", EFFECT_CHECKS)
 @pytest.mark.parametrize("effect", installed_as(RecordEffect), ids=lambda effect: effect.name)
 def test_the_installed_effects_conform(effect, check):
     check(effect)
@@ -267,7 +267,7 @@ def failed(item):
 
 def test_a_sound_mechanism_passes_every_check():
     outcomes = conformance(Sound())
-    assert [outcome.check for outcome in outcomes] == [str(check) for check in MECHANISM_CHECKS]
+    assert [outcome.check for outcome in outcomes] == [check.__name__ for check in MECHANISM_CHECKS]
     assert failed(Sound()) == {}
 
 
@@ -354,7 +354,7 @@ class InPlaceBias(GyroBias):
 
 
 def test_a_sound_effect_passes_every_check():
-    assert [outcome.check for outcome in conformance(GyroBias())] == [str(check) for check in EFFECT_CHECKS]
+    assert [outcome.check for outcome in conformance(GyroBias())] == [check.__name__ for check in EFFECT_CHECKS]
     assert failed(GyroBias()) == {}
 
 

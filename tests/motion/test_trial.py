@@ -14,6 +14,7 @@ from brv_hypo.flight.record import RecordFault
 from brv_hypo.motion import try_record
 from tests.motion.truth import CAPSULE, CONE, SLENDER, fly, observe, thinned
 from tests.shared_data import shared_file
+from tests.studies.independent.flights import draw_flight
 from tests.studies.independent.imperfect_study import drawn_flight
 
 DEGREES, GRAVITY, FEET = 180.0 / np.pi, 9.80665, 0.3048
@@ -84,6 +85,11 @@ def test_a_body_that_tumbles_breaks_no_relation_of_small_angles():
     assert try_record(tumbling)[1].faults == ()
     with pytest.raises(UnanswerableError, match=r"the vehicle tumbles.*--stop"):
         compare(tumbling, mechanisms=["damping"], maximum_likelihood="none")
+
+
+def test_a_spin_that_goes_with_the_crossflow_turns_no_unit():
+    """Forces beside a c.g. off the axis drive the roll: the mean spin leans by 7 deg, the nose by nothing."""
+    assert try_record(draw_flight(1700, vehicle="biconic", truth="none", grade="industrial").flight)[1].faults == ()
 
 
 def test_isolated_spikes_never_decide(flights):

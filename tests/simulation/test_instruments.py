@@ -76,13 +76,13 @@ def test_errors_are_those_of_the_record_effects_in_the_order_given() -> None:
         "gyro_bias": {"p": 0.1, "q": 0.2},
         "dynamic_pressure_scale": {"scale": 0.005},
     }
-    found = channels({"errors": errors, "velocity": {"bias": 3.0, "scale": -0.01}})
+    found = channels({"errors": errors})
     expected = {
         "p": CLEAN["p"] + 0.1,
         "q": 1.02 * (CLEAN["q"] + 0.01 * CLEAN["r"]) + 0.2,
         "r": 1.03 * (CLEAN["r"] - 0.01 * CLEAN["q"]),
         "dynamic_pressure": 1.005 * CLEAN["dynamic_pressure"],
-        "velocity": 0.99 * CLEAN["velocity"] + 3.0,
+        "velocity": CLEAN["velocity"],
         "az": CLEAN["az"],
     }
     for name, values in expected.items():
@@ -114,26 +114,13 @@ def test_an_error_beside_the_noise_is_sent_to_its_effect(key: str, effect: str) 
         channels({"gyro": {key: [0.0, 0.0, 0.1]}})
 
 
-@pytest.mark.parametrize(("delay", "off"), [(0.0005, 1e-6), (0.005, 1e-5), (0.0125, 2e-5), (-0.01, 2e-5)])
-def test_a_late_clock_shows_the_past(delay: float, off: float) -> None:
-    """The record's ends, which the effect continues straight on, leave ripples of `off` rad/s further in."""
-    found = channels({"errors": {"time_skew": {"gyros": delay}}})
-    expected = CubicSpline(CLEAN["time"], CLEAN["q"])(CLEAN["time"] - delay)
-    np.testing.assert_allclose(found["q"][20:-20], expected[20:-20], atol=off)
-    np.testing.assert_array_equal(found["az"], CLEAN["az"])
-
-
-def test_a_late_gauge_shows_the_past() -> None:
-    found = channels({"altitude": {"delay": 0.0125}})
-    expected = CubicSpline(CLEAN["time"], CLEAN["altitude"])(CLEAN["time"] - 0.0125)
-    np.testing.assert_allclose(found["altitude"], expected, atol=1e-4)
-
-
-def test_averaged_samples_are_means_over_the_interval_before() -> None:
-    found = channels({"averaged": True})
-    spline = CubicSpline(CLEAN["time"], CLEAN["r"])
-    expected = [spline.integrate(t - 0.005, t) / 0.005 for t in CLEAN["time"][1:]]
-    np.testing.assert_allclose(found["r"][1:], expected, atol=1e-6)
+@pytest.mark.parametrize("delay", [0.0005, 0.005, 0.0125, -0.01])
+def test_a_late_clock_shows_the_past(delay: float) -> None:
+    """The record's ends, which the effect continues straight on, leave ripples of 1e-6 of the range further in."""
+    found = channels({"errors": {"time_skew": {"accelerometers": delay}}})
+    expected = CubicSpline(CLEAN["time"], CLEAN["az"])(CLEAN["time"] - delay)
+    np.testing.assert_allclose(found["az"][20:-20], expected[20:-20], atol=1e-6 * np.ptp(CLEAN["az"]))
+    np.testing.assert_array_equal(found["q"], CLEAN["q"])
 
 
 def test_spikes_stand_out_where_they_were_put() -> None:
@@ -161,12 +148,6 @@ def test_random_gaps_follow_the_seed() -> None:
     assert 4 <= np.count_nonzero(first) <= 20
     np.testing.assert_array_equal(first, again)
     assert np.any(first != other)
-
-
-def test_magnetometer_is_recorded_where_it_is_carried() -> None:
-    found = channels({"roll_rate_mag": {"bias": 0.5}})
-    np.testing.assert_allclose(found["roll_rate_mag"], CLEAN["p"] + 0.5, atol=1e-12)
-    assert "roll_rate_mag" not in CLEAN
 
 
 def test_a_gap_with_a_start_is_one_gap() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from brv_hypo.study.config import Draw
-from brv_hypo.study.run import FLIGHTS, Estimate, Outcome
+from brv_hypo.study.run import FLIGHTS, Outcome
 
 
 def outcome(
@@ -24,7 +24,6 @@ def outcome(
     effect: float = 0.2,
     vehicle: str = "cone",
     repeat: int = 0,
-    estimates: tuple[Estimate, ...] = (),
 ) -> Outcome:
     """A compared flight."""
     draw = Draw(
@@ -50,7 +49,6 @@ def outcome(
         equivalent=(first,),
         probability=probability,
         information=information or {name: -10.0 * (name == first) for name in probability},
-        estimates=estimates,
         seconds=1.0,
     )
 

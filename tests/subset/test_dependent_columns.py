@@ -8,9 +8,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from brv_hypo.subset import best_columns, best_subsets, frame, search
-from brv_hypo.subset.frame import Frame
-from brv_hypo.subset.search import Node, OpenSubtree, make_leaf
+from brv_hypo.subset import best_columns, best_subsets, frame
+from brv_hypo.subset.search import NumpyTree, OpenSubtree
 from tests.subset.brute_force import enumerate_subsets
 from tests.subset.kernels import best_subsets_by
 
@@ -104,11 +103,12 @@ def test_leaves_of_any_size_hold_what_every_subset_does(most: int, kernel: str) 
 def test_a_leaf_is_made_once(monkeypatch: pytest.MonkeyPatch, kernel: str) -> None:
     made: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
 
-    def counted(own: Frame, part: OpenSubtree, room: int) -> Node | None:
+    def counted(tree: NumpyTree, part: OpenSubtree) -> None:
         made.append((part.included, part.undecided))
-        return make_leaf(own, part, room)
+        score(tree, part)
 
-    monkeypatch.setattr(search, "make_leaf", counted)
+    score = NumpyTree.score
+    monkeypatch.setattr(NumpyTree, "score", counted)
     best_subsets_by(kernel, *sums(6), 5, forced=())
     assert len(made) == len(set(made)) > 3
 

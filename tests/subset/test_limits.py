@@ -114,7 +114,7 @@ def test_refusals_say_what_is_wrong(arguments: dict[str, object], message: str) 
         best_subsets(**given)
 
 
-@pytest.mark.parametrize("scale", [1e-300, 1e-150, 1e150, 1e300])
+@pytest.mark.parametrize("scale", [1e-120, 1e120])
 @pytest.mark.parametrize("columns", [slice(None), [2], [5, 6]])
 def test_the_scale_of_columns_changes_coefficients_alone(scale: float, columns: slice | list[int]) -> None:
     random = np.random.default_rng(3)
@@ -134,6 +134,9 @@ def test_the_scale_of_columns_changes_coefficients_alone(scale: float, columns: 
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e300])
-def test_a_response_whose_squares_are_no_numbers_is_refused(scale: float) -> None:
-    with pytest.raises(UsageError, match="another unit"):
-        best_subsets(np.eye(9)[:, :4], scale * np.arange(9.0), 2)
+def test_numbers_whose_squares_are_none_are_refused(scale: float) -> None:
+    X, y = np.eye(9)[:, :4], np.arange(9.0)
+    with pytest.raises(UsageError, match=r"y reaches .* another unit"):
+        best_subsets(X, scale * y, 2)
+    with pytest.raises(UsageError, match=r"column 3 of X reaches .* another unit"):
+        best_subsets(X * [1.0, 1.0, 1.0, scale], y, 2)

@@ -27,15 +27,13 @@ def test_collinear_columns_are_searched_exactly_at_every_noise(kind: str, share:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.thorough) for s in range(1, 8))])
-def test_disjoint_sets_rule_out_nothing_that_counts(seed: int) -> None:
-    """Kernels that prune by sets of columns against one that prunes by single columns."""
+def test_both_kernels_find_the_same_of_running_sums(seed: int) -> None:
     rng = np.random.default_rng(seed)
     X = np.column_stack([np.ones(90), np.cumsum(rng.standard_normal((90, 22)), axis=0)])
     y = X[:, [3, 9, 15]].sum(axis=1) + rng.choice([1.0, 5.0, 20.0]) * rng.standard_normal(90)
-    plain, packed = (best_subsets_by(kernel, X, y, 7, n_best=4) for kernel in ("numpy", "numba-schur"))
-    assert packed.certificate.exact
-    assert packed.certificate.nodes < plain.certificate.nodes
-    assert [s.columns for s in packed.subsets] == [s.columns for s in plain.subsets]
+    plain, compiled = (best_subsets_by(kernel, X, y, 7, n_best=4) for kernel in ("numpy", "numba-schur"))
+    assert compiled.certificate.exact
+    assert [s.columns for s in compiled.subsets] == [s.columns for s in plain.subsets]
 
 
 @pytest.mark.parametrize("share", [0.3, 0.99])

@@ -37,7 +37,7 @@ FILE = MechanismFile(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("check", MECHANISM_CHECKS[3:], ids=str)
+@pytest.mark.parametrize("check", MECHANISM_CHECKS[3:])
 def test_conforms(check) -> None:
     check(mechanism_of(FILE))
 

@@ -56,14 +56,14 @@ class Layout(BaseModel):
 class TableFormat:
     """A format: `read` gives the named columns and the names of all; `recognises` by path and first characters.
 
-    `numbers` gives every column of numbers at once, where some may hold text.
+    `finds_numbers`: of no names (None) it gives every column of numbers, whatever text there is beside them.
     """
 
     name: str
-    read: Callable[[Path, tuple[str, ...], Layout], ColumnTable]
+    read: Callable[[Path, Any, Layout], ColumnTable]
     endings: tuple[str, ...] = ()
     recognises: Callable[[Path, str], bool] = lambda path, head: False
-    numbers: Callable[[Path], ColumnTable] | None = None
+    finds_numbers: bool = False
 
 
 @cache
@@ -97,8 +97,8 @@ def read_columns(
 def read_all(path: Path) -> ColumnTable:
     """Every column of numbers of a file; errors as of `read_columns`."""
     found = _format_of(path, Layout())
-    if found.numbers is not None:
-        table = found.numbers(path)
+    if found.finds_numbers:
+        table = found.read(path, None, Layout())
         return _cleaned(table, table.columns, None)
     table = found.read(path, (), Layout())
     columns: dict[str, Any] = {}

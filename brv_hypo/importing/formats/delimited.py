@@ -194,13 +194,12 @@ def _distinct(names: Sequence[str]) -> tuple[str, ...]:
     return tuple((f"{n} #{k + 1}" if k else n) if n else f"column {place}" for place, (n, k) in enumerate(each, 1))
 
 
-def read_text(
-    path: Path, names: tuple[str, ...], layout: Layout, dialect: Dialect | None = None, numbers_only: bool = False
-) -> ColumnTable:
-    """The columns `names` of a text table, of a dialect that is known or found; `numbers_only` leaves others out."""
+def read_text(path: Path, names: tuple[str, ...] | None, layout: Layout, dialect: Dialect | None = None) -> ColumnTable:
+    """The columns `names` of a text table, None: all but texts; of a dialect that is known or found."""
     import pandas as pd
 
-    found = dialect or detect(path, layout)
+    found, numbers_only = dialect or detect(path, layout), names is None
+    names = found.names if names is None else names
     check_columns(names, found.names, path)
     lines, _ = _lines(path, found.encoding)
     numbers = [k for k in range(found.first, len(lines)) if lines[k].strip() and not lines[k].startswith(("#", "%"))]
@@ -261,9 +260,4 @@ def _values(cells: Any, kind: str, is_name: bool, layout: Layout) -> Any:
     return pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
 
 
-def _numbers(path: Path) -> ColumnTable:
-    found = detect(path, Layout())
-    return read_text(path, found.names, Layout(), found, numbers_only=True)
-
-
-FORMATS = (TableFormat("text", read_text, (".csv",), lambda path, head: path.suffix.lower() in TEXT_ENDINGS, _numbers),)
+FORMATS = (TableFormat("text", read_text, (".csv",), lambda path, head: path.suffix.lower() in TEXT_ENDINGS, True),)

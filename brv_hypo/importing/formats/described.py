@@ -60,18 +60,19 @@ def _logger(name: str, words: tuple[str, ...], described: str) -> TableFormat:
     def recognises(path: Path, head: str) -> bool:
         return any(all(word in line for word in words) for line in head.splitlines())
 
-    def read(path: Path, names: tuple[str, ...] | None, layout: Layout, numbers_only: bool = False) -> ColumnTable:
+    def read(path: Path, names: tuple[str, ...] | None, layout: Layout) -> ColumnTable:
         found = detect(path, layout)
         own = {columns[each][0]: each for each in reversed(found.names) if each in columns}
         channels = {each: channel for channel, each in own.items()}
         renamed = tuple(channels.get(each, each) for each in found.names)
         wanted = renamed if names is None else names
-        table = read_text(path, tuple(own.get(each, each) for each in wanted), layout, found, numbers_only)
+        sources = names and tuple(own.get(each, each) for each in names)
+        table = read_text(path, sources, layout, found)
         values = {each: table.columns[at] for each in wanted if (at := own.get(each, each)) in table.columns}
         units = {each: columns[own.get(each, each)][1] for each in (*own, *channels)}
         return replace(table, columns=values, names=(*renamed, *channels) if names else renamed, units=units)
 
-    return TableFormat(name, read, (), recognises, lambda path: read(path, None, Layout(), numbers_only=True))
+    return TableFormat(name, read, (), recognises, True)
 
 
 # ---- Tables of the Planetary Data System ----

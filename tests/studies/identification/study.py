@@ -18,10 +18,10 @@ from scipy.signal import lfilter
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.flight.record import Flight
 from brv_hypo.identification.identify import Estimate, Identification, identify
-from brv_hypo.identification.parameters import tolerated_mechanisms
 from brv_hypo.linearisation.frame import RateFrame, build_frame, remove_levels, whiten
 from brv_hypo.linearisation.whitening import difference, fit_noise
 from brv_hypo.mechanisms import find, record_effects
+from brv_hypo.mechanisms.registry import nuisance_mechanisms
 from brv_hypo.model.baseline import PitchDamping, StaticMoment
 from brv_hypo.model.reconstruction import reconstruct
 from brv_hypo.model.term import Regressor, TimeBasis, delays_among
@@ -95,7 +95,9 @@ def with_tolerated_moments(
     nominal = simulate(config, seed=0)
     motion = reconstruct(nominal.flight).motion
     planted, coefficients = list(config.mechanisms), {}
-    for mechanism, sizes in tolerated_mechanisms(nominal.flight):
+    for mechanism in nuisance_mechanisms(nominal.flight):
+        sizes = mechanism.tolerance(nominal.flight)
+        assert sizes is not None
         names = [term.name for term in mechanism.terms(motion, {})]
         for name, size in zip(names, sizes, strict=True):
             path = f"mechanisms.{len(planted)}.terms.{name}"
@@ -152,7 +154,7 @@ def trial(simulated: SimulatedFlight, flight: Flight, delay_error: float = 0.0) 
     config = simulated.config
     reconstruction = reconstruct(flight)
     static = StaticMoment(start=float(flight.time[0]), stop=float(flight.time[-1]), offset_degree=0, slope_degree=1)
-    tolerated = {mechanism.name for mechanism, _ in tolerated_mechanisms(flight)}
+    tolerated = {mechanism.name for mechanism in nuisance_mechanisms(flight)}
     planted = [item for item in config.mechanisms if item.mechanism not in tolerated]
     mechanisms = {item.mechanism: find(item.mechanism, item.options) for item in planted}
     frame = build_frame([reconstruction], [static, PitchDamping(), *mechanisms.values()])

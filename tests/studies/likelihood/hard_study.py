@@ -153,7 +153,7 @@ def hold_bias(samples: int = 300) -> FloatArray:
     """Error without noise of the estimates from a held input, in standard errors that the noise would give, (p,)."""
     problem = held_short_period()
     quiet = replace(problem, noise=np.zeros_like(problem.noise)).simulate(samples, seed=0)
-    known = np.diag(problem.noise**2)
+    known = problem.noise**2
     found = fit(problem.dynamics, problem.outputs, [quiet], problem.truth, noise=known)
     return np.array(problem.score(found))
 

@@ -71,7 +71,7 @@ def compare(samples: int, seed: int | np.random.SeedSequence) -> Comparison:
 
 def _as_the_peer_does(found: FitResult, names: Sequence[str]) -> FloatArray:
     """The peer's parameters: those of the model, and logarithms of both noises."""
-    measured = np.sqrt(np.diag(found.noise_covariance))
+    measured = np.sqrt(found.noise_variance)
     noises = np.maximum(np.concatenate([found.process_noise, measured]), _LEAST_NOISE)
     return np.concatenate([[found.theta[name] for name in names], np.log(noises)])
 

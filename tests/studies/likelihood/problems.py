@@ -122,11 +122,10 @@ class ModelProblem:
         if not self.delays:
             return ()
         from brv_hypo.likelihood.collocation import Delayed
-        from brv_hypo.likelihood.segment import Interpolator
+        from brv_hypo.likelihood.segment import interpolation
 
-        interpolator = Interpolator(t)
-        stencils = {name: interpolator.stencil(t - self.truth[name]) for name in self.delays}
-        return ({name: Delayed(s.apply(x), s.apply(u)) for name, s in stencils.items()},)
+        late = {name: interpolation(t, t - self.truth[name])[0].T for name in self.delays}
+        return ({name: Delayed(np.asarray(x @ at), np.asarray(u @ at)) for name, at in late.items()},)
 
 
 def markov_noise(rng: np.random.Generator, shape: tuple[int, ...], correlation: float) -> FloatArray:

@@ -15,8 +15,8 @@ import numpy as np
 from brv_hypo.arrays import FloatArray
 from brv_hypo.errors import UsageError
 from brv_hypo.likelihood.collocation import Function, Points, evaluate, jacobian
-from brv_hypo.likelihood.segment import Interpolator, Segment, build_grid
-from brv_hypo.likelihood.statistics import Shape, estimate_covariance, negative_log_likelihood, whitening
+from brv_hypo.likelihood.segment import Segment, build_grid, interpolation
+from brv_hypo.likelihood.statistics import estimate_variance, negative_log_likelihood, whitening
 
 _DAMPING = (0.0, 1e-4, 1e-2, 1.0, 1e2, 1e4)
 """Levenberg damping of the scaled normal equations, tried in this order at each step."""
@@ -37,7 +37,7 @@ class ShootingResult:
     std_error: dict[str, float]
     x0: FloatArray
     nllf: float
-    noise_covariance: FloatArray
+    noise_variance: FloatArray
     iterations: int
     states: tuple[FloatArray, ...]
 
@@ -61,7 +61,6 @@ def fit_single_shooting(
     theta0: Mapping[str, float],
     *,
     fixed: Collection[str] = (),
-    noise: Shape = "diagonal",
     substeps: int = 4,
     max_iterations: int = 100,
     tolerance: float = 1e-6,
@@ -82,7 +81,7 @@ def fit_single_shooting(
     names = tuple(name for name in theta0 if name not in fixed)
     start = np.array([np.asarray(s.x0, dtype=float).reshape(len(s.x0), -1)[:, 0] for s in segments])
     unknown = np.concatenate([[float(theta0[name]) for name in names], start.ravel()])
-    shooter = _Shooter(dynamics, outputs, records, dict(theta0), names, start.shape, noise)
+    shooter = _Shooter(dynamics, outputs, records, dict(theta0), names, start.shape)
     return shooter.run(unknown, max_iterations, tolerance)
 
 
@@ -97,10 +96,9 @@ class _Shooter:
         theta: dict[str, float],
         names: tuple[str, ...],
         shape: tuple[int, int],
-        noise: Shape,
     ) -> None:
         self.dynamics, self.outputs, self.records = dynamics, outputs, records
-        self.theta, self.names, self.shape, self.noise = theta, names, shape, noise
+        self.theta, self.names, self.shape = theta, names, shape
         self.measured = np.concatenate([np.isfinite(r.y) for r in records], axis=1)
         mean_square = np.nanmean(np.concatenate([r.y for r in records], axis=1) ** 2, axis=1)
         self.floor = 1e-14 * mean_square + 1e-300
@@ -109,34 +107,34 @@ class _Shooter:
         """Iterate to a negligible step."""
         p = len(self.names)
         residual = self._residual(unknown)
-        status, covariance = "diverged", np.diag(np.nan * self.floor)
+        status, variance = "diverged", np.nan * self.floor
         information = np.full((unknown.size, unknown.size), np.nan)
         performed = 0
-        if np.all(np.isfinite(residual)):
-            covariance = self._covariance(residual, np.diag(np.mean(residual**2, axis=1)))
+        if np.all(np.isfinite(residual[self.measured])):
+            variance = estimate_variance(residual, self.floor)
             status = "iteration limit"
             for performed in range(1, max_iterations + 1):  # noqa: B007 - reported after the loop
-                step, information, accepted = self._step(unknown, residual, covariance)
+                step, information, accepted = self._step(unknown, residual, variance)
                 if not accepted:
                     status = "stalled"
                     break
                 unknown = unknown + step
                 residual = self._residual(unknown)
-                new = self._covariance(residual, covariance)
-                change = float(np.max(np.abs(np.diag(new) / np.diag(covariance) - 1.0)))
-                covariance = new
+                new = estimate_variance(residual, self.floor)
+                change = float(np.max(np.abs(new / variance - 1.0)))
+                variance = new
                 if np.sqrt(step @ information @ step / p) < tolerance and change < np.sqrt(tolerance):
                     status = "converged"
                     break
-        return self._result(unknown, residual, covariance, information, status, performed)
+        return self._result(unknown, residual, variance, information, status, performed)
 
     def _step(
-        self, unknown: FloatArray, residual: FloatArray, covariance: FloatArray
+        self, unknown: FloatArray, residual: FloatArray, variance: FloatArray
     ) -> tuple[FloatArray, FloatArray, bool]:
         rows = self._sensitivity(unknown)
-        whitener = whitening(covariance, self.measured)
-        scaled = (whitener @ rows).reshape(-1, unknown.size)
-        right = (whitener @ residual.T[:, :, None]).ravel()
+        whitener = whitening(variance, self.measured)
+        scaled = (whitener[:, :, None] * rows).reshape(-1, unknown.size)
+        right = np.nan_to_num(whitener * residual.T).ravel()
         information, gradient = scaled.T @ scaled, scaled.T @ right
         norm = np.sqrt(np.diag(information))
         norm[norm == 0] = 1.0
@@ -145,29 +143,26 @@ class _Shooter:
         for damping in _DAMPING:
             step = np.linalg.lstsq(normal + damping * np.eye(norm.size), gradient / norm, rcond=1e-14)[0] / norm
             trial = self._residual(unknown + step)
-            if np.all(np.isfinite(trial)):
+            if np.all(np.isfinite(trial[self.measured])):
                 with np.errstate(over="ignore"):
-                    moved = float(np.sum((whitener @ trial.T[:, :, None]) ** 2))
+                    moved = float(np.nansum((whitener * trial.T) ** 2))
                 if moved <= cost * (1 + 1e-12):
                     return step, information, True
         return np.zeros_like(unknown), information, False
-
-    def _covariance(self, residual: FloatArray, previous: FloatArray) -> FloatArray:
-        return estimate_covariance(residual, self.measured, self.noise, previous, self.floor)
 
     def _values(self, unknown: FloatArray) -> tuple[dict[str, float], FloatArray]:
         p = len(self.names)
         return self.theta | dict(zip(self.names, unknown[:p].tolist(), strict=True)), unknown[p:].reshape(self.shape)
 
     def _residual(self, unknown: FloatArray) -> FloatArray:
-        """Measured minus predicted output, (n_outputs, all samples), 0 in gaps."""
+        """Measured minus predicted output, (n_outputs, all samples), nan in gaps."""
         theta, x0 = self._values(unknown)
         parts = []
         for record, start in zip(self.records, x0, strict=True):
             with np.errstate(all="ignore"):
                 x = _integrate(self.dynamics, record, start, theta)[:, record.samples]
                 y = evaluate(self.outputs, Points(x, record.u_samples, record.t_samples), theta)
-            parts.append(np.where(np.isfinite(record.y), record.y - y, 0.0))
+            parts.append(record.y - y)
         return np.concatenate(parts, axis=1)
 
     def _sensitivity(self, unknown: FloatArray) -> FloatArray:
@@ -193,7 +188,7 @@ class _Shooter:
         self,
         unknown: FloatArray,
         residual: FloatArray,
-        covariance: FloatArray,
+        noise: FloatArray,
         information: FloatArray,
         status: str,
         iterations: int,
@@ -201,14 +196,14 @@ class _Shooter:
         theta, x0 = self._values(unknown)
         usable = bool(np.all(np.isfinite(information))) and np.linalg.cond(information) < 1e15
         variance = np.diag(np.linalg.inv(information)) if usable else np.full(unknown.size, np.nan)
-        finite = bool(np.all(np.isfinite(residual)))
+        finite = bool(np.all(np.isfinite(residual[self.measured])))
         return ShootingResult(
             status=status,
             theta=theta,
             std_error=dict(zip(self.names, np.sqrt(variance[: len(self.names)]).tolist(), strict=True)),
             x0=x0,
-            nllf=negative_log_likelihood(residual, self.measured, covariance) if finite else float("nan"),
-            noise_covariance=covariance,
+            nllf=negative_log_likelihood(residual, noise) if finite else float("nan"),
+            noise_variance=noise,
             iterations=iterations,
             states=tuple(
                 _integrate(self.dynamics, r, s, theta)[:, r.samples] for r, s in zip(self.records, x0, strict=True)
@@ -229,7 +224,7 @@ def _record(segment: Segment, number: int, substeps: int) -> _Record:
     fraction = np.arange(per_interval) / per_interval
     fine = np.append((t[:-1, None] + np.diff(t)[:, None] * fraction).ravel(), t[-1])
     u = grid.u[:, : grid.n]
-    return _Record(fine, Interpolator(t).stencil(fine).apply(u), grid.y, slice(0, None, substeps), u, t)
+    return _Record(fine, np.asarray(u @ interpolation(t, fine)[0].T), grid.y, slice(0, None, substeps), u, t)
 
 
 def _integrate(dynamics: Function, record: _Record, start: FloatArray, theta: Mapping[str, float]) -> FloatArray:

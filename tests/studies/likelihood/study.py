@@ -111,7 +111,7 @@ def coverage(problem: ModelProblem, samples: int, trials: int, seed: int, correl
 def cramer_rao(problem: ModelProblem, samples: int) -> FloatArray:
     """Least standard error of each parameter, (p,): the information at the truth, noise white and known."""
     quiet = replace(problem, noise=np.zeros_like(problem.noise), process_noise=None)
-    known = np.diag(problem.noise**2)
+    known = problem.noise**2
     segment = quiet.simulate(samples, seed=0)
     exact = fit(problem.dynamics, problem.outputs, [segment], problem.truth, noise=known)
     return np.sqrt(np.diag(exact.covariance))
@@ -174,7 +174,7 @@ def filter_error(trials: int, seed: int, samples: int = 500) -> FilterStudy:
         iterations.append(result.iterations)
         theta.append(problem.score(result))
         process.append((result.process_noise - drive) / result.process_noise_std_error)
-        noise = np.sqrt(np.diag(result.noise_covariance))
+        noise = np.sqrt(result.noise_variance)
         measurement.append((noise - problem.noise) / result.noise_std_error)
     return FilterStudy(*map(np.array, (theta, process, measurement, iterations, seconds, converged)))
 
