@@ -275,24 +275,17 @@ def _wind(record: InertialRecord) -> FloatArray:
     return np.zeros((record.time.size, 3)) if wind is None else wind - wind[0]
 
 
-class Drift:
-    """Transverse velocity in wind axes by gravity and the errors of the record: `columns` (n, 3 + errors), per unit.
+def drift_columns(record: InertialRecord, responses: EffectResponses, axes: Axes) -> ComplexArray:
+    """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
 
     `responses` have the drift of the errors in the axes of the first sample. Gravity turns the velocity by what of it
     is across the velocity at each instant.
     """
-
-    def __init__(self, record: InertialRecord, responses: EffectResponses, axes: Axes) -> None:
-        self._responses, self._axes, (second, third) = responses, axes, axes
-        identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
-        self._fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
-        across = np.stack([second, third], axis=1) @ responses.rows.all_of(responses.drift)
-        fallen = np.einsum("ni,nij->nj", second + 1j * third, self._fallen)
-        self.columns: ComplexArray = np.concatenate([fallen, -(across[:, 0] + 1j * across[:, 1])], axis=1)
-
-    def of(self, unknowns: FloatArray) -> ComplexArray:
-        """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
-        of_errors = self._responses.rows.all_of(np.asarray(self._responses.drift @ unknowns[GRAVITY_PARTS:]))
-        moved = self._fallen @ unknowns[:GRAVITY_PARTS] - of_errors
-        second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
-        return np.asarray(second + 1j * third)
+    second, third = axes
+    out = np.empty((record.time.size, GRAVITY_PARTS + len(responses.effects)), dtype=complex)
+    identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
+    fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
+    out[:, :GRAVITY_PARTS] = np.einsum("ni,nij->nj", second + 1j * third, fallen)
+    across = np.stack([second, third], axis=1) @ responses.rows.all_of(responses.drift)
+    out[:, GRAVITY_PARTS:] = -(across[:, 0] + 1j * across[:, 1])
+    return out

@@ -33,11 +33,11 @@ from brv_hypo.motion.reconstruction import WindHistory
 from brv_hypo.motion.responses import (
     GRAVITY_PARTS,
     Axes,
-    Drift,
     EffectFit,
     EffectResponses,
     Perturbation,
     corrected,
+    drift_columns,
     effect_responses,
     no_responses,
     nonzero_responses,
@@ -198,12 +198,12 @@ class RandomWalkSmoother:
             nominal, turn = body_crossflow(self.record, direction), wind_to_body(self.record, direction)
             xi = crossflow
             coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
-            drift = Drift(self.record, self.responses, axes)
+            drift = drift_columns(self.record, self.responses, axes)
             equations = None  # large, and about to be replaced
             offset = (xi - nominal) * np.conj(turn)
-            equations, scaling = self._linear(measurements, coefficients, xi, turn, offset, drift.columns)
+            equations, scaling = self._linear(measurements, coefficients, xi, turn, offset, drift)
             solution = equations.solve(*self._priors(measurements, coefficients, start))
-            shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
+            shift = (solution.walk + drift @ solution.theta[: self.shared]) / self.speed
             step = nominal + turn * shift - xi
             if not np.all(np.isfinite(step)):
                 raise UnanswerableError(_RAN_AWAY)
@@ -222,7 +222,7 @@ class RandomWalkSmoother:
         observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
         errors = slice(GRAVITY_PARTS, self.shared)
         left, response = equations.residual(solution), equations.sensitivity()
-        response[:, : self.shared] += drift.columns
+        response[:, : self.shared] += drift
         response /= self.speed[:, np.newaxis]
         value, covariance = self.known + solution.theta[errors], solution.covariance[errors, errors]
         return SmoothedMotion(
