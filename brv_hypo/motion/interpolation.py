@@ -170,6 +170,13 @@ _MOST_KEPT = 20_000
 # Samples at the ends of a piece, at most, that are none of those kept: filters and late clocks make of them what they
 # like. They follow by extrapolation over an eighth of the spacing at most.
 _END = 4
+# Samples of many columns that are held at once.
+_BLOCK = 20_000
+
+
+def blocks(samples: int) -> list[slice]:
+    """All samples, as many at once as are held of many columns."""
+    return [slice(first, min(first + _BLOCK, samples)) for first in range(0, samples, _BLOCK)]
 
 
 def spacing(meridian_rate: FloatArray, roll_rate: FloatArray, step: float, per_cycle: int) -> int:
@@ -204,9 +211,11 @@ class DecimatedGrid:
         """Those of `values` (n, ...) that are kept."""
         return values if self.spread is None else values[self.which]
 
-    def all_of(self, kept: Values) -> Values:
-        """All samples (n, ...) of what was kept (m, ...)."""
-        return kept if self.spread is None else applied(self.spread, kept)
+    def all_of(self, kept: Values, rows: slice = slice(None)) -> Values:
+        """All samples, or these `rows`, of what was kept (m, ...)."""
+        if self.spread is None:
+            return kept[rows]
+        return applied(self.spread[rows], kept)
 
 
 def full_grid(count: int) -> DecimatedGrid:

@@ -21,6 +21,7 @@ from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.clock import longest_crossed, strongest_frequency
 from brv_hypo.flight.record import Flight
 from brv_hypo.motion.inertial import InertialRecord, arm_acceleration, gravity_magnitude, inertial_record
+from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig, method_of
 from brv_hypo.motion.motion import Motion, angle_of_attack, angle_rates, plane_from_body, recorded, windward_meridian
 from brv_hypo.motion.reconstruction import UNKNOWN_ANGLE, EffectEstimate, MomentEstimate, Reconstruction, WindHistory
@@ -69,8 +70,10 @@ def moment_estimate(record: InertialRecord, effects: EffectFit) -> MomentEstimat
     spin = record.spin_rate
     responses = effects.responses
     errors = responses.rows.all_of(np.asarray(responses.moment @ (effects.value - effects.known)))
-    changes = responses.rows.all_of(responses.moment)
-    variance = sum(projected_variance(part, effects.covariance) for part in (changes.real, changes.imag))
+    variance = np.empty(record.time.size)
+    for rows in blocks(variance.size):
+        changes = responses.rows.all_of(responses.moment, rows)
+        variance[rows] = sum(projected_variance(part, effects.covariance) for part in (changes.real, changes.imag))
     noise = error_of_differentiation(record)
     return MomentEstimate(
         body=record.moment - errors,

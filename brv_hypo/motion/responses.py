@@ -19,7 +19,7 @@ from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.errors import UnanswerableError
 from brv_hypo.flight.record import ACCELEROMETERS, CHANNELS, GYROS, OPTIONAL_CHANNELS, Flight, Vehicle
 from brv_hypo.motion.inertial import InertialRecord, across_impulse, arm_acceleration, body_attitude
-from brv_hypo.motion.interpolation import DecimatedGrid, decimated_grid, full_grid, running_integral, spacing
+from brv_hypo.motion.interpolation import DecimatedGrid, blocks, decimated_grid, full_grid, running_integral, spacing
 from brv_hypo.motion.motion import windward_meridian
 from brv_hypo.motion.signals import differentiated
 
@@ -275,17 +275,34 @@ def _wind(record: InertialRecord) -> FloatArray:
     return np.zeros((record.time.size, 3)) if wind is None else wind - wind[0]
 
 
-def drift_columns(record: InertialRecord, responses: EffectResponses, axes: Axes) -> ComplexArray:
+class Drift:
     """Transverse velocity (n, 3 + errors) in wind axes per unit of gravity, and of each error's size.
 
     `responses` have the drift of the errors in the axes of the first sample. Gravity turns the velocity by what of it
     is across the velocity at each instant.
     """
-    second, third = axes
-    out = np.empty((record.time.size, GRAVITY_PARTS + len(responses.effects)), dtype=complex)
-    identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
-    fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
-    out[:, :GRAVITY_PARTS] = np.einsum("ni,nij->nj", second + 1j * third, fallen)
-    across = np.stack([second, third], axis=1) @ responses.rows.all_of(responses.drift)
-    out[:, GRAVITY_PARTS:] = -(across[:, 0] + 1j * across[:, 1])
-    return out
+
+    def __init__(self, record: InertialRecord, responses: EffectResponses, axes: Axes) -> None:
+        self._responses, self._axes = responses, axes
+        identity = np.broadcast_to(np.eye(3), (record.time.size, 3, 3))
+        self._fallen = across_impulse(np.cross(*axes), record.time[:, np.newaxis, np.newaxis] * identity)
+        self._whole = self._of(slice(0, record.time.size)) if len(blocks(record.time.size)) == 1 else None
+
+    def __getitem__(self, rows: slice) -> ComplexArray:
+        return self._of(rows) if self._whole is None else self._whole[rows]
+
+    def _of(self, rows: slice) -> ComplexArray:
+        second, third = (axis[rows] for axis in self._axes)
+        out = np.empty((second.shape[0], GRAVITY_PARTS + len(self._responses.effects)), dtype=complex)
+        out[:, :GRAVITY_PARTS] = np.einsum("ni,nij->nj", second + 1j * third, self._fallen[rows])
+        across = np.stack([second, third], axis=1) @ self._responses.rows.all_of(self._responses.drift, rows)
+        np.negative(across[:, 0], out=out.real[:, GRAVITY_PARTS:])
+        np.negative(across[:, 1], out=out.imag[:, GRAVITY_PARTS:])
+        return out
+
+    def of(self, unknowns: FloatArray) -> ComplexArray:
+        """The velocity (n,) by parts of gravity and errors of these sizes (3 + errors,)."""
+        of_errors = self._responses.rows.all_of(np.asarray(self._responses.drift @ unknowns[GRAVITY_PARTS:]))
+        moved = self._fallen @ unknowns[:GRAVITY_PARTS] - of_errors
+        second, third = (np.einsum("ni,ni->n", axis, moved) for axis in self._axes)
+        return np.asarray(second + 1j * third)

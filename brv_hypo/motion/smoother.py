@@ -18,7 +18,7 @@ tridiagonal information matrix, so that solution and covariance cost a time line
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from scipy.linalg.lapack import dtbtrs
 
 from brv_hypo.arrays import ComplexArray, FloatArray
 from brv_hypo.motion.inertial import InertialRecord
-from brv_hypo.motion.interpolation import DecimatedGrid
+from brv_hypo.motion.interpolation import DecimatedGrid, blocks
 from brv_hypo.motion.motion import effective, unit
 from brv_hypo.motion.responses import EffectResponses
 
@@ -110,15 +110,14 @@ class MeasurementModel:
         bounded = np.where(factor > 0.0, np.minimum(factor, LARGEST_LOCAL_SCALING), LARGEST_LOCAL_SCALING)
         return LocalScaling(bounded, unit(xi) ** 2)
 
-    def of_effects(self, modelled: ComplexArray) -> ComplexArray:
-        """What errors of the record add to the observation (n, e) less what the model makes of it, which is `modelled`.
+    def add_effects(self, columns: ComplexArray, rows: slice, modelled: ComplexArray) -> None:
+        """Add to `columns` (rows, e) what errors of the record add to the observation less what the model makes of it.
 
         An error of the scale is at every crossflow what the slope would be: only its prior parts the two.
         """
-        columns = self.kept.all_of(self.effects)
-        if self.factors is None:
-            return columns
-        return columns - self.kept.all_of(self.factors) * modelled[:, np.newaxis]
+        columns += self.kept.all_of(self.effects, rows)
+        if self.factors is not None:
+            columns -= self.kept.all_of(self.factors, rows) * modelled[rows, np.newaxis]
 
     def with_slope_count(self, time: FloatArray, count: int) -> MeasurementModel:
         """The same model with a slope of `count` coefficients in time."""
@@ -132,11 +131,11 @@ class LocalScaling:
     factor: FloatArray
     turn: ComplexArray
 
-    def of(self, values: ComplexArray) -> ComplexArray:
-        """Values (n, ...) stretched."""
+    def of(self, values: ComplexArray, rows: slice = slice(None)) -> ComplexArray:
+        """Values (rows, ...) stretched."""
+        factor, turn = self.factor[rows], self.turn[rows]
         shape = (-1, *(1,) * (values.ndim - 1))
-        same = (0.5 * (self.factor + 1.0)).reshape(shape)
-        turned = (0.5 * (self.factor - 1.0) * self.turn).reshape(shape)
+        same, turned = (0.5 * (factor + 1.0)).reshape(shape), (0.5 * (factor - 1.0) * turn).reshape(shape)
         return np.asarray(same * values + turned * np.conj(values))
 
     def back(self, values: ComplexArray) -> ComplexArray:
@@ -194,13 +193,17 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
 # ---- The random walk, and the globals that measurements share ----
 
 
+Columns = Callable[[slice], ComplexArray]
+"""Makes rows of columns (n, k), which need not all exist at once."""
+
+
 @dataclass(frozen=True)
 class LinearMeasurement:
     """One observation at each of n samples."""
 
     residual: ComplexArray  # (n,)
     gain: ComplexArray  # h (n,)
-    columns: ComplexArray  # A (n, k)
+    columns: Columns  # A (n, k)
     sigma: FloatArray  # standard deviation (n,) of each part of the complex noise; inf where nothing is measured
 
 
@@ -218,10 +221,10 @@ class WalkEquations:
     walk_variance: FloatArray
     gram: FloatArray
 
-    def sensitivity(self) -> ComplexArray:
-        """Change of the walk per unit of each global (n, k)."""
+    def sensitivity(self, rows: slice = slice(None)) -> ComplexArray:
+        """Change of the walk per unit of each global (rows, k)."""
         count = self.gram.shape[0]
-        return np.asarray(-(self.answer[:, 1:count] + 1j * self.answer[:, count + 1 :]))
+        return np.asarray(-(self.answer[rows, 1:count] + 1j * self.answer[rows, count + 1 :]))
 
     def solve(self, mean: FloatArray, information: FloatArray) -> WalkSolution:
         """Walk and globals with Gaussian priors of the globals: mean (k,), information (k,), 0 where free."""
@@ -239,7 +242,8 @@ class WalkEquations:
     def residual(self, solution: WalkSolution) -> ComplexArray:
         """Residual (n,) of the last measurement."""
         last = self.last
-        return np.asarray(last.residual - last.columns @ solution.theta - last.gain * solution.walk)
+        fitted = [last.columns(rows) @ solution.theta for rows in blocks(last.residual.size)]
+        return np.asarray(last.residual - np.concatenate(fitted) - last.gain * solution.walk)
 
 
 @dataclass(frozen=True)
@@ -276,15 +280,18 @@ def walk_equations(
 
 def _normal_equations(measurements: Sequence[LinearMeasurement]) -> tuple[FloatArray, FloatArray]:
     """Inner products (k + 1, k + 1) of whitened residual and columns; their projection on the walk (n, 2 k + 2)."""
-    n, count = measurements[0].columns.shape[0], measurements[0].columns.shape[1] + 1
+    n, count = measurements[0].residual.size, measurements[0].columns(slice(1)).shape[1] + 1
     gram, projected = np.zeros((count, count)), np.zeros((n, 2 * count), order="F")
     for measurement in measurements:
-        white = np.column_stack([measurement.residual, measurement.columns]) / measurement.sigma[:, np.newaxis]
-        both = np.concatenate([white.real, white.imag])
-        gram += both.T @ both
-        white *= (np.conj(measurement.gain) / measurement.sigma)[:, np.newaxis]
-        projected[:, :count] += white.real
-        projected[:, count:] += white.imag
+        gain = np.conj(measurement.gain) / measurement.sigma
+        for rows in blocks(n):
+            white = np.column_stack([measurement.residual[rows], measurement.columns(rows)])
+            white /= measurement.sigma[rows, np.newaxis]
+            both = np.concatenate([white.real, white.imag])
+            gram += both.T @ both
+            white *= gain[rows, np.newaxis]
+            projected[rows, :count] += white.real
+            projected[rows, count:] += white.imag
     return gram, projected
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from brv_hypo.motion import interpolation as module
-from brv_hypo.motion.interpolation import decimated_grid, spacing
+from brv_hypo.motion.interpolation import blocks, decimated_grid, spacing
 from brv_hypo.motion.responses import RESPONSE_PER_CYCLE
 
 
@@ -22,6 +22,8 @@ def test_all_samples_follow_from_those_kept(gap: int, stride: int, phase: float)
     values = np.stack([motion, (1.0 + place / count) * motion], axis=1)
     assert rows.size < count / stride + 20
     assert np.max(np.abs(rows.all_of(rows.of(values)) - values)) < 5e-5
+    part = slice(gap - 50, gap + 70)
+    assert np.array_equal(rows.all_of(rows.of(values), part), rows.all_of(rows.of(values))[part])
 
 
 def test_a_step_between_pieces_stays_a_step() -> None:
@@ -37,6 +39,11 @@ def test_short_records_and_slow_sampling_keep_all(stride: int) -> None:
     rows = decimated_grid([(0, count)], stride)
     assert rows.spread is None
     assert np.array_equal(rows.all_of(rows.of(values)), values)
+
+
+@given(samples=st.integers(1, 100_000))
+def test_blocks_hold_every_sample_once(samples: int) -> None:
+    assert np.array_equal(np.concatenate([np.arange(samples)[b] for b in blocks(samples)]), np.arange(samples))
 
 
 def test_spacing_leaves_so_many_samples_to_a_cycle() -> None:

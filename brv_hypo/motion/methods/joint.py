@@ -27,17 +27,18 @@ from brv_hypo.motion.inertial import (
     wind_direction,
     wind_to_body,
 )
+from brv_hypo.motion.interpolation import blocks
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import effective, unit
 from brv_hypo.motion.reconstruction import WindHistory
 from brv_hypo.motion.responses import (
     GRAVITY_PARTS,
     Axes,
+    Drift,
     EffectFit,
     EffectResponses,
     Perturbation,
     corrected,
-    drift_columns,
     effect_responses,
     no_responses,
     nonzero_responses,
@@ -46,6 +47,7 @@ from brv_hypo.motion.responses import (
 from brv_hypo.motion.signals import rms, with_smooth_air
 from brv_hypo.motion.smoother import (
     BENT,
+    Columns,
     LinearMeasurement,
     LocalScaling,
     MeasurementModel,
@@ -105,7 +107,7 @@ class SmoothedMotion:
     covariance: FloatArray  # of the globals (k, k)
     effects: EffectFit  # the estimated errors of the record
     # change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large
-    response: ComplexArray | None
+    response: Columns | None
     walk_sigma: FloatArray  # standard deviation (n,) of the crossflow given the globals
     turn: ComplexArray  # unit number (n,) from wind to body axes
     score: float  # Bayesian information criterion
@@ -124,11 +126,11 @@ class SmoothedMotion:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
         assert self.response is not None
         turned = (self.turn * np.conj(unit(self.crossflow)))[:, None]
-        projected = self.response * turned
-        radial, tangential = (
-            np.sqrt(self.walk_sigma**2 + projected_variance(part, self.covariance))
-            for part in (projected.real, projected.imag)
-        )
+        radial, tangential = np.empty((2, turned.size))
+        for rows in blocks(turned.size):
+            projected = self.response(rows) * turned[rows]
+            for sigma, part in ((radial, projected.real), (tangential, projected.imag)):
+                sigma[rows] = np.sqrt(self.walk_sigma[rows] ** 2 + projected_variance(part, self.covariance))
         return radial, tangential
 
 
@@ -198,12 +200,12 @@ class RandomWalkSmoother:
             nominal, turn = body_crossflow(self.record, direction), wind_to_body(self.record, direction)
             xi = crossflow
             coefficients = coefficients or tuple(_first_coefficients(each, xi) for each in measurements)
-            drift = drift_columns(self.record, self.responses, axes)
+            drift = Drift(self.record, self.responses, axes)
             equations = None  # large, and about to be replaced
             offset = (xi - nominal) * np.conj(turn)
             equations, scaling = self._linear(measurements, coefficients, xi, turn, offset, drift)
             solution = equations.solve(*self._priors(measurements, coefficients, start))
-            shift = (solution.walk + drift @ solution.theta[: self.shared]) / self.speed
+            shift = (solution.walk + drift.of(solution.theta[: self.shared])) / self.speed
             step = nominal + turn * shift - xi
             if not np.all(np.isfinite(step)):
                 raise UnanswerableError(_RAN_AWAY)
@@ -219,11 +221,17 @@ class RandomWalkSmoother:
             if np.all(np.abs(step) < np.maximum(MOTION_CONVERGED * walk_sigma, self.rough * rms(xi))):
                 break
         assert equations is not None
+        final = equations
         observations = sum(2 * int(np.count_nonzero(np.isfinite(each.sigma))) for each in measurements)
         errors = slice(GRAVITY_PARTS, self.shared)
-        left, response = equations.residual(solution), equations.sensitivity()
-        response[:, : self.shared] += drift
-        response /= self.speed[:, np.newaxis]
+        left = equations.residual(solution)
+
+        def response(rows: slice) -> ComplexArray:
+            moved, out = drift[rows], final.sensitivity(rows)
+            out[:, : moved.shape[1]] += moved
+            out /= self.speed[rows, np.newaxis]
+            return out
+
         value, covariance = self.known + solution.theta[errors], solution.covariance[errors, errors]
         return SmoothedMotion(
             measurements=measurements,
@@ -246,7 +254,7 @@ class RandomWalkSmoother:
         xi: ComplexArray,
         turn: ComplexArray,
         offset: ComplexArray,
-        drift: ComplexArray,
+        drift: Drift,
     ) -> tuple[WalkEquations, LocalScaling | None]:
         """The linear problem about the crossflow `xi`, which lies `offset` from the nominal one in wind axes.
 
@@ -257,19 +265,25 @@ class RandomWalkSmoother:
         def linear(
             measurement: MeasurementModel, values: FloatArray, first: int
         ) -> tuple[LinearMeasurement, LocalScaling | None]:
-            own, sigma = measurement.columns(xi), measurement.sigma
+            own, sigma, modelled = measurement.columns(xi), measurement.sigma, measurement.modelled(xi, values)
             residual = measurement.observed - own @ values
             slope = measurement.gain(xi, values) * turn
             gain = slope / self.speed
-            columns = np.zeros((xi.size, int(ends[-1])), dtype=complex)
-            errors, stop = columns[:, GRAVITY_PARTS : self.shared], first + measurement.unknowns
-            errors[:] = measurement.of_effects(measurement.modelled(xi, values))
             scaling = measurement.local_scaling(xi, values)
             if scaling is not None:
                 residual, own, sigma = scaling.of(residual), scaling.of(own), sigma * scaling.noise
-                errors[:] = scaling.of(errors)
-            columns[:, : self.shared] += gain[:, np.newaxis] * drift
-            columns[:, first:stop] = own
+
+            def columns(rows: slice) -> ComplexArray:
+                here, moved = own[rows], drift[rows]
+                out = np.zeros((here.shape[0], int(ends[-1])), dtype=complex)
+                errors, shared = out[:, GRAVITY_PARTS : self.shared], out[:, : self.shared]
+                measurement.add_effects(errors, rows, modelled)
+                if scaling is not None:
+                    errors[:] = scaling.of(errors, rows)
+                shared += gain[rows, np.newaxis] * moved
+                out[:, first : first + here.shape[1]] = here
+                return out
+
             return LinearMeasurement(residual + slope * offset, gain, columns, sigma), scaling
 
         each = [
