@@ -14,6 +14,7 @@ tilt and trim apart. How gyros stand to accelerometers the flow shows
 `contradictions` names what breaks the physics of any vehicle, with both numbers:
 
     climb        |dh/dt| <= speed: no vehicle climbs or falls faster than it flies
+    fall         of a coast of unknown speed, gravity and drag bend the altitude, of whatever start
     gain         thrust less gravity, integrated once and twice, makes the speed and the height that are gained
     thinning     drag over speed squared goes with altitude as the Earth's density does
     drag         -ax m / (q_inf S) is the axial coefficient of a body
@@ -56,6 +57,8 @@ CLIMB_INTERVALS, CLIMB_SECONDS = 40, 1.0  # of a record at most, and s at least,
 GAIN_FASTEST = 250.0  # m/s, up to which a barometer is trusted: below the transonic
 GAIN_LEAST = (20.0, 30.0)  # m/s and m, of speed and height gained, from which they are compared
 THINNING_LEAST = 0.3  # logarithm of the change of drag that density does not explain, from which it is no axial trend
+FALL_STEEP = 0.95  # mean cosine of the lean of a climb
+FALL_LEAST = 10.0  # m by which gravity and drag bend the altitude, from which that is compared
 DRAG_LEAST = 1.0  # m/s^2 along the axis, beyond any bias
 SUPERSONIC = 500.0  # m/s: above, no axial coefficient changes as at Mach 1 (Hoerner, Fluid-Dynamic Drag, 1965, 16)
 
@@ -311,6 +314,11 @@ def contradictions(
     found = [_climb(time, channels)] if {"altitude", "velocity"} <= set(channels) else []
     if set(ACCELEROMETERS) <= set(channels):
         forces = np.stack([channels[name] for name in ACCELEROMETERS])
+        found += (
+            [_fall(time, forces, channels["altitude"])]
+            if {"altitude", "velocity"} & {*channels} == {"altitude"}
+            else []
+        )
         for name, (recorded, made) in gains(time, forces, channels).items():
             if not limits.GAIN_WITHIN[0] < recorded / made < limits.GAIN_WITHIN[1]:
                 unit = "m/s" if name == "velocity" else "m"
@@ -367,6 +375,29 @@ def _thinning(time: FloatArray, channels: Mapping[str, FloatArray]) -> RecordFau
         f"recorded altitudes changes by {np.exp(change):.3g}: units of altitude; correct the map"
     )
     return RecordFault.over(time, "altitude", "units", words, decisive=True)
+
+
+def _fall(time: FloatArray, forces: FloatArray, altitude: FloatArray) -> RecordFault | None:
+    """Where the altitude of a steep climb without thrust bends otherwise than gravity and drag make it."""
+    known = np.isfinite(altitude) & np.isfinite(forces[0])
+    known &= np.arange(time.size) <= (np.nanargmax(altitude) if np.any(known) else 0)
+    if powered_flight(time, forces) is not None or np.count_nonzero(known) < limits.MINIMUM_SAMPLES:
+        return None
+    at, bend = time[known] - time[known][0], FALL_STEEP * forces[0][known] - GRAVITY
+    table = np.stack([np.ones_like(at), at, integral(at, integral(at, bend)), altitude[known]], axis=1)
+    made, left = (table[:, 2:] - table[:, :2] @ np.linalg.lstsq(table[:, :2], table[:, 2:])[0]).T
+    power = float(made @ made)
+    if at[-1] < CLIMB_SECONDS or power < at.size * FALL_LEAST**2 or np.max(bend) > 0.0:
+        return None
+    factor = float(made @ left) / power
+    sigma = float(np.std(left - factor * made)) * power**-0.5
+    if abs(factor - np.clip(factor, *limits.GAIN_WITHIN)) < max(limits.CLIMB_SIGMAS * sigma, 1e-9):
+        return None
+    words = (
+        f"the altitude bends by {-np.mean(bend) * factor:.3g} m/s^2 where gravity and drag make "
+        f"{-np.mean(bend):.3g} m/s^2: units of altitude or of the accelerometers; correct the map"
+    )
+    return RecordFault.over(time, "altitude, ax", "units", words, decisive=True)
 
 
 def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArray]) -> dict[str, tuple[float, float]]:

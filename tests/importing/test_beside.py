@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from brv_hypo.errors import FlightRecordError, UsageError
+from brv_hypo.flight.plausibility import contradictions
 from brv_hypo.importing import Imported, bring_in
 from brv_hypo.importing.rocket_log import QUATERNION, lean_by_gyros
 from tests.importing.rockets import GRAVITY
@@ -105,6 +106,16 @@ def test_two_units_that_differ_are_named_and_their_tolerance_is_larger(tmp_path:
 def test_a_further_unit_has_inertial_channels_only(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="beside/0/altitude"):
         brought(tmp_path, two_units(), beside=[{"altitude": {"column": "altitude", "units": "m"}}])
+
+
+@pytest.mark.parametrize(("factor", "says"), [(1.0, ""), (0.3048, "bends by"), (1.0 / 0.3048, "bends by")])
+def test_units_of_altitudes_show_where_nothing_else_says_the_speed(factor: float, says: str) -> None:
+    log = flown()
+    coast = np.flatnonzero(log.time > log.time[np.argmax(log.speed)] + 1.0)
+    read = {name: values[coast] for name, values in log.read(np.random.default_rng(3)).items()}
+    found = contradictions(read.pop("time"), read | {"altitude": factor * read["altitude"]})
+    assert bool(found) == bool(says)
+    assert all(says in fault.action for fault in found)
 
 
 def test_a_further_unit_may_have_what_the_first_lacks_or_less(tmp_path: Path) -> None:
