@@ -117,7 +117,7 @@ def reconstruct(
         Path | None, Option("-o", "--output", metavar="motion.h5", help="Write the histories as HDF5.")
     ] = None,
     method: Annotated[
-        str | None, Option("--method", help="How to find the wind: joint (if left out), velocity, rates or polar.")
+        str | None, Option("--method", help="How to find the wind: joint (if left out), velocity or rates.")
     ] = None,
 ) -> None:
     """Find wind-relative motion and moments, with uncertainty."""

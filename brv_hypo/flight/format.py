@@ -8,7 +8,6 @@ a `Flight`, a simulated flight, or a sequence of these.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from brv_hypo.arrays import FloatArray
-from brv_hypo.errors import UsageError
+from brv_hypo.errors import FlightRecordError, UsageError
 from brv_hypo.flight.cleaning import despiked, interpolated_holds, mask_faults
 from brv_hypo.flight.clock import bridge, crossed, joined, longest_crossed, longest_gap, regularise, runs
 from brv_hypo.flight.derived import derive
@@ -40,16 +39,16 @@ from brv_hypo.flight.record import (
 )
 from brv_hypo.flight.tolerances import (
     DEFAULT_GRADE,
-    GRADES,
     INSTRUMENT_DIMENSIONS,
     Instruments,
+    check_known,
     instruments_from,
     of_grade,
     with_stated,
 )
 from brv_hypo.flight.units import SI, Dimension, to_si
 from brv_hypo.io.binary import Dataset, Tree, read_tree, write_tree
-from brv_hypo.io.text import counted, meant, naming, nearest, one_line, refusal
+from brv_hypo.io.text import counted, meant, naming, one_line, refusal
 from brv_hypo.thresholds import BRIDGED_SECONDS, MINIMUM_SAMPLES
 
 # ---- From a `Record`, as flown, to a `Flight`, ready to analyse, and back ----
@@ -200,6 +199,7 @@ READ = {
     "vehicle": tuple(VEHICLE_DIMENSIONS),
     "instruments": tuple(INSTRUMENT_DIMENSIONS),
 }
+NOT_READ = ("truth", "raw")  # groups of what was planted, and of the tables that a record was made from
 MOST_NOTES = 100  # lines kept of a record's history, and names given of datasets that are ignored
 
 
@@ -303,7 +303,8 @@ def read_record(path: str | Path) -> Record:
     tree = read_tree(path, only=READ)
     with naming(path):
         _check_format(tree.attributes)
-        check_present((*tree.datasets, *tree.unread))
+        unread = [name for name in tree.unread if name not in NOT_READ]
+        check_present((*tree.datasets, *unread))
         if "time" not in tree.datasets:
             raise refusal("time", "no such dataset", "sample times", "another name", "rename it to 'time'")
         arrays, history = _in_si(tree.datasets, CHANNEL_DIMENSIONS, ""), str(tree.attributes.get("history", ""))
@@ -315,28 +316,21 @@ def read_record(path: str | Path) -> Record:
             **{name: tree.attributes[name] for name in ("planet", "title", "source") if name in tree.attributes},
             "path": str(path),
             "recorded_units": {name: dataset.units or "" for name, dataset in tree.datasets.items()},
-            "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(tree.unread)),
+            "notes": (*map(one_line, history.splitlines()[:MOST_NOTES]), *_ignored(unread)),
         }
         return validated(Record, content)
 
 
 def _check_format(attributes: Mapping[str, Any]) -> None:
-    if attributes.get("format") != FORMAT:
-        raise refusal(
-            "/ (root attribute 'format')",
-            repr(attributes.get("format", "nothing")),
-            f"'{FORMAT}'",
-            "another kind of HDF5 file",
-            "bring it in with `brv-hypo import`, which maps names and units",
-        )
-    if attributes.get("format_version") != FORMAT_VERSION:
-        raise refusal(
-            "/ (root attribute 'format_version')",
-            repr(attributes.get("format_version", "nothing")),
-            str(FORMAT_VERSION),
-            "a record written by a newer program, or by hand",
-            "update the program, or write the record in format 1",
-        )
+    for name, value in (("format", FORMAT), ("format_version", FORMAT_VERSION)):
+        if attributes.get(name) != value:
+            raise refusal(
+                f"/ (root attribute '{name}')",
+                repr(attributes.get(name, "nothing")),
+                repr(value),
+                "another kind of HDF5 file, or a record of a newer program",
+                "bring it in with `brv-hypo import`, which maps names and units, or update the program",
+            )
 
 
 def _vehicle(group: Tree | None) -> Vehicle:
@@ -348,45 +342,21 @@ def _vehicle(group: Tree | None) -> Vehicle:
             "mass properties kept in another file",
             "add them, each a scalar dataset with 'units'",
         )
-    values = {}
-    for name, array in _in_si(group.datasets, VEHICLE_DIMENSIONS, "vehicle/").items():
-        shape = (3,) if name == "accelerometer_position" else ()
-        if array.size != math.prod(shape):
-            raise refusal(
-                f"vehicle/{name}",
-                f"shape {array.shape}",
-                f"shape {shape}",
-                "a history or a list where one value was meant, or too few components",
-                "give one value (three, in body axes, for the accelerometer position)",
-            )
-        values[name] = array.reshape(shape).tolist()
-    return checked_vehicle(values)
+    values = _in_si(group.datasets, VEHICLE_DIMENSIONS, "vehicle/")
+    scalars = {name: array.item() if array.size == 1 else array.tolist() for name, array in values.items()}
+    return checked_vehicle(scalars)
 
 
 def _instruments(group: Tree | None) -> Instruments:
     """The tolerances that the record states, over those of its grade."""
     if group is None:
         return of_grade()
-    grade = str(group.attributes.get("grade", DEFAULT_GRADE))
-    if grade not in GRADES:
-        raise refusal(
-            "instruments (attribute 'grade')",
-            repr(grade),
-            f"one of {', '.join(GRADES)}",
-            "another vocabulary",
-            "name the nearest grade, and state what is known better as datasets",
-        )
-    unknown = sorted({*group.datasets, *group.unread} - set(INSTRUMENT_DIMENSIONS))
-    if unknown:
-        near = nearest(unknown[0], INSTRUMENT_DIMENSIONS, 0.5)
-        raise refusal(
-            f"instruments/{unknown[0]}",
-            "an unknown tolerance",
-            f"one of {', '.join(INSTRUMENT_DIMENSIONS)}",
-            f"'{near[0]}' is meant" if near else "a tolerance that format 1 does not have",
-            "rename or drop it",
-        )
-    return with_stated(of_grade(grade), _in_si(group.datasets, INSTRUMENT_DIMENSIONS, "instruments/"))
+    check_known(sorted(group.unread))
+    try:
+        base = of_grade(str(group.attributes.get("grade", DEFAULT_GRADE)))
+    except UsageError as unknown:
+        raise FlightRecordError(f"group 'instruments', attribute 'grade': {unknown}") from None
+    return with_stated(base, _in_si(group.datasets, INSTRUMENT_DIMENSIONS, "instruments/"))
 
 
 def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension], group: str) -> Channels:
@@ -401,14 +371,6 @@ def _in_si(datasets: Mapping[str, Dataset], dimensions: Mapping[str, Dimension],
                 f"one, such as '{SI[dimension]}'",
                 "a writer that keeps units elsewhere",
                 f"set the attribute 'units' of '{name}'",
-            )
-        if dataset.values.dtype.kind not in "fiu":
-            raise refusal(
-                name,
-                f"values of type {dataset.values.dtype}",
-                "numbers",
-                "text, or a compound or complex type",
-                f"write '{name}' as floating-point numbers",
             )
         arrays[key] = to_si(dataset.values, dataset.units, dimension, name)
     return arrays

@@ -328,14 +328,7 @@ def contradictions(
                 )
                 found.append(RecordFault.over(time, f"{name}, ax", "units", words, decisive=True))
     found += [_thinning(time, channels)] if earth and {"altitude", "velocity", "ax"} <= set(channels) else []
-    drag = _axial_coefficient(channels, vehicle) if vehicle and "dynamic_pressure" in channels else None
-    if drag is not None and not limits.DRAG_WITHIN[0] < drag[2] < limits.DRAG_WITHIN[1]:
-        words = (
-            f"drag of {drag[0]:.3g} N at a dynamic pressure of {drag[1]:.3g} Pa makes an axial coefficient of "
-            f"{drag[2]:.3g}, expected {limits.DRAG_WITHIN[0]:g} to {limits.DRAG_WITHIN[1]:g}: units of altitude, "
-            "density, velocity or ax, mass or reference area; correct the map"
-        )
-        found.append(RecordFault.over(time, "ax, dynamic_pressure", "units", words, decisive=True))
+    found += [_drag(time, channels, vehicle)] if vehicle and "dynamic_pressure" in channels else []
     return tuple(fault for fault in found if fault is not None)
 
 
@@ -423,15 +416,22 @@ def gains(time: FloatArray, forces: FloatArray, channels: Mapping[str, FloatArra
     return {name: (float(np.diff(each)[0]), made[name]) for name, each in ends.items() if made[name] > least[name]}
 
 
-def _axial_coefficient(channels: Mapping[str, FloatArray], vehicle: Vehicle) -> tuple[float, float, float] | None:
-    """Median drag (N), dynamic pressure (Pa) and axial coefficient where drag acts; None where it seldom does."""
+def _drag(time: FloatArray, channels: Mapping[str, FloatArray], vehicle: Vehicle) -> RecordFault | None:
+    """Where the drag, most of the time, is none of a body at this dynamic pressure."""
     axial, pressure = channels["ax"], channels["dynamic_pressure"]
     dragged = (axial < -DRAG_LEAST) & (pressure > 0.0)
     if np.count_nonzero(dragged) < 0.5 * np.count_nonzero(np.isfinite(axial)):
         return None
     force, pressure = -axial[dragged] * vehicle.mass, pressure[dragged]
-    coefficient = float(np.median(force / (pressure * vehicle.reference_area)))
-    return float(np.median(force)), float(np.median(pressure)), coefficient
+    coefficient, (least, most) = float(np.median(force / (pressure * vehicle.reference_area))), limits.DRAG_WITHIN
+    if least < coefficient < most:
+        return None
+    words = (
+        f"drag of {np.median(force):.3g} N at a dynamic pressure of {np.median(pressure):.3g} Pa makes an axial "
+        f"coefficient of {coefficient:.3g}, expected {least:g} to {most:g}: units of altitude, density, velocity or "
+        "ax, mass or reference area; correct the map"
+    )
+    return RecordFault.over(time, "ax, dynamic_pressure", "units", words, decisive=True)
 
 
 def mounting_fault(time: FloatArray, tilt: Tilt | None, tolerance: float = 0.0) -> tuple[RecordFault, ...]:

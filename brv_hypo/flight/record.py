@@ -42,14 +42,8 @@ OPTIONAL_CHANNELS = ("altitude", "density", "mach", "reynolds", "roll_rate_mag")
 Channels = dict[str, FloatArray]
 
 
-def _of_a_vehicle(value: float) -> float:
-    if value < 1.0 / LARGEST_PROPERTY:
-        raise ValueError(f"a value of at least {1.0 / LARGEST_PROPERTY:g}")
-    return value
-
-
 Line = Annotated[str, AfterValidator(one_line)]
-Positive = Annotated[float, Field(gt=0.0, le=LARGEST_PROPERTY, allow_inf_nan=False), AfterValidator(_of_a_vehicle)]
+Positive = Annotated[float, Field(ge=1.0 / LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-LARGEST_PROPERTY, le=LARGEST_PROPERTY, allow_inf_nan=False)]
 
 
@@ -227,21 +221,15 @@ class Flight(Histories, HasCharts):
         """The part of the flight with start <= time <= stop (s); None leaves that end open."""
         lower = -np.inf if start is None else start
         upper = np.inf if stop is None else stop
-        chosen = np.flatnonzero((self.time >= lower) & (self.time <= upper))
-        if chosen.size == 0:
-            first, last = self.time[0], self.time[-1]
-            raise UsageError(
-                f"the window [{start}, {stop}] s holds no sample: the record runs from {first:.3f} to "
-                f"{last:.3f} s. Give --start and --stop inside it."
-            )
-        a, b = int(chosen[0]), int(chosen[-1]) + 1
-        arrays = {name: values[a:b] for name, values in self.arrays().items()}
-        segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if s < b and e > a)
+        a, b = int(np.searchsorted(self.time, lower)), int(np.searchsorted(self.time, upper, side="right"))
+        segments = tuple((max(s, a) - a, min(e, b) - a) for s, e in self.segments if max(s, a) < min(e, b))
         if not segments:
+            usable = ", ".join(f"{self.time[s]:.3f} to {self.time[e - 1]:.3f} s" for s, e in self.segments)
             raise UsageError(
-                f"the window [{start}, {stop}] s lies in a gap of the record; it is usable over "
-                f"{', '.join(f'{self.time[s]:.3f} to {self.time[e - 1]:.3f} s' for s, e in self.segments)}."
+                f"the window [{start}, {stop}] s lies in a gap of the record, or outside: it is usable over {usable}. "
+                "Give --start and --stop inside it."
             )
+        arrays = {name: values[a:b] for name, values in self.arrays().items()}
         faults = tuple(fault for fault in self.faults if fault.start_s <= upper and fault.stop_s >= lower)
         return replace(self, segments=segments, faults=faults, **arrays)
 
@@ -271,7 +259,7 @@ VEHICLE_DIMENSIONS: dict[str, Dimension] = {
     "accelerometer_position": "length",
 }
 
-NEVER_NEGATIVE = ("velocity", "dynamic_pressure", "density", "mach", "reynolds")
+LEAST = {"velocity": SLOWEST, **dict.fromkeys(("dynamic_pressure", "density", "mach", "reynolds"), 0.0)}  # SI
 # Sizes, SI, that no entry vehicle reaches: beyond them stand fill values, wrong units and damage. Double precision
 # does the arithmetic of squares and ratios inside them.
 LARGEST: dict[Dimension, float] = {
@@ -416,21 +404,14 @@ def check_channel(name: str, values: FloatArray, shape: tuple[int, ...]) -> None
             "the channel was not recorded, or its column was not read",
             "check the source of this channel",
         )
-    if name in NEVER_NEGATIVE and np.any(values < 0.0):
+    least = LEAST.get(name, -np.inf)
+    if np.any(values < least):
         raise refusal(
             name,
-            f"{_count(values < 0.0)} below zero, down to {np.nanmin(values):g}",
-            "values of zero or more",
-            "a component along an axis instead of a magnitude, or a fill value such as -999",
+            f"{_count(values < least)} below {least:g}, down to {np.nanmin(values):.6g}",
+            f"values of {least:g} or more, of a vehicle in flight",
+            "a component along an axis instead of a magnitude, a fill value, or samples before or after the flight",
             "give the magnitude, and NaN where a sample is missing",
-        )
-    if name == "velocity" and np.any(values < SLOWEST):
-        raise refusal(
-            name,
-            f"{_count(values < SLOWEST)} below {SLOWEST} m/s",
-            "a vehicle that moves through the air",
-            "samples from before release or after landing, or a fill value of zero",
-            "leave such samples out, or write NaN",
         )
 
 

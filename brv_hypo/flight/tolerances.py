@@ -5,7 +5,7 @@ Every analysis takes a record as known to these tolerances and no better.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
@@ -80,6 +80,15 @@ def of_grade(grade: str = DEFAULT_GRADE) -> Instruments:
     return Instruments(grade, **{key: (sigmas[place],) * 3 for key, sigmas in _SIGMAS.items()})
 
 
+def check_known(keys: Iterable[str]) -> None:
+    """Raise FlightRecordError for the first key that is no tolerance's."""
+    for key in keys:
+        if key not in _SIGMAS:
+            known = ", ".join(_SIGMAS)
+            cause = meant(key, _SIGMAS, "another vocabulary")
+            raise refusal(f"instruments/{key}", "an unknown tolerance", f"one of {known}", cause, "rename or drop it")
+
+
 def with_stated(base: Instruments, stated: Mapping[str, Any]) -> Instruments:
     """`base` with stated tolerances, SI, each a number or three; FlightRecordError where one cannot be a tolerance."""
     changes: dict[str, Any] = {key: _vector(key, value) for key, value in stated.items()}
@@ -108,11 +117,8 @@ def tolerances_of(content: Mapping[str, Any], base: Instruments, origin: str) ->
     if "grade" in content:
         base = of_grade(str(content["grade"]))
     stated = {key: value for key, value in content.items() if key != "grade"}
-    unknown = [key for key in stated if key not in _SIGMAS]
-    if unknown:
-        hint = meant(str(unknown[0]), _SIGMAS, f"known are grade, {', '.join(_SIGMAS)}")
-        raise UsageError(f"{origin} names the tolerance '{unknown[0]}', which is unknown ({hint}).")
     try:
+        check_known(stated)
         return with_stated(base, {key: _read(key, value) for key, value in stated.items()})
     except FlightRecordError as error:
         # What is wrong was written by the user, not found in a record.

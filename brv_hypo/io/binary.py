@@ -23,12 +23,7 @@ from brv_hypo.io.text import one_line, refused
 if TYPE_CHECKING:
     import h5py
 
-MOST_NAMES = 10_000  # members of a group
-DEEPEST = 8  # groups below groups
-MOST_TEXTS = 100_000  # strings in a dataset
-MOST_REFERENCES = 1_000_000  # structs in an array of MATLAB
-ATTRIBUTE_BYTES = 1 << 20
-MOST_ATTRIBUTES = 256
+DEEPEST = 8  # groups below groups, structs below structs
 
 
 @dataclass(frozen=True)
@@ -49,26 +44,25 @@ class Tree:
     unread: tuple[str, ...] = ()
 
 
-def read_tree(path: str | Path, *, only: Mapping[str, Iterable[str] | None] | None = None) -> Tree:
-    """The content of an HDF5 file; None leaves nothing out.
+Selection = Mapping[str, Iterable[str] | None]
+"""For each group to read ("" is the root) its datasets to read; None stands for all that is in it and below it."""
 
-    `only` gives, for each group to read ("" is the root), its datasets to read; None stands for all that is in the
-    group and below it. What is not requested is never opened: its names are in `Tree.unread`.
-    Raises FlightRecordError where the file is missing, unreadable, damaged or too large.
+
+def read_tree(path: str | Path, *, only: Selection | None = None) -> Tree:
+    """The content of an HDF5 file; without `only` all of it.
+
+    What is not selected is never opened: its names are in `Tree.unread`, as are links and what is not numeric where
+    all was to be read. Raises FlightRecordError where the file is missing, unreadable, damaged or too large.
     """
     check_regular(path, "a flight record", FlightRecordError)
-    selection = None if only is None else {g: None if names is None else [*names] for g, names in only.items()}
-    return read_in_sandbox("HDF5", tree_of, path, selection)
+    return read_in_sandbox("HDF5", tree_of, path, {"": None} if only is None else only)
 
 
 # ---- Reading, in the worker ----
 
 
-def tree_of(path: str, budget: Budget, only: Mapping[str, list[str] | None] | None, *, follow: bool = False) -> Tree:
-    """The tree of a file, for a reader in the sandbox; `only` as of `read_tree`.
-
-    `follow` reads what a MATLAB array of structs refers to, an element for each struct.
-    """
+def tree_of(path: str, budget: Budget, only: Selection) -> Tree:
+    """The tree of a file, for a reader in the sandbox; `only` as of `read_tree`."""
     import h5py
 
     if not h5py.is_hdf5(path):
@@ -80,136 +74,74 @@ def tree_of(path: str, budget: Budget, only: Mapping[str, list[str] | None] | No
             "bring a foreign record in with `brv-hypo import`, or copy the file again",
         )
     with h5py.File(path, "r") as file:
-        return _Walk({"": None} if only is None else only, budget, follow).group(file, "", False, ())
+        return _read_group(file, "", only, budget, whole=False)
 
 
-class _Walk:
-    """One pass over a file's groups; only what is requested is opened."""
-
-    def __init__(self, only: Mapping[str, list[str] | None], budget: Budget, follow: bool = False) -> None:
-        self._only, self._follow = only, follow
-        self._budget = budget
-
-    def group(self, group: Any, place: str, whole: bool, above: tuple[Any, ...]) -> Tree:
-        """The group at `place`; `whole` takes all that is below it, `above` are the groups that it lies in."""
-        import h5py
-
-        info = h5py.h5o.get_info(group.id)
-        here = (info.fileno, info.addr)
-        if here in above or len(above) > DEEPEST:
-            raise refused(
-                f"group '{place}'",
-                "a group that holds itself" if here in above else f"more than {DEEPEST} groups in one another",
-                "a tree of groups",
-                "a forged or damaged file",
-                "write the record anew from its source",
-            )
-        _check_count(f"group '{place}'", len(group), "members", MOST_NAMES)
-        _check_count(f"group '{place}'", len(group.attrs), "attributes", MOST_ATTRIBUTES)
-        whole = whole or self._only.get(place, ()) is None
-        datasets: dict[str, Dataset] = {}
-        groups: dict[str, Tree] = {}
-        unread: list[str] = []
-        for name in group:
-            inner = f"{place}/{name}".lstrip("/")
-            wanted = whole or name in (self._only.get(place) or ())
-            entered = whole or any(key == inner or key.startswith(f"{inner}/") for key in self._only)
-            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                if wanted and not whole:
-                    raise refused(
-                        f"dataset '{inner}'",
-                        "a link to another place",
-                        "the dataset itself",
-                        "a file that collects others",
-                        "copy what it links to into the file (`h5repack` or `h5copy`)",
-                    )
-                unread.append(name)
-            elif not (wanted or entered):
-                if not _is_group(group, name):
-                    unread.append(name)
-            elif self._follow and name.startswith("#"):  # where MATLAB keeps what it refers to
-                continue
-            elif isinstance(item := group[name], h5py.Dataset):
-                if wanted:
-                    datasets[name] = self._dataset(item, inner)
-                else:
-                    unread.append(name)
-            elif isinstance(item, h5py.Group) and entered:
-                groups[name] = self.group(item, inner, whole, (*above, here))
-        return Tree({name: _attribute(group, name) for name in group.attrs}, datasets, groups, tuple(unread))
-
-    def _dataset(self, item: Any, place: str) -> Dataset:
-        """The header checked, then the values read."""
-        import h5py
-
-        place = f"dataset '{place}'"
-        if self._follow and item.shape is not None and h5py.check_ref_dtype(item.dtype) is h5py.Reference:
-            return self._referred(item, place)
-        is_text = h5py.check_string_dtype(item.dtype) is not None
-        if item.shape is None or not (is_text or item.dtype.kind in "fiubc"):
-            raise refused(
-                place,
-                f"values of type {item.dtype}" if item.shape is not None else "no values",
-                "numbers",
-                "text, or a compound or reference type",
-                "write it as floating-point numbers",
-            )
-        if item.is_virtual or item.external:
-            raise refused(
-                place,
-                "values that lie in other files",
-                "values in the file itself",
-                "a file that collects others",
-                "copy the values into one file (`h5repack`)",
-            )
-        if item.chunks is not None:
-            self._budget.check(math.prod(item.chunks) * item.dtype.itemsize, place)
-        units = one_line(str(_attribute(item, "units"))) if "units" in item.attrs else None
-        if is_text:
-            _check_count(place, item.size, "texts", MOST_TEXTS, "header")
-            return Dataset(np.asarray(item.asstr(errors="replace")[()]).astype(str), units)
-        self._budget.take(item.size * item.dtype.itemsize, place)
-        values = np.asarray(item[()])
-        return Dataset(values.astype(np.uint8) if values.dtype.kind == "b" else values, units)
-
-    def _referred(self, item: Any, place: str) -> Dataset:
-        """Numbers of one shape that a dataset refers to, one after the other; an empty text where they are none."""
-        _check_count(place, item.size, "references", MOST_REFERENCES)
-        held = [item.file[each] for each in item[()].reshape(-1)]
-        shapes = {(each.shape, each.dtype.kind in "fiu") for each in held}
-        if len(shapes) != 1 or not next(iter(shapes))[1]:
-            return Dataset(np.array("", dtype=np.str_), None)
-        self._budget.take(sum(each.size for each in held) * 8, place)
-        return Dataset(np.array([np.squeeze(each[()]) for each in held], dtype=np.float64), None)
-
-
-def _check_count(place: str, count: int, things: str, most: int, damaged: str = "file") -> None:
-    if count > most:
-        cause = f"a damaged or forged {damaged}"
-        raise refused(place, f"{count} {things}", f"at most {most}", cause, "write the record anew")
-
-
-def _is_group(group: Any, name: str) -> bool:
-    """Whether a member that is not requested is a group; damage in it does not matter."""
+def _read_group(group: Any, place: str, only: Selection, budget: Budget, whole: bool) -> Tree:
+    """The group at `place`; `whole` takes all that is below it."""
     import h5py
 
-    try:
-        return group.get(name, getclass=True) is h5py.Group
-    except Exception:  # of whatever kind
-        return False
+    if place.count("/") >= DEEPEST:
+        found = f"more than {DEEPEST} groups in one another"
+        raise refused(f"group '{place}'", found, "a tree of groups", "a forged or damaged file", "write it anew")
+    wanted = only.get(place, ())
+    whole, names = whole or wanted is None, {*(wanted or ())}
+    datasets: dict[str, Dataset] = {}
+    groups: dict[str, Tree] = {}
+    for name in group:
+        inner = f"{place}/{name}".lstrip("/")
+        below = whole or any(key == inner or key.startswith(f"{inner}/") for key in only)
+        is_link = not isinstance(group.get(name, getlink=True), h5py.HardLink)
+        if name in names and is_link:
+            raise refused(
+                f"dataset '{inner}'",
+                "a link to another place",
+                "the dataset itself",
+                "a file that collects others",
+                "copy what it links to into the file (`h5repack` or `h5copy`)",
+            )
+        if is_link or not (name in names or below) or name.startswith("#"):  # where MATLAB keeps what it refers to
+            continue
+        item = group[name]
+        if isinstance(item, h5py.Group) and below:
+            groups[name] = _read_group(item, inner, only, budget, whole)
+        elif isinstance(item, h5py.Dataset) and (name in names or (whole and _is_numeric(item))):
+            datasets[name] = _read_dataset(item, f"dataset '{inner}'", budget)
+    unread = tuple(name for name in group if name not in datasets and name not in groups)
+    return Tree({name: _plain(value) for name, value in group.attrs.items()}, datasets, groups, unread)
 
 
-def _attribute(item: Any, name: str) -> Any:
-    """Text, a number, a tuple of these; for anything else a text that says what it is."""
-    stored = item.attrs.get_id(name)
-    if stored.dtype.kind not in "fiubSO" or stored.shape is None:
-        return f"<{stored.dtype}>"
-    if math.prod(stored.shape) * stored.dtype.itemsize > ATTRIBUTE_BYTES:
-        return f"<{math.prod(stored.shape)} values>"
-    return _plain(item.attrs[name])
+def _is_numeric(item: Any) -> bool:
+    return item.shape is not None and item.dtype.kind in "fiub"
+
+
+def _read_dataset(item: Any, place: str, budget: Budget) -> Dataset:
+    """The header checked, then the values read."""
+    if not _is_numeric(item):
+        raise refused(
+            place,
+            f"values of type {item.dtype}" if item.shape is not None else "no values",
+            "numbers",
+            "text, or a complex, compound or reference type",
+            "write it as floating-point numbers",
+        )
+    if item.is_virtual or item.external:
+        raise refused(
+            place,
+            "values that lie in other files",
+            "values in the file itself",
+            "a file that collects others",
+            "copy the values into one file (`h5repack`)",
+        )
+    if item.chunks is not None:
+        budget.check(math.prod(item.chunks) * item.dtype.itemsize, place)
+    budget.take(item.size * item.dtype.itemsize, place)
+    units = item.attrs.get("units")
+    return Dataset(np.asarray(item[()]), None if units is None else one_line(str(_plain(units))))
 
 
 def _plain(value: Any) -> Any:
+    """An attribute as text, a number, or a tuple of these; for anything else a text that says what it is."""
     if isinstance(value, bytes):
         return value.decode("utf-8", errors="replace")
     if isinstance(value, np.ndarray):
@@ -345,10 +277,9 @@ def _mat_of_hdf5(path: str, budget: Budget, names: tuple[str, ...]) -> ColumnTab
         for place in {name, name.rpartition(".")[0] if name.rpartition(".")[2].isdigit() else name}:
             group, _, last = place.rpartition(".")
             selection.setdefault(group.replace(".", "/"), []).append(last)  # type: ignore[union-attr]
-    tree = tree_of(path, budget, selection, follow=True)
+    tree = tree_of(path, budget, selection)
     held = dict(_flat(_nested(tree), "", 0))
-    available = held if names else [name for name, values in held.items() if values.dtype.kind in "fiu"]
-    return ColumnTable({name: held[name] for name in names if name in held}, (*available, *tree.unread))
+    return ColumnTable({name: held[name] for name in names if name in held}, (*held, *tree.unread))
 
 
 def _flat(content: Mapping[str, Any], prefix: str, depth: int) -> Iterator[tuple[str, Any]]:

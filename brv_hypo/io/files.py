@@ -147,7 +147,6 @@ def write_whole(path: str | Path, content: str | bytes, *, overwrite: bool = Tru
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(partial, target)
-        _sync_folder(target.parent)
 
 
 def make_folder(path: str | Path) -> Path:
@@ -171,7 +170,6 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
         partial.mkdir()
         yield partial
         os.rename(partial, target)
-        _sync_folder(target.parent)
 
 
 @contextmanager
@@ -184,16 +182,6 @@ def writable(path: str | Path) -> Iterator[None]:
     except OSError as error:
         remedy = _REMEDIES.get(error.errno or 0, "Choose another place.")
         raise UsageError(f"{path} cannot be written: {error.strerror or error}. {remedy}") from None
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename in `folder` last through a failure of power, where the system can."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 @contextmanager

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -95,16 +94,12 @@ _UNITS: tuple[tuple[str, tuple[tuple[str, ...], ...], float, str, str], ...] = (
 class Correction:
     """What undoes a mistake: the factors from what a record reads to what it should read."""
 
-    channels: tuple[str, ...]
-    """Those at fault."""
-    fault: str
-    """Its kind: sign, axes or units."""
-    words: str
-    """How the channels read, in a sentence."""
+    channels: tuple[str, ...]  # those at fault
+    fault: str  # its kind: sign, axes or units
+    words: str  # how the channels read, in a sentence
+    # by instrument (3, 3), times its channels; an instrument that is left out reads as it should
     factors: Mapping[str, FloatArray]
-    """By instrument (3, 3), times its channels; an instrument that is left out reads as it should."""
-    changes: int = 1
-    """How many separate mistakes would have been made."""
+    changes: int = 1  # how many separate mistakes would have been made
 
 
 AS_IT_IS = Correction((), "", "", {}, changes=0)
@@ -160,89 +155,57 @@ def _scaled(instrument: str, chosen: Sequence[str], factor: float) -> dict[str, 
 
 @dataclass(frozen=True)
 class Readings:
-    """What a record of n samples reads, in SI, and its white noise."""
+    """What the instruments of a record of n samples read, SI, each three channels as `_INSTRUMENTS` names them."""
 
-    time: FloatArray
-    """(n,), s."""
-    rates: FloatArray
-    """p, q, r (3, n)."""
-    change: FloatArray
-    """Their derivatives (3, n); zero where the accelerometers are at the c.g. and need none."""
-    forces: FloatArray
-    """ax, ay, az (3, n)."""
-    velocity: FloatArray
-    """(n,)"""
-    dynamic_pressure: FloatArray
-    """(n,)"""
-    altitude: FloatArray | None
-    """(n,), where the record has one."""
-    rate_sigma: FloatArray
-    """White noise (3,) of the gyros, rad/s."""
-    force_sigma: FloatArray
-    """White noise (3,) of the accelerometers, m/s^2."""
-    velocity_sigma: float
-    """White noise of the speed, m/s."""
+    time: FloatArray  # (n,) s
+    channels: Mapping[str, FloatArray]  # by instrument (3, n); an altitude that the record has not is nought
+    change: FloatArray  # derivatives of the rates (3, n); zero where the accelerometers are at the c.g. and need none
+    sigma: Mapping[str, FloatArray]  # white noise of the channels (3,)
+    has_altitude: bool
 
     @classmethod
     def of(cls, flight: Flight) -> Readings:
         """Those of a flight, its rates differentiated once for all corrections."""
-        rates, forces = (np.stack([getattr(flight, name) for name in triad]) for triad in (GYROS, ACCELEROMETERS))
-        rate_sigma, force_sigma = (
-            np.array([white_noise_level(channel, flight.segments) for channel in triad]) for triad in (rates, forces)
-        )
-        change = np.zeros_like(rates)
+        known = {name: getattr(flight, name) for names in _INSTRUMENTS.values() for name in names}
+        has_altitude = known["altitude"] is not None
+        known["altitude"] = known["altitude"] if has_altitude else np.zeros(flight.samples)
+        channels = {each: np.stack([known[name] for name in names]) for each, names in _INSTRUMENTS.items()}
+        sigma = {
+            each: np.array([white_noise_level(channel, flight.segments) for channel in triad])
+            for each, triad in channels.items()
+        }
+        change = np.zeros_like(channels["gyros"])
         if any(flight.vehicle.accelerometer_position):
-            change = np.stack([differentiated(flight, channel).rate.real for channel in rates])
-        air = (flight.velocity, flight.dynamic_pressure, flight.altitude)
-        velocity_sigma = white_noise_level(flight.velocity, flight.segments)
-        return cls(flight.time, rates, change, forces, *air, rate_sigma, force_sigma, velocity_sigma)
+            change = np.stack([differentiated(flight, channel).rate.real for channel in channels["gyros"]])
+        return cls(flight.time, channels, change, sigma, has_altitude)
 
     def corrected(self, correction: Correction) -> Readings:
         """Those of the record without the mistake."""
-        gyros, accelerometers, air = (correction.factors.get(name, np.eye(3)) for name in _INSTRUMENTS)
-        speed, pressure, height = np.diag(air)
-        return replace(
-            self,
-            rates=gyros @ self.rates,
-            change=gyros @ self.change,
-            forces=accelerometers @ self.forces,
-            velocity=speed * self.velocity,
-            dynamic_pressure=pressure * self.dynamic_pressure,
-            altitude=None if self.altitude is None else height * self.altitude,
-            rate_sigma=np.sqrt(gyros**2 @ self.rate_sigma**2),
-            force_sigma=np.sqrt(accelerometers**2 @ self.force_sigma**2),
-            velocity_sigma=speed * self.velocity_sigma,
-        )
+        channels, sigma, change = dict(self.channels), dict(self.sigma), self.change
+        for each, factor in correction.factors.items():
+            channels[each], sigma[each] = factor @ channels[each], np.sqrt(factor**2 @ sigma[each] ** 2)
+            change = factor @ change if each == "gyros" else change
+        return replace(self, channels=channels, sigma=sigma, change=change)
 
     def segment(self, first: int, stop: int) -> Readings:
         """Those of some samples, whose time is counted from the first."""
-        names = ("rates", "change", "forces", "velocity", "dynamic_pressure", "altitude")
-        channels: dict[str, Any] = {
-            name: values[..., first:stop] for name in names if (values := getattr(self, name)) is not None
-        }
-        return replace(self, time=self.time[first:stop] - self.time[first], **channels)
+        channels = {each: triad[:, first:stop] for each, triad in self.channels.items()}
+        time = self.time[first:stop] - self.time[first]
+        return replace(self, time=time, channels=channels, change=self.change[:, first:stop])
 
 
 @dataclass(frozen=True)
 class Compatibility:
     """How a record keeps to the three relations."""
 
-    left: FloatArray
-    """Share (3,) of each relation that is not explained; 1 where the slope has the wrong sign."""
-    noise: FloatArray
-    """Share (3,) that white noise alone makes of it."""
-    informative: BoolArray
-    """Whether the record can tell (3,)."""
-    normal_slope: float | None
-    """C_N per rad by relation 1."""
-    axial: float
-    """True over sensed deceleration."""
-    axial_sigma: float
-    """Its standard deviation; inf where the record cannot tell."""
-    pressure: float | None
-    """Recorded over expected dynamic pressure."""
-    cost: float
-    """-ln likelihood of all but the relations."""
+    left: FloatArray  # share (3,) of each relation that is not explained; 1 where the slope has the wrong sign
+    noise: FloatArray  # share (3,) that white noise alone makes of it
+    informative: BoolArray  # whether the record can tell (3,)
+    normal_slope: float | None  # C_N per rad by relation 1
+    axial: float  # true over sensed deceleration
+    axial_sigma: float  # its standard deviation; inf where the record cannot tell
+    pressure: float | None  # recorded over expected dynamic pressure
+    cost: float  # -ln likelihood of all but the relations
 
     def better_than(self, other: Compatibility) -> float:
         """By how much ln likelihood is higher, over the relations that can be judged under both."""
@@ -277,8 +240,8 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
         + _of_ratio(pressure, limits.COMPATIBILITY_DENSITY_SPREAD)
         # A wrong roll rate or lever arm makes a constant force in the body out of nothing.
         + _of_ratio(max([1.0, *(steady for _, _, steady in relations)]), 1.0)
-        + _of_noise(readings.rate_sigma)
-        + _of_noise(readings.force_sigma)
+        + _of_noise(readings.sigma["gyros"])
+        + _of_noise(readings.sigma["accelerometers"])
         + limits.COMPATIBILITY_FURTHER_MISTAKE * max(correction.changes - 1, 0)
     )
     return Compatibility(left, noise, informative, slope, axial, axial_sigma, pressure, cost)
@@ -287,7 +250,8 @@ def compatibility_of(flight: Flight, readings: Readings, correction: Correction)
 def tumbles(flight: Flight, readings: Readings) -> bool:
     """Whether the nose turns so far, by the gyros, that relations linear in the angle are not those of the flight."""
     for piece in (readings.segment(*segment) for segment in _long_segments(flight)):
-        _, attitude = body_attitude(piece.time, piece.rates[0], piece.rates[1] + 1j * piece.rates[2])
+        p, q, r = piece.channels["gyros"]
+        _, attitude = body_attitude(piece.time, p, q + 1j * r)
         for nose in np.array_split(attitude[..., 0], TUMBLING_PARTS):
             mean = np.mean(nose, axis=0)
             if np.min(nose @ mean) < np.cos(TUMBLING) * np.linalg.norm(mean):
@@ -303,32 +267,31 @@ def _relations(vehicle: Vehicle, piece: Readings) -> tuple[FloatArray, float, fl
     """Of one segment, squares (3, 3) of each relation to be explained, not explained, and of noise; C_N per rad; and a
     constant force in the body over what varies of it.
     """
-    time = piece.time
-    roll = integral(time, piece.rates[0])
+    time, rates, (velocity, pressure, _) = piece.time, piece.channels["gyros"], piece.channels["air data"]
+    roll = integral(time, rates[0])
     turn, spin = np.exp(1j * roll), np.exp(1j * (1.0 - vehicle.inertia_ratio) * roll)
-    omega = piece.rates[1] + 1j * piece.rates[2]
-    omega_change, arm = piece.change[1] + 1j * piece.change[2], np.array(vehicle.accelerometer_position)
-    forces = piece.forces - arm_acceleration(piece.rates[0], piece.change[0], omega, omega_change, arm).T
+    omega, omega_change = rates[1] + 1j * rates[2], piece.change[1] + 1j * piece.change[2]
+    arm = np.array(vehicle.accelerometer_position)
+    forces = piece.channels["accelerometers"] - arm_acceleration(rates[0], piece.change[0], omega, omega_change, arm).T
     axial, force = forces[0], forces[1] + 1j * forces[2]
-    path_of_gyros = integral(time, 1j * piece.velocity * omega * turn)
-    pressure = piece.dynamic_pressure
+    path_of_gyros = integral(time, 1j * velocity * omega * turn)
     scale = pressure * vehicle.reference_area / vehicle.mass
     tau = 2.0 * time / time[-1] - 1.0
     powers = np.stack([np.ones_like(tau), tau, tau**2])
-    noise, rate_noise = (2.0 * float(np.mean(sigma[1:] ** 2)) for sigma in (piece.force_sigma, piece.rate_sigma))
+    rate_noise, noise = (2.0 * float(np.mean(piece.sigma[triad][1:] ** 2)) for triad in _TRIADS)
 
-    first, slope = path_into_force(time, piece.rates, forces, piece.velocity, scale, noise)
+    first, slope = path_into_force(time, rates, forces, velocity, scale, noise)
     # Relation 2, integrated; a moment fixed in the body may come and go.
     body = [integral(time, pressure * power * spin) for power in (*powers, tau**3, tau**4)]
-    damped = integral(time, pressure / piece.velocity * omega * spin)
+    damped = integral(time, pressure / velocity * omega * spin)
     ones = np.ones_like(spin)
     ratio = [integral(time, 1j * force * spin * power) for power in powers]
     second, _ = fitted_slopes(rate_noise, omega * spin, ratio, [ones, *body, damped, integral(time, axial * spin)])
 
     # Relation 3, integrated.
     away = spin * np.conj(turn)
-    drift = [integral(time, pressure / piece.velocity * away * power) for power in powers]
-    gyro_crossflow = path_of_gyros / piece.velocity * away
+    drift = [integral(time, pressure / velocity * away * power) for power in powers]
+    gyro_crossflow = path_of_gyros / velocity * away
     static = [integral(time, -1j * pressure * gyro_crossflow * power) for power in powers]
     third, _ = fitted_slopes(rate_noise, omega * spin, static, [ones, *body, damped, *drift])
     steady = abs(complex(np.mean(force))) / (limits.COMPATIBILITY_STEADY * float(np.std(force)) + 1.0)
@@ -347,22 +310,27 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
     wind = max(limits.COMPATIBILITY_WIND, limits.COMPATIBILITY_WIND_TOLERANCES * max(flight.instruments.wind))
     for piece in pieces:
         every = max(1, piece.time.size // COMPATIBILITY_AXIAL_SAMPLES)
-        time = piece.time[::every]
-        change, doubt = piece.velocity - piece.velocity[0], COMPATIBILITY_GRAVITY_UNKNOWN
-        if piece.altitude is not None:
+        time, (velocity, pressure, altitude) = piece.time[::every], piece.channels["air data"]
+        axial, y, z = piece.channels["accelerometers"]
+        change, doubt = velocity - velocity[0], COMPATIBILITY_GRAVITY_UNKNOWN
+        if piece.has_altitude:
             # Altitude is noisy, and its rate changes slowly.
             place = np.linspace(-1.0, 1.0, piece.time.size)
-            smooth = np.polyval(np.polyfit(place, piece.altitude, COMPATIBILITY_ALTITUDE_DEGREE), place)
+            smooth = np.polyval(np.polyfit(place, altitude, COMPATIBILITY_ALTITUDE_DEGREE), place)
             fall = np.gradient(smooth, piece.time)
-            change = change + gravity * integral(piece.time, fall / piece.velocity)
+            change = change + gravity * integral(piece.time, fall / velocity)
             doubt = COMPATIBILITY_GRAVITY_DOUBT
         apart = np.abs(time[:, None] - time) / (COMPATIBILITY_WIND_MEMORY * time[-1])
         covariance = wind**2 * np.exp(-apart) + COMPATIBILITY_ANY_SPEED**2
         covariance += (doubt * gravity) ** 2 * np.outer(time, time)
-        lift = COMPATIBILITY_LIFT_DOUBT * _slowed_by_lift(flight.vehicle, piece)[::every]
+        # What the normal force f takes of the speed: f^2 over q_inf S C_N / m, and never more than f.
+        normal = np.hypot(y, z)
+        stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * pressure * flight.vehicle.reference_area / flight.vehicle.mass
+        angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
+        lift = COMPATIBILITY_LIFT_DOUBT * integral(piece.time, normal * angle)[::every]
         covariance += np.outer(lift, lift)
-        covariance += piece.velocity_sigma**2 * np.eye(time.size)
-        sensed = integral(piece.time, piece.forces[0])[::every]
+        covariance += piece.sigma["air data"][0] ** 2 * np.eye(time.size)
+        sensed = integral(piece.time, axial)[::every]
         weighted = np.linalg.solve(covariance, sensed)
         information += float(weighted @ sensed)
         right += float(weighted @ change[::every])
@@ -371,24 +339,17 @@ def _axial(flight: Flight, pieces: list[Readings]) -> tuple[float, float]:
     return right / information, float(1.0 / np.sqrt(information))
 
 
-def _slowed_by_lift(vehicle: Vehicle, piece: Readings) -> FloatArray:
-    """Speed (n,) m/s that the normal force takes: f^2 over q_inf S C_N / m, and never more than f."""
-    normal = np.hypot(piece.forces[1], piece.forces[2])
-    stiffness = limits.COMPATIBILITY_NORMAL_SLOPE * piece.dynamic_pressure * vehicle.reference_area / vehicle.mass
-    angle = normal / np.maximum(stiffness, np.maximum(normal, 1e-300))
-    return integral(piece.time, normal * angle)
-
-
 def _pressure_ratio(flight: Flight, readings: Readings) -> float | None:
     """Recorded over expected dynamic pressure: by the density, or by the altitude in Earth's atmosphere."""
-    if flight.planet == "earth" and readings.altitude is not None:
+    velocity, pressure, altitude = readings.channels["air data"]
+    if flight.planet == "earth" and readings.has_altitude:
         some = slice(None, None, max(1, flight.samples // PRESSURE_COMPARED))
-        density = atmosphere(readings.altitude[some], "density")
+        density = atmosphere(altitude[some], "density")
     elif flight.density is not None:
         some, density = slice(None), flight.density
     else:
         return None
-    ratios = readings.dynamic_pressure[some] / (0.5 * density * readings.velocity[some] ** 2)
+    ratios = pressure[some] / (0.5 * density * velocity[some] ** 2)
     ratios = ratios[np.isfinite(ratios) & (ratios > 0.0)]
     return float(np.median(ratios)) if ratios.size else None
 

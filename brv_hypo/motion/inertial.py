@@ -24,7 +24,7 @@ from brv_hypo.flight.record import Flight
 from brv_hypo.motion.interpolation import running_integral
 from brv_hypo.motion.methods import ReconstructionConfig
 from brv_hypo.motion.motion import unit
-from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, transverse_noise_level
+from brv_hypo.motion.signals import ColouredNoise, Derivative, differentiate, differentiated, white_noise_level
 from brv_hypo.thresholds import LEAST_SEGMENT_SAMPLES
 
 FREE_GRAVITY = 30.0  # m/s^2 that gravity may be where the planet is not known
@@ -35,32 +35,19 @@ LEAST_CYCLES = 0.5  # of the nose, that a record counts as
 class InertialRecord:
     """A flight of n samples, its gyros integrated; transverse pairs are y + i z."""
 
-    flight: Flight
-    """The record."""
-    roll: FloatArray
-    """Integral of p (n,), rad."""
-    attitude: FloatArray
-    """Turns body axes into those of the first sample (n, 3, 3)."""
-    transverse_rate: ComplexArray
-    """q + i r (n,) rad/s, smoothed."""
-    rate_change: ComplexArray
-    """Its derivative (n,), rad/s^2."""
-    spin_rate: Derivative
-    """The derivative of (q + i r) exp(i `spin_angle`), from which spin coupling drops out."""
-    spin_angle: FloatArray
-    """(1 - Ix/I) of the roll (n,), rad."""
-    force: FloatArray
-    """Specific force at the c.g. in body axes (n, 3), m/s^2."""
-    measured: BoolArray
-    """Where the instruments were read (n,), not bridged."""
-    gyro_sigma: float
-    """White noise of the transverse gyros, rad/s."""
-    gyro_walk: ColouredNoise
-    """The noise that the attitude is integrated with, rad/s."""
-    accel_sigma: float
-    """White noise of the transverse accelerometers, m/s^2."""
-    force_sigma: FloatArray
-    """Noise (n,) of the transverse force once moved to the c.g., m/s^2."""
+    flight: Flight  # the record
+    roll: FloatArray  # integral of p (n,), rad
+    attitude: FloatArray  # turns body axes into those of the first sample (n, 3, 3)
+    transverse_rate: ComplexArray  # q + i r (n,) rad/s, smoothed
+    rate_change: ComplexArray  # its derivative (n,), rad/s^2
+    spin_rate: Derivative  # the derivative of (q + i r) exp(i `spin_angle`), from which spin coupling drops out
+    spin_angle: FloatArray  # (1 - Ix/I) of the roll (n,), rad
+    force: FloatArray  # specific force at the c.g. in body axes (n, 3), m/s^2
+    measured: BoolArray  # where the instruments were read (n,), not bridged
+    gyro_sigma: float  # white noise of the transverse gyros, rad/s
+    gyro_walk: ColouredNoise  # the noise that the attitude is integrated with, rad/s
+    accel_sigma: float  # white noise of the transverse accelerometers, m/s^2
+    force_sigma: FloatArray  # noise (n,) of the transverse force once moved to the c.g., m/s^2
 
     @property
     def time(self) -> FloatArray:
@@ -111,12 +98,11 @@ def inertial_record(flight: Flight, config: ReconstructionConfig) -> InertialRec
     Raises UnanswerableError where the record is too short for any of it.
     """
     _refuse_what_cannot_be_integrated(flight)
-    gyro_sigma = config.gyro_sigma or transverse_noise_level(flight.q, flight.r, flight.segments)
-    accel_sigma = config.accel_sigma or transverse_noise_level(flight.ay, flight.az, flight.segments)
-    time = flight.time - flight.time[0]
-    roll, attitude = body_attitude(time, flight.p, flight.q + 1j * flight.r)
-    spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     rates = flight.q + 1j * flight.r
+    gyro_sigma = config.gyro_sigma or white_noise_level(rates, flight.segments)
+    accel_sigma = config.accel_sigma or white_noise_level(flight.ay + 1j * flight.az, flight.segments)
+    roll, attitude = body_attitude(flight.time - flight.time[0], flight.p, rates)
+    spin_angle = (1.0 - flight.vehicle.inertia_ratio) * roll
     spin = differentiate(rates * np.exp(1j * spin_angle), flight.step, gyro_sigma, flight.segments)
     rate = spin.value * np.exp(-1j * spin_angle)
     turning = 1j * (1.0 - flight.vehicle.inertia_ratio) * flight.p * rate
@@ -371,11 +357,11 @@ def cycles(record: InertialRecord) -> float:
     return max(path / (2.0 * np.pi * max(size, 1e-12)), LEAST_CYCLES)
 
 
-def start_from_nose(record: InertialRecord, gravity_size: float, *, forces: bool = True) -> WindStart:
+def start_from_nose(record: InertialRecord, *, forces: bool = True) -> WindStart:
     """Start by the angular rate method, Section 3.2.1: the nose circles about the velocity.
 
     The report takes the mean Euler angles over a cycle; here the mean offset of the nose from a velocity that gravity
-    and forces turn is made least. `gravity_size` m/s^2 is how large gravity may be; 0 leaves it out.
+    and forces turn is made least.
     """
     speed = record.flight.velocity
     nose = record.attitude[:, :, 0]
@@ -383,12 +369,9 @@ def start_from_nose(record: InertialRecord, gravity_size: float, *, forces: bool
         target, elapsed = nose * speed[:, None] - force_impulse(record), record.time
     else:
         target, elapsed = nose, running_integral(record.time, 1.0 / speed)
-    if gravity_size == 0.0:
-        direction = target.sum(axis=0)
-        return WindStart(direction / np.linalg.norm(direction), np.zeros(3))
     spread = float(np.mean(np.abs(target - target.mean(axis=0)) ** 2))
     per_sample = record.time.size / (2.0 * cycles(record))
     columns = np.column_stack([np.ones(record.time.size), elapsed])
-    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / gravity_size**2])
+    normal = columns.T @ columns + np.diag([0.0, per_sample * spread / gravity_size(record.flight) ** 2])
     velocity, gravity = np.linalg.solve(normal, columns.T @ target)
     return WindStart(velocity / np.linalg.norm(velocity), gravity)

@@ -40,18 +40,12 @@ PRESSURE = "pressure noise"
 class SmoothInputs:
     """The inputs of one flight of n samples, as the equations of motion take them."""
 
-    roll_rate: FloatArray
-    """(n,) rad/s."""
-    roll: FloatArray
-    """Its integral (n,), rad."""
-    gravity_axes: FloatArray
-    """Row j holds the axes of the first sample along de-rolled axis j at each sample (n, 3, 3)."""
-    speed: FloatArray
-    """(n,) m/s."""
-    pressure: FloatArray
-    """Dynamic pressure (n,), Pa."""
-    errors: tuple[InputError, ...]
-    """What is left of their noise."""
+    roll_rate: FloatArray  # (n,) rad/s
+    roll: FloatArray  # its integral (n,), rad
+    gravity_axes: FloatArray  # row j holds the axes of the first sample along de-rolled axis j at each sample (n, 3, 3)
+    speed: FloatArray  # (n,) m/s
+    pressure: FloatArray  # dynamic pressure (n,), Pa
+    errors: tuple[InputError, ...]  # what is left of their noise
 
 
 def smooth_inputs(reconstruction: Reconstruction) -> SmoothInputs:

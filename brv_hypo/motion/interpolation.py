@@ -144,12 +144,10 @@ def applied(operator: sparse.csr_array, values: Values) -> Values:
 class Quadrature:
     """The nodes of a flight, at which what is integrated is evaluated."""
 
-    time: FloatArray
-    """(m,) s."""
-    samples: IntArray
-    """Which of them the samples are (n,)."""
+    time: FloatArray  # (m,) s
+    samples: IntArray  # which of them the samples are (n,)
+    # what makes values at the nodes of those at the samples (m, n); None where the samples are all
     spread: sparse.csr_array | None = None
-    """What makes values at the nodes of those at the samples (m, n); None where the samples are all."""
 
     def of(self, values: Values) -> Values:
         """Values at the nodes (m, ...) of something smooth at the samples (n, ...), where they are what they were."""
@@ -226,21 +224,17 @@ def full_grid(count: int) -> DecimatedGrid:
 
 
 def decimated_grid(pieces: Sequence[tuple[int, int]], stride: int) -> DecimatedGrid:
-    """About every `stride`-th sample of each piece [a, b), which follow each other; all of short records."""
+    """About every `stride`-th sample of each piece [a, b), which follow each other, its ends left out; all of short
+    records and pieces.
+    """
     count = pieces[-1][1]
     if count <= _MOST_KEPT or stride < 2:
         return full_grid(count)
-    which = [a + _evenly(b - a, stride) for a, b in pieces]
-    spreads = [
-        lagrange((own - a).astype(float), np.arange(b - a, dtype=float))
-        for own, (a, b) in zip(which, pieces, strict=True)
-    ]
+    end, which, spreads = min(_END, stride // 8), [], []
+    for a, b in pieces:
+        own = np.arange(b - a)
+        if own.size >= 2 * _END + NEAREST * stride:
+            own = np.round(np.linspace(end, own.size - 1 - end, -(-own.size // stride))).astype(np.int64)
+        which.append(a + own)
+        spreads.append(lagrange(own.astype(float), np.arange(b - a, dtype=float)))
     return DecimatedGrid(count, np.concatenate(which), sparse.csr_array(sparse.block_diag(spreads, format="csr")))
-
-
-def _evenly(count: int, stride: int) -> IntArray:
-    """About every `stride`-th of so many samples, the ends left out; all of them where they are few."""
-    if count < 2 * _END + NEAREST * stride:
-        return np.arange(count)
-    end = min(_END, stride // 8)
-    return np.asarray(np.round(np.linspace(end, count - 1 - end, -(-count // stride))), dtype=np.int64)

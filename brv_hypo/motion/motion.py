@@ -108,42 +108,26 @@ class Motion:
     one instant. A mechanism therefore works elementwise and asks `delayed` for the past.
     """
 
-    time: FloatArray
-    """s"""
-    alpha: FloatArray
-    """Angle of attack, rad."""
-    alpha_rate: FloatArray
-    """rad/s"""
-    windward_meridian: FloatArray
-    """rad, unwrapped over a record."""
-    windward_meridian_rate: FloatArray
-    """rad/s"""
-    p: FloatArray
-    """Roll rate, rad/s."""
-    q: FloatArray
-    """Pitch rate, rad/s."""
-    r: FloatArray
-    """Yaw rate, rad/s."""
-    velocity: FloatArray
-    """Speed relative to the air, m/s."""
-    dynamic_pressure: FloatArray
-    """Pa"""
-    mach: FloatArray
-    """Mach number; NaN where the record cannot tell."""
-    reynolds: FloatArray
-    """Reynolds number; NaN where the record cannot tell."""
-    in_plane_moment: FloatArray
-    """The wind-fixed in-plane moment coefficient C_mw of Eq. 5.1."""
-    reference_length: float
-    """m"""
-    history: Callable[[float], Motion] | None = None
-    """The motion so many seconds earlier; see `delayed`."""
+    time: FloatArray  # s
+    alpha: FloatArray  # angle of attack, rad
+    alpha_rate: FloatArray  # rad/s
+    windward_meridian: FloatArray  # rad, unwrapped over a record
+    windward_meridian_rate: FloatArray  # rad/s
+    p: FloatArray  # roll rate, rad/s
+    q: FloatArray  # pitch rate, rad/s
+    r: FloatArray  # yaw rate, rad/s
+    velocity: FloatArray  # speed relative to the air, m/s
+    dynamic_pressure: FloatArray  # Pa
+    mach: FloatArray  # Mach number; NaN where the record cannot tell
+    reynolds: FloatArray  # Reynolds number; NaN where the record cannot tell
+    in_plane_moment: FloatArray  # the wind-fixed in-plane moment coefficient C_mw of Eq. 5.1
+    reference_length: float  # m
+    history: Callable[[float], Motion] | None = None  # the motion so many seconds earlier; see `delayed`
+    # rad/s^2; None where it is not known: at a running state, and in the past
     roll_acceleration: FloatArray | None = None
-    """rad/s^2; None where it is not known: at a running state, and in the past."""
-    axial_share: FloatArray | None = None
-    """The axial force's coefficient over its median; None as well."""
+    axial_share: FloatArray | None = None  # the axial force's coefficient over its median; None as well
+    # s, of flights that share their Mach numbers; None where each has its own time, and in the past
     common_time: FloatArray | None = None
-    """s, of flights that share their Mach numbers; None where each has its own time, and in the past."""
 
     def __repr__(self) -> str:
         """Short: the arrays are long."""

@@ -31,26 +31,17 @@ UNKNOWN_ANGLE = float(np.pi / np.sqrt(3.0))  # rad, standard deviation of an ang
 class WindHistory:
     """The wind relative to the vehicle over a record of n samples, and how well it is known."""
 
+    # what it was found in: the flight's inertial record, corrected by the errors that were estimated
     record: InertialRecord
-    """What it was found in: the flight's inertial record, corrected by the errors that were estimated."""
-    crossflow: ComplexArray
-    """(v + i w) / V (n,) in body axes."""
-    radial_sigma: FloatArray
-    """Standard deviation (n,) of the crossflow along itself."""
-    tangential_sigma: FloatArray
-    """Standard deviation (n,) across it."""
-    gravity: FloatArray
-    """(3,) m/s^2 in body axes at the first sample."""
-    normal_force_slope: FloatArray
-    """(n,) 1/rad at alpha = 0, NaN where the method does not estimate it."""
-    accel_sigma: float
-    """White noise of the accelerometers as estimated by the fit, m/s^2."""
-    effects: EffectFit
-    """The estimated errors of the record."""
-    warnings: tuple[str, ...] = ()
-    """What limits the result."""
-    normal_force_bend: float = 0.0
-    """What the slope gains with the square of alpha, 1/rad^3."""
+    crossflow: ComplexArray  # (v + i w) / V (n,) in body axes
+    radial_sigma: FloatArray  # standard deviation (n,) of the crossflow along itself
+    tangential_sigma: FloatArray  # standard deviation (n,) across it
+    gravity: FloatArray  # (3,) m/s^2 in body axes at the first sample
+    normal_force_slope: FloatArray  # (n,) 1/rad at alpha = 0, NaN where the method does not estimate it
+    accel_sigma: float  # white noise of the accelerometers as estimated by the fit, m/s^2
+    effects: EffectFit  # the estimated errors of the record
+    warnings: tuple[str, ...] = ()  # what limits the result
+    normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
 
     @property
     def alpha_sigma(self) -> FloatArray:
@@ -72,18 +63,13 @@ class MomentEstimate:
     and by the dynamic pressure, to have it stationary.
     """
 
-    body: ComplexArray
-    """C_m + i C_n (n,), corrected by the estimated errors of the record."""
+    body: ComplexArray  # C_m + i C_n (n,), corrected by the estimated errors of the record
+    # standard deviation (n,) of each component by noise and by what is not known of those errors; not white
     sigma: FloatArray
-    """Standard deviation (n,) of each component by noise and by what is not known of those errors; not white."""
-    noise_sigma: FloatArray
-    """The same by the gyros' noise alone."""
-    usable: BoolArray
-    """False (n,) where no estimate is made."""
-    noise_correlation: FloatArray
-    """Correlation of the noise at lags of 0, 1, ... samples (2 half_width + 1,)."""
-    spin_angle: FloatArray
-    """(n,) rad."""
+    noise_sigma: FloatArray  # the same by the gyros' noise alone
+    usable: BoolArray  # False (n,) where no estimate is made
+    noise_correlation: FloatArray  # correlation of the noise at lags of 0, 1, ... samples (2 half_width + 1,)
+    spin_angle: FloatArray  # (n,) rad
 
     def __repr__(self) -> str:
         """Short: the arrays are long."""
@@ -94,18 +80,12 @@ class MomentEstimate:
 class EffectEstimate:
     """What the reconstruction says of one component of an error of the record."""
 
-    effect: str
-    """Its name."""
-    component: str
-    """Which of its components."""
-    units: str
-    """Of the three sizes below."""
-    size: float
-    """The tolerance to which it was known before."""
-    value: float
-    """The estimate."""
-    std_error: float
-    """Its standard deviation."""
+    effect: str  # its name
+    component: str  # which of its components
+    units: str  # of the three sizes below
+    size: float  # the tolerance to which it was known before
+    value: float  # the estimate
+    std_error: float  # its standard deviation
 
 
 def angle_known(sigma: float) -> str:
@@ -121,40 +101,25 @@ class Reconstruction(HasCharts, Histories):
     The motion is on the gyros' clock, which may be late against time by its tolerance.
     """
 
-    flight: Flight
-    """The record as it was reconstructed."""
-    method: Method
-    """That of the reconstruction."""
-    motion: Motion
-    """The most likely motion."""
-    moments: MomentEstimate
-    """Moments on it."""
-    alpha_sigma: FloatArray
-    """Standard deviation (n,) of alpha, rad, that by the clock included."""
-    alpha_sigma_on_clock: FloatArray
-    """The same without that by the clock."""
-    phi_w_sigma: FloatArray
-    """Standard deviation (n,) of the windward meridian, rad, that by the clock included."""
-    gravity_body: FloatArray
-    """(3,) m/s^2 in body axes at the first sample."""
+    flight: Flight  # the record as it was reconstructed
+    method: Method  # that of the reconstruction
+    motion: Motion  # the most likely motion
+    moments: MomentEstimate  # moments on it
+    alpha_sigma: FloatArray  # standard deviation (n,) of alpha, rad, that by the clock included
+    alpha_sigma_on_clock: FloatArray  # the same without that by the clock
+    phi_w_sigma: FloatArray  # standard deviation (n,) of the windward meridian, rad, that by the clock included
+    gravity_body: FloatArray  # (3,) m/s^2 in body axes at the first sample
+    # C_Nalpha (n,) of the force at alpha = 0, 1/rad; NaN where the method does not estimate it
     normal_force_slope: FloatArray
-    """C_Nalpha (n,) of the force at alpha = 0, 1/rad; NaN where the method does not estimate it."""
-    gyro_sigma: float
-    """White noise of the gyros, estimated from the record, rad/s."""
-    accel_sigma: float
-    """White noise of the accelerometers, m/s^2."""
-    effects: tuple[EffectEstimate, ...]
-    """The errors that the record was allowed to have."""
-    corrected: Flight
-    """The flight corrected by the estimates of those errors."""
-    status: Literal["ok", "degraded"]
-    """degraded where there are warnings."""
-    warnings: tuple[str, ...]
-    """What limits the result and what would help."""
+    gyro_sigma: float  # white noise of the gyros, estimated from the record, rad/s
+    accel_sigma: float  # white noise of the accelerometers, m/s^2
+    effects: tuple[EffectEstimate, ...]  # the errors that the record was allowed to have
+    corrected: Flight  # the flight corrected by the estimates of those errors
+    status: Literal["ok", "degraded"]  # degraded where there are warnings
+    warnings: tuple[str, ...]  # what limits the result and what would help
+    # what smoothing left of the noise of inputs, where `flight` holds them smoothed
     input_errors: tuple[InputError, ...] = ()
-    """What smoothing left of the noise of inputs, where `flight` holds them smoothed."""
-    normal_force_bend: float = 0.0
-    """What the slope gains with the square of alpha, 1/rad^3."""
+    normal_force_bend: float = 0.0  # what the slope gains with the square of alpha, 1/rad^3
 
     __repr__ = Histories.__repr__
     __eq__ = Histories.__eq__

@@ -38,16 +38,11 @@ Axes = tuple[FloatArray, FloatArray]
 class Perturbation:
     """One component of an error that a record may have, as likely as N(0, size^2)."""
 
-    effect: str
-    """Name of the record effect."""
-    component: str
-    """Which of its components."""
-    units: str
-    """SI units of size and value."""
-    size: float
-    """1 sigma."""
-    apply: Callable[[Flight, float], Flight]
-    """The record as it would read had the error that value more."""
+    effect: str  # name of the record effect
+    component: str  # which of its components
+    units: str  # SI units of size and value
+    size: float  # 1 sigma
+    apply: Callable[[Flight, float], Flight]  # the record as it would read had the error that value more
 
 
 def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
@@ -57,20 +52,17 @@ def superposed(flight: Flight, variants: Iterable[Flight]) -> Flight:
     """
     out = flight
     for variant in variants:
-        changed = {}
+        changed: dict[str, Any] = {}
         for name in (*CHANNELS, *OPTIONAL_CHANNELS, "wind"):
             before, other, known = (getattr(each, name) for each in (flight, variant, out))
             if other is not before:
                 # A wind that was not known was none.
                 changed[name] = other if known is before else known + (other if before is None else other - before)
-        vehicle = out.vehicle
         if variant.vehicle is not flight.vehicle:
-            each = zip(astuple(vehicle), astuple(variant.vehicle), astuple(flight.vehicle), strict=True)
-            mass, ixx, iyy, length, area, place = (
-                (np.asarray(known) + np.subtract(new, old)).tolist() for known, new, old in each
-            )
-            vehicle = Vehicle(mass, ixx, iyy, length, area, tuple(place))
-        out = replace(out, vehicle=vehicle, **changed)
+            before, other, known = (np.hstack(astuple(each.vehicle)) for each in (flight, variant, out))
+            mass, ixx, iyy, length, area, x, y, z = (known + (other - before)).tolist()
+            changed["vehicle"] = Vehicle(mass, ixx, iyy, length, area, (x, y, z))
+        out = replace(out, **changed)
     return out
 
 
@@ -138,18 +130,14 @@ class EffectResponses:
     The truth lies below the record by that much, times the error.
     """
 
-    effects: tuple[Perturbation, ...]
-    """The k effects."""
-    rows: DecimatedGrid
-    """The samples that are kept."""
+    effects: tuple[Perturbation, ...]  # the k effects
+    rows: DecimatedGrid  # the samples that are kept
+    # velocity relative to the air in the axes of the first sample, as the body sees it (kept, 3, k), m/s
     drift: FloatArray
-    """Velocity relative to the air in the axes of the first sample, as the body sees it (kept, 3, k), m/s."""
-    force: ComplexArray
-    """Transverse force (kept, k), m/s^2."""
+    force: ComplexArray  # transverse force (kept, k), m/s^2
+    # dynamic pressure over itself (kept, k), which the normal force follows as it follows its slope
     pressure: FloatArray
-    """Dynamic pressure over itself (kept, k), which the normal force follows as it follows its slope."""
-    moment: ComplexArray
-    """C_m + i C_n (kept, k)."""
+    moment: ComplexArray  # C_m + i C_n (kept, k)
 
 
 @dataclass(frozen=True)

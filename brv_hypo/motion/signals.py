@@ -64,27 +64,18 @@ def inverse_spectrum(colour: FloatArray | float, frequency: FloatArray | float) 
     return np.asarray(1.0 + colour**2 - 2.0 * colour * np.cos(frequency), dtype=float)
 
 
-def white_noise_level(channel: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
-    """Standard deviation of the white noise of `channel` (n,), in its units.
+def white_noise_level(channel: FloatArray | ComplexArray, segments: tuple[tuple[int, int], ...]) -> float:
+    """Standard deviation of the white noise of `channel` (n,), in its units; of either part where it is complex.
 
     A channel that stands still between its steps, or is too short to tell, is credited with the noise of its
-    quantisation.
+    quantisation. Two that body axes y and z share alike are y + i z: whichever way the axes are rolled, it is the same;
+    and no finer than single precision, whatever a simulation wrote.
     """
     sigma = sigma_of_differences([channel[a:b] for a, b in segments])
-    return float(np.fmax(sigma, _quantisation(channel)))
-
-
-def transverse_noise_level(y: FloatArray, z: FloatArray, segments: tuple[tuple[int, int], ...]) -> float:
-    """Standard deviation of the white noise of either of two channels (n,) that body axes y and z share alike.
-
-    Of the two as one vector: whichever way the axes are rolled, it is the same. No instrument reads finer than single
-    precision, whatever a simulation wrote.
-    """
-    vector = y + 1j * z
-    sigma = sigma_of_differences([vector[a:b] for a, b in segments])
-    steps = np.hypot(_quantisation(y), _quantisation(z)) / math.sqrt(2.0)
-    finest = np.finfo(np.float32).eps * np.max(np.abs(vector))
-    return float(np.fmax.reduce([sigma, steps, finest]))
+    if not np.iscomplexobj(channel):
+        return float(np.fmax(sigma, _quantisation(channel.real)))
+    steps = np.hypot(_quantisation(channel.real), _quantisation(channel.imag)) / math.sqrt(2.0)
+    return float(np.fmax.reduce([sigma, steps, np.finfo(np.float32).eps * np.max(np.abs(channel))]))
 
 
 def _quantisation(channel: FloatArray) -> float:
@@ -103,26 +94,15 @@ def _quantisation(channel: FloatArray) -> float:
 class Derivative:
     """First derivative of a sampled signal, and what the filter does to white noise."""
 
-    signal: ComplexArray
-    """As it was (n,)."""
-    value: ComplexArray
-    """Smoothed (n,)."""
-    rate: ComplexArray
-    """Its derivative (n,), per s."""
-    value_gain: FloatArray
-    """Standard deviation (n,) of the value per unit of white noise."""
-    rate_gain: FloatArray
-    """The same of the rate, 1/s; inf in segments too short for the filter."""
-    interior: BoolArray
-    """Where the filter is centred (n,), so that `noise_correlation` holds."""
-    order: int
-    """Degree of the local polynomials."""
-    half_width: int
-    """Samples on either side of the middle of the window."""
-    noise_correlation: FloatArray
-    """That of the rate's noise at lags of 0, 1, ... samples (2 half_width + 1,)."""
-    rate_bias: float
-    """Estimated rms bias of each part of the rate, per s."""
+    signal: ComplexArray  # as it was (n,)
+    value: ComplexArray  # smoothed (n,)
+    rate: ComplexArray  # its derivative (n,), per s
+    rate_gain: FloatArray  # standard deviation (n,) of the rate per unit of white noise, 1/s; inf where it is not found
+    interior: BoolArray  # where the filter is centred (n,), so that `noise_correlation` holds
+    order: int  # degree of the local polynomials
+    half_width: int  # samples on either side of the middle of the window
+    noise_correlation: FloatArray  # that of the rate's noise at lags of 0, 1, ... samples (2 half_width + 1,)
+    rate_bias: float  # estimated rms bias of each part of the rate, per s
 
 
 def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tuple[tuple[int, int], ...]) -> Derivative:
@@ -137,12 +117,13 @@ def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tup
     n = signal.size
     value: ComplexArray = signal.astype(complex)
     rate: ComplexArray = np.zeros(n, dtype=complex)
-    value_gain, rate_gain, interior = np.ones(n), np.full(n, np.inf), np.zeros(n, dtype=bool)
+    rate_gain, interior = np.full(n, np.inf), np.zeros(n, dtype=bool)
     for (a, b), piece in zip(segments, pieces, strict=True):
         if b - a < 2 * half_width + 1:
             continue
-        value[a:b], value_gain[a:b] = _filter(order, half_width, 0)(piece)
-        rate[a:b], rate_gain[a:b] = _filter(order, half_width, 1)(piece)
+        value[a:b] = _filter(order, half_width, 0)(piece)
+        slope = _filter(order, half_width, 1)
+        rate[a:b], rate_gain[a:b] = slope(piece), slope.gain(b - a)
         interior[a + half_width : b - half_width] = True
     weights = middle_weights(order, half_width)
     correlation = np.asarray(np.correlate(weights, weights, "full")[2 * half_width :], dtype=float)
@@ -150,7 +131,6 @@ def differentiate(signal: ComplexArray, step: float, sigma: float, segments: tup
         signal=signal,
         value=value,
         rate=rate / step,
-        value_gain=value_gain,
         rate_gain=rate_gain / step,
         interior=interior,
         order=order,
@@ -195,15 +175,17 @@ class _Filter:
     places: FloatArray
     basis: FloatArray
 
-    def __call__(self, piece: Values) -> tuple[Values, FloatArray]:
-        """`piece` (n,) filtered, and the gain (n,) on white noise; the far end mirrors the near one."""
-        width, half_width = self.middle.size, self.middle.size // 2
+    def __call__(self, piece: Values) -> Values:
+        """`piece` (n,) filtered; the far end mirrors the near one."""
+        width = self.middle.size
         first, last = (self.places @ (self.basis.T @ end) for end in (piece[:width], piece[: -width - 1 : -1]))
         mirrored = last[::-1] * np.sign(self.middle @ self.middle[::-1])
-        answer = np.concatenate([first, _correlated(piece, self.middle), mirrored])
+        return np.concatenate([first, _correlated(piece, self.middle), mirrored])
+
+    def gain(self, count: int) -> FloatArray:
+        """On white noise (count,)."""
         ends = np.linalg.norm(self.places, axis=1)
-        inside = np.full(piece.size - 2 * half_width, np.linalg.norm(self.middle))
-        return answer, np.concatenate([ends, inside, ends[::-1]])
+        return np.concatenate([ends, np.full(count - 2 * ends.size, np.linalg.norm(self.middle)), ends[::-1]])
 
 
 @lru_cache(maxsize=16)
@@ -234,7 +216,7 @@ def _correlated(values: Values, weights: FloatArray) -> Values:
 
 def derivatives(rows: FloatArray, order: int, half_width: int, step: float) -> FloatArray:
     """First derivatives of `rows` (..., n) by the filter of this order and width, as `differentiate` finds them."""
-    found = [_filter(order, half_width, 1)(row)[0] for row in rows.reshape(-1, rows.shape[-1])]
+    found = [_filter(order, half_width, 1)(row) for row in rows.reshape(-1, rows.shape[-1])]
     return np.asarray(found).reshape(rows.shape) / step
 
 
@@ -327,12 +309,9 @@ class Smooth:
 class InputError:
     """What smoothing leaves of an input's noise, as independent shapes in time of unit standard deviation."""
 
-    name: str
-    """Of the input: errors of the roll rate are in rad/s, those of the pressure a fraction of it."""
-    span: tuple[float, float]
-    """First and last time of the record, s."""
-    scale: FloatArray
-    """The shapes (coefficients, shapes) by the coefficients of a cubic spline over the span."""
+    name: str  # of the input: errors of the roll rate are in rad/s, those of the pressure a fraction of it
+    span: tuple[float, float]  # first and last time of the record, s
+    scale: FloatArray  # the shapes (coefficients, shapes) by the coefficients of a cubic spline over the span
 
     @property
     def count(self) -> int:

@@ -48,28 +48,18 @@ _LEAST_STEP_VARIANCE = 1e-4
 class MeasurementModel:
     """One kind of observation of the crossflow xi: observed = scale * slope(t) * xi + nuisance + errors."""
 
-    name: str
-    """force or moment."""
-    observed: ComplexArray
-    """(n,)"""
-    scale: ComplexArray
-    """(n,)"""
-    slope_basis: FloatArray
-    """The slope's time bases (n, k)."""
-    nuisance: ComplexArray
-    """Columns (n, m) with real coefficients."""
-    kept: DecimatedGrid
-    """The samples of the next two."""
+    observed: ComplexArray  # (n,)
+    scale: ComplexArray  # (n,)
+    slope_basis: FloatArray  # the slope's time bases (n, k)
+    nuisance: ComplexArray  # columns (n, m) with real coefficients
+    kept: DecimatedGrid  # the samples of the next two
+    # what errors of the record of one standard deviation add to the observation at the same crossflow (kept, e)
     effects: ComplexArray
-    """What errors of the record of one standard deviation add to the observation at the same crossflow (kept, e)."""
-    factors: FloatArray | None
-    """The share that they add to its scale (kept, e); None where they add none."""
-    sigma: FloatArray
-    """Noise (n,) of either part; inf where nothing is measured."""
-    complex_slope: bool
-    """Whether the slope's coefficients are complex."""
+    factors: FloatArray | None  # the share that they add to its scale (kept, e); None where they add none
+    sigma: FloatArray  # noise (n,) of either part; inf where nothing is measured
+    complex_slope: bool  # whether the slope's coefficients are complex
+    # whether a real slope has a bend with the square of alpha; its coefficient stands after those in time
     bends: bool = False
-    """Whether a real slope has a bend with the square of alpha; its coefficient stands after those in time."""
 
     @property
     def unknowns(self) -> int:
@@ -169,7 +159,6 @@ def slope_basis(time: FloatArray, count: int) -> FloatArray:
 def force_measurement(record: InertialRecord, responses: EffectResponses) -> MeasurementModel:
     """The normal force as the accelerometers measure it."""
     return MeasurementModel(
-        name="force",
         observed=record.transverse_force,
         scale=-record.force_scale.astype(complex),
         slope_basis=slope_basis(record.time, 1),
@@ -189,7 +178,6 @@ def moment_measurement(record: InertialRecord, responses: EffectResponses) -> Me
     ones = np.ones(record.time.size, dtype=complex)
     noise = record.rate_noise / record.moment_scale
     return MeasurementModel(
-        name="moment",
         observed=record.moment,
         scale=np.full(record.time.size, -1j),
         slope_basis=slope_basis(record.time, 1),
@@ -213,14 +201,10 @@ Columns = Callable[[slice], ComplexArray]
 class LinearMeasurement:
     """One observation at each of n samples."""
 
-    residual: ComplexArray
-    """(n,)"""
-    gain: ComplexArray
-    """h (n,)."""
-    columns: Columns
-    """A (n, k)."""
-    sigma: FloatArray
-    """Standard deviation (n,) of each part of the complex noise; inf where nothing is measured."""
+    residual: ComplexArray  # (n,)
+    gain: ComplexArray  # h (n,)
+    columns: Columns  # A (n, k)
+    sigma: FloatArray  # standard deviation (n,) of each part of the complex noise; inf where nothing is measured
 
 
 @dataclass(frozen=True)

@@ -290,7 +290,7 @@ class TestReconstruct:
         assert "windward meridian" in done.stdout
         assert done.stdout.endswith("Wrote motion.h5.\n")
 
-    @pytest.mark.parametrize("method", ["joint", "velocity", "rates", "polar"])
+    @pytest.mark.parametrize("method", ["joint", "velocity", "rates"])
     def test_each_method_can_be_chosen(self, brv_hypo, planted_file, method):
         done = brv_hypo("reconstruct", planted_file, "--method", method, "--json", "-")
         assert done.returncode == 0, done.stderr

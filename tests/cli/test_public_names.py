@@ -79,7 +79,7 @@ def test_every_setting_is_a_keyword_with_its_meaning(name, model):
 
 
 def test_keywords_go_over_the_settings(flight_file):
-    for config in (None, {"method": "joint"}, ReconstructionConfig(gravity=False)):
+    for config in (None, {"method": "joint"}, ReconstructionConfig(gyro_sigma=1e-4)):
         assert brv_hypo.reconstruct(flight_file, config, method="rates").method == "rates"
     assert brv_hypo.load_flight(flight_file, instruments="laboratory").instruments.grade == "laboratory"
 

@@ -104,13 +104,6 @@ def mat(content: Any, prefix: str = "", numbered: bool = False, **keys: Any) -> 
     return Table(write, columns, keys, suffix="mat")
 
 
-def references(file: Any) -> None:
-    """An array of structs as MATLAB 7.3 writes it: fields that refer to a value for each struct."""
-    for name, values in TRUTH.items():
-        kept = [file.create_dataset(f"#refs#/{name}{k}", data=[[value]]) for k, value in enumerate(values)]
-        file[f"log/{name}"] = np.array([each.ref for each in kept], dtype=h5py.ref_dtype)[:, None]
-
-
 def parquet(time: Any) -> Table:
     return Table(lambda path: pd.DataFrame({**TRUTH, "time": time}).to_parquet(path), suffix="parquet")
 
@@ -170,7 +163,6 @@ DIALECTS = {
     "MATLAB array of structs": mat({"log": STRUCTS}, "log."),
     "MATLAB struct with a matrix": mat({"log": {"data": MATRIX}}, "log.data.", numbered=True),
     "MATLAB 7.3, matrix": mat(lambda file: file.update({"log": MATRIX.T}), "log.", numbered=True),
-    "MATLAB 7.3, array of structs": mat(references, "log."),
 }  # fmt: skip
 
 REFUSED = {

@@ -143,13 +143,11 @@ def main(seeds: int) -> None:
     print(f"{'scenario':26s} {'alpha deg':>10s} ratio {'phi_w rad':>10s} ratio {'moment %':>9s} ratio {'s':>6s}")
     for name, scenario, changes in variations():
         _row(name, score(fly(scenario), range(seeds), **changes))
-    print("other methods, gravity carried and neglected")
+    print("other methods")
     for base in (CONE, CAPSULE, SLENDER):
         truth = fly(base)
-        for method in ("velocity", "rates", "polar"):
-            for gravity in (True, False):
-                config = ReconstructionConfig(method=method, gravity=gravity)
-                _row(f"{base.name}, {method}{'' if gravity else ', no g'}", score(truth, range(seeds), config))
+        for method in ("velocity", "rates"):
+            _row(f"{base.name}, {method}", score(truth, range(seeds), ReconstructionConfig(method=method)))
 
 
 def _row(name: str, s: Score) -> None:

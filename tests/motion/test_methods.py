@@ -24,7 +24,7 @@ from brv_hypo.motion.methods.open_loop import from_nose
 
 def halfway(record, config, perturbations):
     """Half the crossflow of the velocity method."""
-    found = from_nose(record, config, perturbations, forces=True)
+    found = from_nose(record, perturbations, forces=True)
     return replace(found, crossflow=0.5 * found.crossflow)
 
 
@@ -57,9 +57,5 @@ def test_it_is_known_to_the_command_line(added: None, tmp_path: Path) -> None:
 def test_an_unknown_method_is_refused_with_the_likeliest() -> None:
     with pytest.raises(UsageError, match="is 'velocity' meant"):
         settings_of(ReconstructionConfig, {"method": "velocty"})
-    with pytest.raises(UsageError, match="known are joint, polar, rates, velocity"):
+    with pytest.raises(UsageError, match="known are joint, rates, velocity"):
         settings_of(ReconstructionConfig, {"method": "spiral"})
-
-
-def test_the_earlier_name_of_a_setting_is_read() -> None:
-    assert ReconstructionConfig.model_validate({"ties": "both"}).measurements == "both"

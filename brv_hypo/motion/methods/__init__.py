@@ -11,9 +11,9 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Callable
 from importlib import import_module
-from typing import Annotated, Any, Literal, TypedDict
+from typing import Annotated, Any, TypedDict
 
-from pydantic import AfterValidator, AliasChoices, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from brv_hypo.io.text import meant
 from brv_hypo.motion.signals import ColouredNoise
@@ -45,7 +45,6 @@ def _known(name: str) -> str:
 
 
 Method = Annotated[str, AfterValidator(_known)]
-Measurements = Literal["auto", "force", "moment", "both"]
 
 
 class ReconstructionConfig(BaseModel):
@@ -55,17 +54,8 @@ class ReconstructionConfig(BaseModel):
 
     method: Method = Field(
         default="joint",
-        description='The report\'s "joint" (method 3 with Section 3.2.3), "velocity" (1), "rates" (2), or "polar" '
-        "(Appendix A).",
+        description='The report\'s "joint" (method 3 with Section 3.2.3), "velocity" (1) or "rates" (2).',
     )
-    gravity: bool = Field(default=True, description="Whether gravity turns the velocity; the report neglects it.")
-    measurements: Measurements = Field(
-        default="auto",
-        validation_alias=AliasChoices("measurements", "ties"),
-        description="What measures the attitude to the wind in the joint method: the normal force, the static moment, "
-        'both, or the force alone unless that is too little ("auto").',
-    )
-    gravity_magnitude: float | None = Field(default=None, gt=0.0, description="m/s^2; from planet and altitude if None")
     gyro_sigma: float | None = Field(default=None, gt=0.0, description="white noise, rad/s; from the record if None")
     gyro_walk: ColouredNoise | None = Field(
         default=None, description="noise, rad/s, that the attitude is integrated with; white, of `gyro_sigma`, if None"
@@ -74,7 +64,6 @@ class ReconstructionConfig(BaseModel):
 
 
 ReconstructionSettings = TypedDict("ReconstructionSettings", {  # noqa: UP013
-    "method": str, "gravity": bool, "measurements": Measurements, "gravity_magnitude": float | None,
-    "gyro_sigma": float | None, "gyro_walk": ColouredNoise | None, "accel_sigma": float | None,
+    "method": str, "gyro_sigma": float | None, "gyro_walk": ColouredNoise | None, "accel_sigma": float | None,
 }, total=False)  # fmt: skip
 """The fields of `ReconstructionConfig` as keywords."""

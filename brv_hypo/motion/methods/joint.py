@@ -90,43 +90,37 @@ _RAN_AWAY = (
 )
 
 
+StartingPoint = tuple[WindStart, ComplexArray]
+"""A start and a crossflow (n,) from which a fit may begin."""
+
+
 @dataclass(frozen=True)
 class SmoothedMotion:
     """A converged fit."""
 
+    # what was fitted: the normal force, and the static moment where that is too little
     measurements: tuple[MeasurementModel, ...]
-    """What was fitted."""
-    start: WindStart
-    """Where the nominal motion starts."""
-    coefficients: tuple[FloatArray, ...]
-    """Those of each measurement (unknowns,)."""
-    crossflow: ComplexArray
-    """(n,)"""
-    residual: ComplexArray
-    """Of the last measurement (n,)."""
-    covariance: FloatArray
-    """Of the globals (k, k)."""
-    effects: EffectFit
-    """The estimated errors of the record."""
+    start: WindStart  # where the nominal motion starts
+    coefficients: tuple[FloatArray, ...]  # those of each measurement (unknowns,)
+    crossflow: ComplexArray  # (n,)
+    residual: ComplexArray  # of the last measurement (n,)
+    covariance: FloatArray  # of the globals (k, k)
+    effects: EffectFit  # the estimated errors of the record
+    # change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large
     response: Columns | None
-    """Change of the crossflow (n, k), in wind axes, by each global; None where not needed, for it is large."""
-    walk_sigma: FloatArray
-    """Standard deviation (n,) of the crossflow given the globals."""
-    turn: ComplexArray
-    """Unit number (n,) from wind to body axes."""
-    score: float
-    """Bayesian information criterion."""
+    walk_sigma: FloatArray  # standard deviation (n,) of the crossflow given the globals
+    turn: ComplexArray  # unit number (n,) from wind to body axes
+    score: float  # Bayesian information criterion
 
     @property
     def near(self) -> StartingPoint:
         """Where another fit may begin."""
-        return StartingPoint(self.start, self.crossflow)
+        return self.start, self.crossflow
 
     @property
-    def force(self) -> tuple[MeasurementModel, FloatArray] | None:
-        """The measurement by the normal force and its coefficients, if it was fitted."""
-        each = zip(self.measurements, self.coefficients, strict=True)
-        return next((one for one in each if one[0].name == "force"), None)
+    def normal_force(self) -> ComplexArray:
+        """The transverse force (n,) m/s^2 by the first measurement."""
+        return self.measurements[0].modelled(self.crossflow, self.coefficients[0])
 
     def sigmas(self) -> tuple[FloatArray, FloatArray]:
         """Standard deviations (n,) of the crossflow along itself and across itself."""
@@ -140,14 +134,6 @@ class SmoothedMotion:
         return radial, tangential
 
 
-@dataclass(frozen=True)
-class StartingPoint:
-    """A start and a crossflow (n,) from which a fit may begin."""
-
-    start: WindStart
-    crossflow: ComplexArray
-
-
 class RandomWalkSmoother:
     """The problem of one record; its attributes are what stays the same over measurements and iterations.
 
@@ -158,22 +144,18 @@ class RandomWalkSmoother:
     def __init__(
         self,
         record: InertialRecord,
-        config: ReconstructionConfig,
-        responses: EffectResponses,
-        known: FloatArray,
+        responses: EffectResponses | None = None,
+        known: FloatArray | None = None,
         rough: float = 0.0,
     ) -> None:
         self.record = record
-        self.known = known
+        self.responses = no_responses(record) if responses is None else responses
+        self.known = np.zeros(len(self.responses.effects)) if known is None else known
         self.rough = rough
-        self.responses = responses
-        self.shared = GRAVITY_PARTS + len(responses.effects)
-        flight = record.flight
-        self.speed = flight.velocity
+        self.shared = GRAVITY_PARTS + len(self.responses.effects)
+        self.speed = record.flight.velocity
         self.step_variance = _step_variance(record)
-        size = config.gravity_magnitude or gravity_size(flight)
-        self.gravity_information = 1.0 / size**2
-        self.nose_start = start_from_nose(record, size)
+        self.nose_start = start_from_nose(record)
 
     def solve(self, measurements: tuple[MeasurementModel, ...], near: StartingPoint | None = None) -> SmoothedMotion:
         """Fit from a motion that is near; without one from the nose's mean, or better.
@@ -181,7 +163,7 @@ class RandomWalkSmoother:
         The other starts are the linear fits of the measurements about that mean; the best of the fits counts.
         """
         if near is not None:
-            return self._iterate(measurements, near.start, near.crossflow)
+            return self._iterate(measurements, *near)
         starts = [self.nose_start, *map(self._linear_start, measurements)]
         fits = [self._iterate(measurements, start) for start in starts if start is not None]
         return min(fits, key=lambda fit: fit.score)
@@ -317,7 +299,8 @@ class RandomWalkSmoother:
         """Mean and information of the globals, those of gravity and of the measurements counted from the nominal."""
         mean = -np.concatenate([start.gravity, self.known, *coefficients])
         information = np.zeros(mean.size)
-        information[:GRAVITY_PARTS], information[GRAVITY_PARTS : self.shared] = self.gravity_information, 1.0
+        information[:GRAVITY_PARTS] = 1.0 / gravity_size(self.record.flight) ** 2
+        information[GRAVITY_PARTS : self.shared] = 1.0
         at = self.shared
         for measurement, values in zip(measurements, coefficients, strict=True):
             if measurement.bends:
@@ -375,11 +358,33 @@ def joint(record: InertialRecord, config: ReconstructionConfig, perturbations: S
     first: as a factor of the normal force it would be in what the force is explained by.
     """
     record = replace(record, flight=with_smooth_air(record.flight))
-    problem, near, left = RandomWalkSmoother(record, config, no_responses(record), np.zeros(0)), None, 1.0
+    problem, near, left = RandomWalkSmoother(record), None, 1.0
     if perturbations:
         problem, near, left = _linearised(record, config, perturbations)
-    fit, warnings = _fitted(problem, config, near, left)
-    return _history(problem, fit, warnings)
+    fit = _with_force(problem, force_measurement(problem.record, problem.responses), near, left)
+    alone = _relative_error(fit, problem.record.measured)
+    warnings: tuple[str, ...] = ()
+    if alone > FORCE_ENOUGH:
+        fit = _with_moment(problem, fit.measurements, moment_measurement(problem.record, problem.responses))
+        warnings = (
+            f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment "
+            "was used to measure the attitude to the wind as well. Better accelerometers or a window of "
+            "higher dynamic pressure would do without it",
+        )
+    radial, tangential = fit.sigmas()
+    force, coefficients = fit.measurements[0], fit.coefficients[0]
+    return WindHistory(
+        record=problem.record,
+        crossflow=fit.crossflow,
+        radial_sigma=radial,
+        tangential_sigma=tangential,
+        gravity=fit.start.gravity,
+        normal_force_slope=force.slope(coefficients).real,
+        normal_force_bend=force.bend(coefficients),
+        accel_sigma=float(np.median(force.sigma[np.isfinite(force.sigma)])),
+        effects=fit.effects,
+        warnings=warnings,
+    )
 
 
 def _linearised(
@@ -391,29 +396,27 @@ def _linearised(
     be estimated at tens of tolerances, from where no step leads back.
     """
     flight = record.flight
-    fit = _rough_fit(RandomWalkSmoother(record, config, no_responses(record), np.zeros(0), MOTION_ROUGH), config, None)
-    force, near = _normal_force(record, fit), fit.near
+    fit = _rough_fit(RandomWalkSmoother(record, rough=MOTION_ROUGH), None)
+    force, near = fit.normal_force, fit.near
     del fit  # large, like the responses: only the last are kept
-    responses = nonzero_responses(effect_responses(record, near.crossflow, force, perturbations))
+    responses = nonzero_responses(effect_responses(record, near[1], force, perturbations))
     known, left = np.zeros(len(responses.effects)), _left(record, force)
     for _ in range(MOTION_LINEARISATIONS):
-        before, effects = near.crossflow, responses.effects
-        fit = _rough_fit(RandomWalkSmoother(record, config, responses, known, MOTION_ROUGH), config, near, left)
+        before, effects = near[1], responses.effects
+        fit = _rough_fit(RandomWalkSmoother(record, responses, known, MOTION_ROUGH), near, left)
         moved, near = rms(fit.crossflow - before) / rms(np.hypot(*fit.sigmas())), fit.near
         known = fit.effects.value
         record = inertial_record(corrected(flight, fit.effects), config)
-        force = _normal_force(record, fit)
+        force = fit.normal_force
         left = _left(record, force)
         del fit, responses
-        responses = effect_responses(record, near.crossflow, force, effects)
+        responses = effect_responses(record, near[1], force, effects)
         if moved < MOTION_MOVED:
             break
-    return RandomWalkSmoother(record, config, responses, known), near, left
+    return RandomWalkSmoother(record, responses, known), near, left
 
 
-def _rough_fit(
-    problem: RandomWalkSmoother, config: ReconstructionConfig, near: StartingPoint | None, noise_factor: float = 1.0
-) -> SmoothedMotion:
+def _rough_fit(problem: RandomWalkSmoother, near: StartingPoint | None, noise_factor: float = 1.0) -> SmoothedMotion:
     """A fit with simple slopes, of the force alone where it says enough; the force's noise so many times as loud.
 
     What these slopes lack would go to the record's errors, far beyond their tolerances.
@@ -421,42 +424,10 @@ def _rough_fit(
     record, responses = problem.record, problem.responses
     measurement = force_measurement(record, responses).with_slope_count(record.time, ROUGH_SLOPE_COUNT)
     force = replace(measurement, bends=True, sigma=noise_factor * measurement.sigma)
-    moment = _with_anomalies(moment_measurement(record, responses))
-    if config.measurements == "moment":
-        return problem.solve((moment,), near)
     fit = problem.solve((force,), near)
-    enough = _relative_error(fit, record.measured) < FORCE_ENOUGH
-    return fit if enough else problem.solve((force, moment))
-
-
-def _fitted(
-    problem: RandomWalkSmoother, config: ReconstructionConfig, near: StartingPoint | None, left: float
-) -> tuple[SmoothedMotion, tuple[str, ...]]:
-    """The fit with the measurements that are wanted, or needed, and warnings about them."""
-    record, responses = problem.record, problem.responses
-    moment = moment_measurement(record, responses)
-    if config.measurements == "moment":
-        return _with_moment(problem, (), moment), ()
-    fit = _with_force(problem, force_measurement(record, responses), near, left)
-    alone = _relative_error(fit, record.measured)
-    too_little = config.measurements == "auto" and alone > FORCE_ENOUGH
-    if config.measurements == "both" or too_little:
-        fit = _with_moment(problem, fit.measurements, moment)
-    if not too_little:
-        return fit, ()
-    return fit, (
-        f"the normal force alone determines alpha to {100.0 * alone:.0f} % of its rms; the static moment "
-        "was used to measure the attitude to the wind as well. Better accelerometers or a window of "
-        "higher dynamic pressure would do without it",
-    )
-
-
-def _normal_force(record: InertialRecord, fit: SmoothedMotion) -> ComplexArray:
-    """The transverse force (n,) m/s^2 that the fit makes of its crossflow; as measured where it has no slope."""
-    if fit.force is None:
-        return record.transverse_force
-    measurement, coefficients = fit.force
-    return measurement.modelled(fit.crossflow, coefficients)
+    if _relative_error(fit, record.measured) < FORCE_ENOUGH:
+        return fit
+    return problem.solve((force, _with_anomalies(moment_measurement(record, responses))))
 
 
 def _with_force(
@@ -567,27 +538,6 @@ def _coloured_sigma(residual: ComplexArray, sigma: FloatArray) -> FloatArray:
 def _relative_error(fit: SmoothedMotion, measured: BoolArray) -> float:
     radial, _ = fit.sigmas()
     return rms(radial[measured]) / max(rms(fit.crossflow[measured]), 1e-150)
-
-
-def _history(problem: RandomWalkSmoother, fit: SmoothedMotion, warnings: tuple[str, ...]) -> WindHistory:
-    radial, tangential = fit.sigmas()
-    slope, bend, sigma = np.full(fit.crossflow.size, np.nan), 0.0, problem.record.accel_sigma
-    if fit.force is not None:
-        force, coefficients = fit.force
-        slope, bend = force.slope(coefficients).real, force.bend(coefficients)
-        sigma = float(np.median(force.sigma[np.isfinite(force.sigma)]))
-    return WindHistory(
-        record=problem.record,
-        crossflow=fit.crossflow,
-        radial_sigma=radial,
-        tangential_sigma=tangential,
-        gravity=fit.start.gravity,
-        normal_force_slope=slope,
-        normal_force_bend=bend,
-        accel_sigma=sigma,
-        effects=fit.effects,
-        warnings=warnings,
-    )
 
 
 METHODS = (joint,)
