@@ -69,11 +69,11 @@ class Case:
 
 CASES = (
     Case("60 spline columns", spline_problem, 8),
-    Case("60 spline columns", spline_problem, 10, target=150.0),
+    Case("60 spline columns", spline_problem, 10, target=80.0),
     Case("60 spline columns", spline_problem, 12, leaps=False, threads=2, limit_s=1.5),
     Case("60 spline columns", spline_problem, 15, leaps=False, threads=2, limit_s=12.0),
     Case("62 delay columns", delay_problem, 10, target=100.0),
-    Case("80 spline columns", lambda: spline_problem(20), 8, target=150.0),
+    Case("80 spline columns", lambda: spline_problem(20), 8, target=80.0),
     Case("80 spline columns", lambda: spline_problem(20), 10, leaps=False),
     Case("28 polynomial columns", polynomial_problem, 10),
     Case("28 polynomial columns", polynomial_problem, 15),
@@ -82,8 +82,8 @@ CASES = (
 
 SHARES = (0.3, 0.6, 0.9, 0.99, 0.999, 0.9999)
 CURVES = (
-    Case("60 spline columns", lambda: spline_problem(noise=0.0), 10, target=150.0),
-    Case("80 spline columns", lambda: spline_problem(20, noise=0.0), 8, target=150.0),
+    Case("60 spline columns", lambda: spline_problem(noise=0.0), 10, target=80.0),
+    Case("80 spline columns", lambda: spline_problem(20, noise=0.0), 8, target=80.0),
     Case("62 delay columns", lambda: delay_problem(noise=0.0), 10, target=100.0),
 )
 
