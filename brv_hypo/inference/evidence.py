@@ -203,12 +203,21 @@ class Evidence(_Integrated):
         items = (nuisances.items[k] for k in nuisances.bounded.tolist())
         return [each for each in items if each.flight is None]
 
-    @property
+    @cached_property
     def error_sigmas(self) -> FloatArray:
-        """Standard errors (nuisances,) of those of each flight, beside a model that is known."""
+        """Standard errors (nuisances,) of those of each flight, with those of terms, baseline and processes: a moment
+        of the vehicle, or a turned axis, is known no better than what resembles it.
+        """
         out = np.zeros(len(self.rows.problem.rows.nuisances.items))
-        for block in self.rows.blocks:
-            out[list(block.items)] = np.sqrt(np.maximum(1.0 - np.sum(block.estimates**2, axis=1), 0.0))
+        fixed = np.concatenate([self.rows.shared, self.terms.x], axis=1)
+        for number, (block, own) in enumerate(zip(self.rows.blocks, self.processes, strict=True)):
+            by_process = (block.estimates @ block.errors_in_z.T) * self._factors[number][0]
+            by_fixed = block.estimates @ (block.errors.T @ fixed[block.rows]) - by_process @ own.follows
+            inverse = own.inverse + np.tril(own.inverse, -1).T
+            variance = 1.0 - np.sum(block.estimates**2, axis=1)
+            variance += np.sum((by_fixed @ self.solution.covariance) * by_fixed, axis=1)
+            variance += np.sum((by_process @ inverse) * by_process, axis=1)
+            out[list(block.items)] = self.noise * np.sqrt(np.maximum(variance, 0.0))
         return out
 
     @property
