@@ -170,7 +170,12 @@ class AccelMisalignment(Triad):
 
 # The gyros' clock is the record's: all instruments late together are a motion that much later, which nothing tells but
 # the ends of the record, where a shifted channel has to be continued.
-_ON_OTHER_CLOCKS = {"accelerometers": ACCELEROMETERS, "air data": ("velocity", "dynamic_pressure", "mach", "reynolds")}
+_CLOCK = "gyros"
+_INSTRUMENTS = {
+    _CLOCK: GYROS,
+    "accelerometers": ACCELEROMETERS,
+    "air data": ("velocity", "dynamic_pressure", "mach", "reynolds"),
+}
 
 
 class TimeSkew(RecordEffect):
@@ -184,16 +189,16 @@ class TimeSkew(RecordEffect):
     def components(self, flight: Flight) -> tuple[Component, ...]:
         """One delay for each instrument beside the gyros; the tolerance is that of one clock against another."""
         size = float(flight.instruments.time_skew[0])
-        return tuple(Component(name, "s", size) for name in _ON_OTHER_CLOCKS)
+        return tuple(Component(name, "s", size) for name in _INSTRUMENTS if name != _CLOCK)
 
     def perturb(self, flight: Flight, component: str, value: float) -> Flight:
-        """The record with that instrument late by `value` s more.
+        """The record with that instrument late by `value` s more; the gyros too: the others are early then.
 
         Shifted in the spectrum, so that white noise stays white: interpolation between samples would smooth it.
         """
         late: dict[str, FloatArray] = {
             name: _late(channel, flight.segments, value / flight.step)
-            for name in _ON_OTHER_CLOCKS[component]
+            for name in _INSTRUMENTS[component]
             if (channel := getattr(flight, name)) is not None
         }
         return replace(flight, **late)  # type: ignore[arg-type]
