@@ -30,7 +30,7 @@ from scipy.optimize import minimize
 from brv_hypo.arrays import FloatArray
 from brv_hypo.inference.fit import HypothesisFit, LeftOut
 from brv_hypo.inference.problem import Problem
-from brv_hypo.inference.rows import Products, Rows, Terms, rows_of
+from brv_hypo.inference.rows import Block, Products, Rows, Terms, rows_of
 from brv_hypo.linearisation.nuisance import Nuisance
 from brv_hypo.thresholds import MECHANISM_AMPLITUDE, NOISE_LEVEL
 
@@ -138,8 +138,7 @@ class Evidence(_Integrated):
         """What all processes make of the rows (n,), at their mode."""
         out = np.zeros(self.rows.y.size)
         for block, own in zip(self.rows.blocks, self.processes, strict=True):
-            scale = np.repeat(_amplitudes(self.rows, self.at), [each.stop - each.start for each in block.columns])
-            out[block.rows] = block.z @ (scale * own.mode)
+            out[block.rows] = block.z @ (_scale(self.rows, block, self.at) * own.mode)
         return out
 
     @property
@@ -210,8 +209,8 @@ class Evidence(_Integrated):
         """
         out = np.zeros(len(self.rows.problem.rows.nuisances.items))
         fixed = np.concatenate([self.rows.shared, self.terms.x], axis=1)
-        for number, (block, own) in enumerate(zip(self.rows.blocks, self.processes, strict=True)):
-            by_process = (block.estimates @ block.errors_in_z.T) * self._factors[number][0]
+        for block, own in zip(self.rows.blocks, self.processes, strict=True):
+            by_process = (block.estimates @ block.errors_in_z.T) * _scale(self.rows, block, self.at)
             by_fixed = block.estimates @ (block.errors.T @ fixed[block.rows]) - by_process @ own.follows
             inverse = own.inverse + np.tril(own.inverse, -1).T
             variance = 1.0 - np.sum(block.estimates**2, axis=1)
@@ -457,6 +456,11 @@ def _amplitudes(rows: Rows, at: FloatArray) -> FloatArray:
     return np.asarray(np.exp(at[1 : 1 + len(rows.groups)]))
 
 
+def _scale(rows: Rows, block: Block, at: FloatArray) -> FloatArray:
+    """S of one flight: the amplitude of each column of its Z (columns,)."""
+    return np.repeat(_amplitudes(rows, at), [own.stop - own.start for own in block.columns])
+
+
 def _spreads(rows: Rows, terms: Terms, at: FloatArray) -> FloatArray:
     """Prior 1-sigma of b and c under noise of 1."""
     amplitude = np.exp(at[-1]) if np.any(terms.scaled) else 1.0
@@ -469,9 +473,9 @@ _Factor = tuple[FloatArray, FloatArray]
 
 def _factored(products: Products, rows: Rows, at: FloatArray) -> dict[int, _Factor]:
     """Those of each flight."""
-    amplitudes, factors = _amplitudes(rows, at), {}
+    factors = {}
     for number, known in products.flights.items():
-        scale = np.repeat(amplitudes, [own.stop - own.start for own in rows.blocks[number].columns])
+        scale = _scale(rows, rows.blocks[number], at)
         matrix = known.own * scale
         matrix *= scale[:, np.newaxis]
         matrix[np.diag_indices_from(matrix)] += 1.0
