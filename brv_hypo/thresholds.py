@@ -112,6 +112,7 @@ COMPATIBILITY_STEADY = threshold(3.0, "1", "constant transverse force counts aga
 COMPATIBILITY_FURTHER_MISTAKE = threshold(1.5, "nats", "a further mistake in one record is less likely", _TRIAL)
 COMPATIBILITY_BROKEN = threshold(0.012, "1", "relation 1 is broken: unexplained share beyond the noise", _TRIAL)
 COMPATIBILITY_TIMES_NOISE = threshold(4.0, "1", "noise counts so many times before a share is unexplained", _TRIAL)
+COMPATIBILITY_TUMBLING = threshold(45.0, "deg", "the nose turns too far for relations linear in the angle", _TRIAL)
 COMPATIBILITY_STRAINED = threshold(0.003, "1", "relation 1 is strained: unexplained share beyond the noise", _TRIAL)
 COMPATIBILITY_BROKEN_ALONE = threshold(0.7, "1", "gyros contradict themselves: unexplained share", _TRIAL)
 COMPATIBILITY_AXIAL_WITHIN = threshold((0.5, 2.0), "1", "sound deceleration: true over sensed", _TRIAL)

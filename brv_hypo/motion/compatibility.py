@@ -60,8 +60,7 @@ COMPATIBILITY_AXIAL_REACH = 4.0 * limits.COMPATIBILITY_AXIAL_SPREAD  # logarithm
 COMPATIBILITY_AXIAL_STEPS = 41  # values tried, a fifth of a spread apart
 COMPATIBILITY_MOST_PER_CHECK = 6.0  # -ln likelihood that no single check counts beyond
 COMPATIBILITY_MOST_OF_NOISE = 3.0  # the same for each triad's noise
-TUMBLING = np.radians(45.0)  # of the nose about where it points on average: beyond it no force goes with the angle
-TUMBLING_PARTS = 8  # of a segment, over each of which that average is: the path turns as well
+TUMBLING_PARTS = 8  # of a segment, over each of which the nose points somewhere on average: the path turns as well
 
 
 # ---- What may be wrong with a record's signs, axes and units, each as the correction that undoes it ----
@@ -254,7 +253,7 @@ def tumbles(flight: Flight, readings: Readings) -> bool:
         _, attitude = body_attitude(piece.time, p, q + 1j * r)
         for nose in np.array_split(attitude[..., 0], TUMBLING_PARTS):
             mean = np.mean(nose, axis=0)
-            if np.min(nose @ mean) < np.cos(TUMBLING) * np.linalg.norm(mean):
+            if np.min(nose @ mean) < np.cos(np.radians(limits.COMPATIBILITY_TUMBLING)) * np.linalg.norm(mean):
                 return True
     return False
 
